@@ -157,7 +157,7 @@ def run(
             all_draws.append(analysis.draws)
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, analysis.curve_draws))
-    summary = tuple(chain.from_iterable(draws.summary for draws in all_draws))
+    summary = tuple(chain.from_iterable(subject.summary for subject in all_draws))
     tree = subjects_tree(study, all_draws, settings, failed, faults)
 
     differences = None
@@ -198,9 +198,10 @@ def _groups(
 def _group(
     study: Study, answers: Sequence[OrderEffect], settings: Settings
 ) -> PopulationResult | None:
-    """The group of the subjects all of whose answers are given; None where they are few.
+    """The group of some answers; None if they are of too few subjects.
 
-    The result says itself whether it is reliable, so no warning is raised.
+    A subject with several conditions has an answer in each. If one of them is missing here, the
+    subject is left out. The result itself says whether it is reliable, so no warning is raised.
     """
     chosen = {answer.subject for answer in answers}
     left_out = {unit.subject_name for unit in study if unit.name not in chosen}
@@ -274,8 +275,8 @@ def sample(
         workers=workers,
         progress=progress,
     )
-    study, subject_draws, failed = _survivors(study, results)
-    all_draws = Draws(subjects_tree(study, subject_draws, settings, failed, faults))
+    study, finished, failed = _survivors(study, results)
+    all_draws = Draws(subjects_tree(study, finished, settings, failed, faults))
 
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
@@ -356,10 +357,10 @@ def _analyse_subjects(
 
     The evidences of all subjects are computed together, which is faster.
     """
-    subjects, all_flags = zip(*flagged_subjects, strict=True)
+    subjects = [subject for subject, _ in flagged_subjects]
     evidences = try_order_evidence(subjects, settings.seed, settings.prior.observer)
     results = list[_SubjectAnalysis | NumericalError]()
-    for evidence, flags in zip(evidences, all_flags, strict=True):
+    for evidence, (_, flags) in zip(evidences, flagged_subjects, strict=True):
         if isinstance(evidence, NumericalError):
             results.append(evidence)
             continue
@@ -385,6 +386,7 @@ def _analyse_subject(
     if request.chains is None:
         return _SubjectAnalysis(row)
 
+    # So many draws suffice for the bands of curves in figures.
     rng = generator(settings.seed, subject.name, "shown")
     curve_draws = evidence.averaged().resampled(rng, 400)
     return _SubjectAnalysis(row, subject_draws(result, summarised=True), curve_draws)
@@ -397,13 +399,14 @@ def _settings(
     prior: Prior | str | None,
     model: str = PAPER_MODEL,
 ) -> Settings:
+    """The settings of an analysis, with the prior that is asked for."""
     return Settings(seed, prior_for(study, prior), SamplerSettings(draws=draws), model)
 
 
 def _table(
     analyses: Sequence[_SubjectAnalysis], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
-    """The evidence table, with limits of p-values for as many subjects as it has."""
+    """The evidence table; its answers judge p-values by the number of subjects in the table."""
     rows = []
     for analysis in analyses:
         row = analysis.evidence
@@ -421,7 +424,7 @@ def _analyse_study(
     progress: Progress | None,
     keep: StrPath | None,
 ) -> list[_SubjectAnalysis | NumericalError]:
-    """The analysis of every subject, or its error."""
+    """The analysis of every subject, or its error, by batches in parallel."""
     return run_stored(
         partial(_analyse_subjects, settings=settings, request=request),
         list(zip(study, answer_flags(study), strict=True)),

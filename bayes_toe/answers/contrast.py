@@ -49,7 +49,6 @@ from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import OrderEvidence, evidences_of
 from bayes_toe.inference.searches import observer_maxima
 from bayes_toe.model.condition_model import ConditionModels
-from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
@@ -230,7 +229,7 @@ class ContrastTable(Table[Difference]):
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of contrast.csv."""
         frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])
-        prior = OrderModel("both").describe(self.prior, self.task)
+        prior = self.prior.describe(self.task)
         return frame.assign(model="both", prior=prior)
 
     @property

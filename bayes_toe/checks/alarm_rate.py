@@ -20,7 +20,7 @@ REFUSAL_SHARE = 0.02
 
 
 def flag_limit(n_subjects: int) -> float:
-    """The p-value below which a test flags a subject in a study of so many.
+    """The p-value below which a test flags a subject in a study of `n_subjects`.
 
     Any subject of a sound study is flagged with a probability of 5 % (Bonferroni).
 
@@ -47,15 +47,15 @@ def evidence_limit(n_tests: int, share: float) -> float:
 
 
 def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) -> float:
-    """Chance of a statistic at least as large, by simulation under the null hypothesis.
+    """Probability of a statistic at least as large, by simulation under the null hypothesis.
 
-    It ends when twenty statistics are as large (Besag and Clifford 1991), or after 20,000.
+    The simulation ends when 20 statistics are as large (Besag and Clifford 1991), or after 20,000.
 
     Parameters
     ----------
     observed : float
     simulate : callable
-        Gives so many simulated statistics, shape (draws,).
+        From a number n to n simulated statistics, shape (n,).
 
     Examples
     --------
@@ -66,7 +66,7 @@ def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) ->
     least = observed - 1e-9 * abs(observed)  # the rounding of equal statistics
     n_larger = n_drawn = 0
     while n_drawn < 20_000 and n_larger < 20:
-        # Most statistics are not large, which a few draws show.
+        # A large p-value needs few draws, so that batches are small at first.
         size = min(max(100, n_drawn), 1000, 20_000 - n_drawn)
         n_larger += int(np.count_nonzero(simulate(size) >= least))
         n_drawn += size

@@ -59,7 +59,7 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     observer, swapped = np.split(_log_evidence(both_codes), 2)
     n_yes = np.array([subject.n_yes.sum() for subject in subjects])
     n_trials = np.array([subject.total_trials for subject in subjects])
-    # One probability for all trials, which is uniform.
+    # One probability for all trials, with a uniform prior.
     guesses = betaln(n_yes + 1.0, n_trials - n_yes + 1.0)
     other = np.full(len(subjects), -np.inf)  # three answers are those of no other task
     if study.task in OTHER_TASK:
@@ -67,9 +67,9 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
         # Which response is which is not known in another task: both codes are equally probable.
         other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
 
-    evidences = np.column_stack([guesses, swapped, other]) - observer[:, None]
+    log_bayes_factors = np.column_stack([guesses, swapped, other]) - observer[:, None]
     names = [subject.name for subject in subjects]
-    return dict(zip(names, starmap(Alternatives, evidences.tolist()), strict=True))
+    return dict(zip(names, starmap(Alternatives, log_bayes_factors.tolist()), strict=True))
 
 
 def log_bayes_factor(changed: Subject, subject: Subject) -> float:
@@ -82,19 +82,20 @@ def _is_doubtful(subject: Subject) -> bool:
     difference = subject.s2 - subject.s1
     if not difference.any() or subject.n_yes.sum() in (0, subject.total_trials):
         return False
-    expected = -np.abs(difference) if subject.task == SAME_DIFFERENT else difference
-    covariance, variance = response_trend(subject, expected / np.abs(expected).max())
-    # Without any variance, all pairs differ by as much. Beyond 5 standard errors of an expected
+    expected_trend = -np.abs(difference) if subject.task == SAME_DIFFERENT else difference
+    covariance, variance = response_trend(subject, expected_trend / np.abs(difference).max())
+    # Without any variance, all pairs differ by as much. Beyond 5 standard errors of the expected
     # trend, no other explanation can win.
     return variance == 0.0 or covariance / math.sqrt(variance) < 5.0
 
 
 def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
     """Log mean evidence of the four models by their prior probabilities; NaN where it fails."""
+    # Alarms have limits of some nats, so that a standard error of 0.2 nat is small enough.
     quick = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
-    values = np.full(len(subjects), np.nan)
-    # The same alarms for the same study.
+    log_evidence = np.full(len(subjects), np.nan)
+    # A fixed seed gives the same study the same alarms.
     for i, evidence in enumerate(try_order_evidence(subjects, seed=0, precision=quick)):
         if isinstance(evidence, OrderEvidence):
-            values[i] = evidence.log_mean_evidence
-    return values
+            log_evidence[i] = evidence.log_mean_evidence
+    return log_evidence

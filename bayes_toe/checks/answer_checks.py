@@ -70,11 +70,14 @@ FLAG_WORDS = {
     "few_trials": f"fewer than {FEW_TRIALS} trials",
 }
 
-_WINDOW = 16  # rows in sequence by which repeated trials are looked for
-_SELDOM = 0.15  # share of a response that a large constant error leaves, whatever the pair
+#: Trials in sequence that are compared, to find repeated trials.
+_WINDOW = 16
+#: A large constant error may leave so small a share of one response, whatever the pair.
+_SELDOM = 0.15
 #: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
 _MOVES = np.linspace(-6.0, 6.0, 25)
-_TILT_SCALE = 0.75  # of such moves at the largest s2 - s1
+#: Scale of further logits that are proportional to s2 - s1, at its largest value.
+_TILT_SCALE = 0.75
 
 
 @dataclass(frozen=True)
@@ -114,8 +117,6 @@ Findings: TypeAlias = Iterable[Finding]
 
 def answer_flags(study: Study) -> list[tuple[Finding, ...]]:
     """The findings about the responses of every subject, in the order of the study.
-
-    The same for the same study.
 
     Examples
     --------
@@ -168,7 +169,7 @@ def subject_findings(
 ) -> list[Finding]:
     """Findings about the responses of one subject in a study of so many.
 
-    `alternatives` are other explanations of the responses; None where there is no doubt.
+    `alternatives` are other explanations of the responses; None if the subject leaves no doubt.
     """
     findings = []
     for find in _ALARMS:
@@ -179,7 +180,7 @@ def subject_findings(
             if finding.code == "swapped_blocks":
                 return findings
     if alternatives is not None:
-        answered = cast(Subject, subject.two_answers)  # there are alternatives
+        answered = cast(Subject, subject.two_answers)  # not None: there are alternatives
         findings += _explained_otherwise(answered, alternatives, n_subjects)
     return findings
 
@@ -201,7 +202,7 @@ def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
 
 
 def _drawable_answers(subject: Subject) -> Answers | None:
-    """The answered rows, if the file has them, and few enough to draw tables of them."""
+    """The answered rows, or None if the file has none, or too many to draw tables of them."""
     if subject.answers is None or subject.total_trials > 10**8:
         return None
     return subject.answers.answered
@@ -213,7 +214,7 @@ def _drawable_answers(subject: Subject) -> Answers | None:
 def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     """Long sequences of trials that repeat earlier ones, stimuli and answers.
 
-    A list of stimuli may be used again on purpose, so only equal answers count, by the chance
+    A list of stimuli may be used again on purpose, so only equal answers count, by the probability
     that two answers to a pair agree. In one subject, equal answers of 12 nats are no coincidence.
     """
     if subject.answers is None or not subject.answers.has_trial_rows:
@@ -223,13 +224,18 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     if n_rows < 2 * _WINDOW:
         return None
 
+    # Rows with the same stimuli and answers have the same code.
     rows = np.column_stack([answers.keys, answers.counts.T])
     _, codes = np.unique(rows, axis=0, return_inverse=True)
+
+    # Windows in a run have the same lag, so that the run repeats one earlier sequence. It ends with
+    # the last row of its last window.
     lag = _lag_to_first_copy(codes.ravel())
     run_start = run_starts(lag)
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
+    # With a shorter lag, a window overlaps its copy: the same trial several times in sequence.
     is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
     if not is_repeat.any():
         return None
@@ -248,30 +254,35 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
 
 
 def _lag_to_first_copy(codes: IntArray) -> IntArray:
-    """How many rows before each window of rows the first window with the same rows begins."""
+    """How many rows before each window of rows the first window with the same codes begins.
+
+    Equal windows have equal hashes, and others hardly ever have.
+    """
     windows = np.lib.stride_tricks.sliding_window_view(codes, _WINDOW)
     hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    _, first, group = np.unique(windows @ hash_weights, return_index=True, return_inverse=True)
+    hashes = windows @ hash_weights
+    _, first, group = np.unique(hashes, return_index=True, return_inverse=True)
     return np.arange(len(windows)) - first[group]
 
 
 def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
-    """How improbable it is that the same answer comes again, in nats, for each row.
+    """Minus the log probability that the same answer comes again, for each row.
 
-    The probability of an answer is that of its pair, or that of a right answer if this says less.
+    Two answers agree as often as the answers to the pair do, or, if that is more often, as often as
+    right and wrong answers to all pairs do.
     """
     n, k = subject.n_trials, subject.n_yes
-    _, index = np.unique(answers.keys, axis=0, return_inverse=True)
-    right = subject.task.right(subject.s2 - subject.s1)
+    _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
+    right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
-    of_right = _agreement(np.array(n_right), np.array(n[right != 0].sum()))
-    agreement = np.maximum(_agreement(k, n), of_right)
-    return -np.log(agreement)[index.ravel()]
+    right_agreement = _agreement(np.array(n_right), np.array(n[right != 0].sum()))
+    agreement = np.maximum(_agreement(k, n), right_agreement)
+    return -np.log(agreement)[pair.ravel()]
 
 
 def _agreement(k: IntArray, n: IntArray) -> FloatArray:
-    """Probability that two answers are the same, where one was given k times in n."""
-    p = (k + 0.5) / (n + 1.0)
+    """Probability that two answers are the same, if one of two answers was given k times in n."""
+    p = (k + 0.5) / (n + 1.0)  # the posterior mean with Jeffreys' prior
     return np.square(p) + np.square(1.0 - p)
 
 
@@ -282,7 +293,7 @@ def _explained_otherwise(subject: Subject, alternatives: Alternatives, n_subject
     """Swapped keys, or responses that say little about the stimuli."""
     best = max(alternatives)
     has_both_answers = _SELDOM < subject.fraction_yes < 1.0 - _SELDOM
-    if best == alternatives.swapped > evidence_limit(n_subjects, REFUSAL_SHARE):
+    if best == alternatives.swapped and best > evidence_limit(n_subjects, REFUSAL_SHARE):
         yield Finding(
             subject.name,
             "reversed_answers",
@@ -290,8 +301,9 @@ def _explained_otherwise(subject: Subject, alternatives: Alternatives, n_subject
             f"--swap {cli_argument(subject.name)}",
         )
     elif (
-        best == alternatives.guesses > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
-        and has_both_answers
+        has_both_answers
+        and best == alternatives.guesses
+        and best > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
     ):
         yield Finding(
             subject.name,
@@ -303,7 +315,8 @@ def _explained_otherwise(subject: Subject, alternatives: Alternatives, n_subject
 
 def has_other_task(alternatives: Alternatives, task: Task) -> bool:
     """Whether the other task explains the responses of a subject best, and far better."""
-    return max(alternatives) == alternatives.other_task > OTHER_TASK[task]
+    best = max(alternatives)
+    return best == alternatives.other_task and best > OTHER_TASK[task]
 
 
 def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, Finding]:
@@ -343,22 +356,22 @@ class AnswerTable:
 
     @property
     def is_mixed(self) -> BoolArray:
-        """Pairs with both answers: the others cannot deviate."""
+        """Whether a pair has both answers, shape (pairs,); otherwise its blocks cannot differ."""
         n_yes, n_all = self.k.sum(1), self.n.sum(1)
         return (n_yes > 0) & (n_yes < n_all)
 
     @property
     def excess_yes(self) -> IntArray:
-        """The counted answers minus the others."""
+        """The number of counted answers minus that of the other ones, (pairs, blocks)."""
         return 2 * self.k - self.n
 
     def informative(self) -> AnswerTable:
-        """The pairs that were answered in both ways."""
+        """The table of the pairs with both answers."""
         return AnswerTable(self.n[self.is_mixed], self.k[self.is_mixed])
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom: of each pair, its blocks but one."""
+        """Degrees of freedom of X^2: the blocks of each pair but one."""
         return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
@@ -368,11 +381,11 @@ class AnswerTable:
         """
         share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
         expected = self.n * share
-        variance = np.where(self.n > 0, expected * (1 - share), 1.0)
+        variance = np.where(self.n > 0, expected * (1 - share), 1.0)  # an empty cell adds 0
         return (np.square(k - expected) / variance).sum(-2)
 
     def chi_square(self, k: IntArray) -> FloatArray:
-        """X^2 of such tables, shape (...)."""
+        """X^2 of tables with these margins, (..., pairs, blocks) -> (...)."""
         return self.block_chi_square(k).sum(-1)
 
     def other_logits(self) -> FloatArray:
@@ -387,25 +400,29 @@ class AnswerTable:
         return float(self.chi_square(self.k)) / max(1, self.freedom)
 
     def p_value(self, statistic: Callable[[IntArray], FloatArray], name: str) -> float:
-        """Chance of a statistic at least as large where answers fall on trials at random."""
+        """Probability of a statistic at least as large if answers fall on trials at random.
+
+        `name` is that of the subject, which has a random stream of its own.
+        """
         rng = generator(0, name, "answers")
         largest_batch = max(1, BLOCK // self.n.size)
 
         def simulate(size: int) -> FloatArray:
-            parts = []
+            """The statistic of random tables with these margins, in batches of limited memory."""
+            statistics = []
             for start in range(0, size, largest_batch):
                 n_tables = min(largest_batch, size - start)
-                rows = []
+                pairs = []
                 for n, k in zip(self.n, self.k.sum(1), strict=True):
-                    rows.append(rng.multivariate_hypergeometric(n, k, n_tables))
-                parts.append(statistic(np.stack(rows, axis=1)))
-            return np.concatenate(parts)
+                    pairs.append(rng.multivariate_hypergeometric(n, k, n_tables))
+                statistics.append(statistic(np.stack(pairs, axis=1)))
+            return np.concatenate(statistics)
 
         return simulated_p_value(float(statistic(self.k)), simulate)
 
 
 def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTable:
-    """The answers to each pair of a subject by column."""
+    """The table of a subject's answers; `column` is the column of each row of `answers`."""
     _, row = np.unique(answers.keys, axis=0, return_inverse=True)
     n, k = np.zeros((2, subject.n_pairs, column.max() + 1), np.int64)
     np.add.at(n, (row.ravel(), column), answers.n_trials)
@@ -468,11 +485,15 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
 
 
 def _explains_blocks(table: AnswerTable, swapped: BoolArray) -> bool:
-    """Whether turning some blocks, but not all, removes most of what blocks differ by."""
+    """Whether turning some blocks, but not all, halves the difference between blocks at least.
+
+    Blocks that differ by chance have a ratio of 1.
+    """
     if not swapped.any() or swapped.all():
         return False
     excess = table.informative().ratio - 1.0
-    return _turned(table, swapped).informative().ratio - 1.0 < 0.5 * max(0.0, excess)
+    remaining_excess = _turned(table, swapped).informative().ratio - 1.0
+    return remaining_excess < 0.5 * max(0.0, excess)
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -496,9 +517,12 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
 
 
 def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
-    """The one of two camps of blocks, each of which agrees inside, that leans wrongly."""
+    """The one of two camps of blocks, each of which agrees inside, that leans wrongly.
+
+    `lean`, shape (pairs,), is large where the task expects the counted answer more often.
+    """
     is_turned: BoolArray = lean @ table.excess_yes < 0
-    for _ in range(20):
+    for _ in range(20):  # blocks might turn each other without an end
         turned = _turned(table, is_turned)
         disagrees = (turned.excess_yes * turned.other_logits()).sum(axis=0) < 0
         if not disagrees.any():
@@ -511,7 +535,8 @@ def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
 def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
     """The candidates that are likely swapped; none if no candidate is surely swapped.
 
-    A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure.
+    A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure. Each candidate that
+    is not likely returns to the blocks with which the others are compared.
     """
     none = np.zeros_like(candidates)
     while candidates.any():
@@ -530,7 +555,7 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     a block whose criterion moved does not look swapped.
     """
     logits = table.other_logits()
-    relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
+    relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)  # all 0, or up to 1
     slopes = _TILT_SCALE * _MOVES if tilt.any() else np.zeros(1)
     unswapped, swapped = [], []
     for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
@@ -562,15 +587,18 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     if table.freedom == 0:
         return None
 
+    # Half a wave, a whole one, and one and a half, from the first stretch to the last one.
     kinds = _kinds_of_drift(subject, difference)
     time = (np.arange(n_stretches) + 0.5) / n_stretches
     waves = np.cos(np.pi * np.outer([1, 2, 3], time))
     weights = _wave_weights(table.n, waves, np.array([*kinds.values()]))
 
     def amplitudes(k: IntArray) -> FloatArray:
+        """The amplitudes of waves, (..., pairs, stretches) -> (..., kinds, waves)."""
         return np.tensordot(k, weights, ((-2, -1), (2, 3)))
 
     def largest_power(k: IntArray) -> FloatArray:
+        """The power of the kind that drifts most, (..., pairs, stretches) -> (...)."""
         return np.square(amplitudes(k)).sum(-1).max(-1)
 
     observed = amplitudes(table.k)
@@ -590,7 +618,7 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
 
 
 def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, FloatArray]:
-    """Statistics that may drift, with their value for a counted answer to each pair."""
+    """What may drift, with the value that each pair's counted answer adds to it, (pairs,)."""
     kinds = {
         f"P({subject.task.yes})": np.ones(len(difference)),
         "share of correct responses": subject.task.right(difference),
@@ -601,9 +629,10 @@ def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, Float
 
 
 def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArray:
-    """Least-squares weights of counts for the amplitude of each kind's waves.
+    """Weights of the counts k whose sum is the least-squares amplitude of each kind's waves.
 
-    n has the shape (pairs, stretches); the weights have (kinds, waves, pairs, stretches).
+    n has the shape (pairs, stretches), waves (waves, stretches), and kinds (kinds, pairs). The
+    weights have (kinds, waves, pairs, stretches).
     """
     pair_means = (waves @ n.T) / n.sum(1)
     centred = waves[:, None, :] - pair_means[:, :, None]

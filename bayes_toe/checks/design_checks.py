@@ -13,6 +13,7 @@ import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,39 +120,41 @@ def _raw_stimuli(study: Study) -> Findings:
 def _two_scales(study: Study) -> Findings:
     """Stimuli in two groups that are far apart, as where some decimal points are missing.
 
-    If the gap is wider than a factor of 100, and than twice all other gaps together, the rows are
-    wrong. If it is only wider than all other gaps together, the smaller group may be a mistake, but
-    only with at most 1 % of the trials.
+    If the gap is that of two scales, the rows are wrong. If it is only wider than all other gaps
+    together, the smaller group may be a mistake, but only with at most 1 % of the trials.
     """
     for subject in study:
         levels = np.unique(subject.stimuli)
         if len(levels) == 1:
             continue
-        parts, widest_gap, other_gaps = _at_widest_gap(levels)
-        is_below = np.stack([subject.s1, subject.s2]) <= parts[0][-1]
+        gap = _widest_gap(levels)
+        # A trial with a stimulus in each group counts in both.
+        is_below = np.stack([subject.s1, subject.s2]) <= gap.below[-1]
         n_below = subject.n_trials[is_below.any(axis=0)].sum()
         n_above = subject.n_trials[~is_below.all(axis=0)].sum()
         n_in_smaller_group = min(n_below, n_above)
-        rounded_ratio = float(f"{math.exp(min(widest_gap, 700.0)):.2g}")
+
+        # Two digits of the ratio; exp(700) is near the largest float.
+        rounded_ratio = float(f"{math.exp(min(gap.size, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
-        groups = [_range_of(part, subject.unit, study.reading) for part in parts]
-        option = ""
-        if widest_gap > math.log(100.0) and widest_gap > 2.0 * other_gaps:
-            message = (
-                f"Stimuli lie in two groups, {' and '.join(groups)}, {factor} apart. Correct rows "
-                "in another unit or without a decimal point."
+        ranges = [_range_of(group, subject.unit, study.reading) for group in gap[:2]]
+        if gap.separates_scales:
+            yield Finding(
+                subject.name,
+                "two_scales",
+                f"Stimuli lie in two groups, {' and '.join(ranges)}, {factor} apart. Correct rows "
+                "in another unit or without a decimal point.",
+                f"--exclude {cli_argument(subject.name)}",
             )
-            option = f"--exclude {cli_argument(subject.name)}"
-        elif widest_gap > other_gaps > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
+        elif gap.size > gap.others > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
-            lone, remaining = groups if n_below < n_above else groups[::-1]
-            message = (
+            lone, remaining = ranges if n_below < n_above else ranges[::-1]
+            yield Finding(
+                subject.name,
+                "two_scales",
                 f"In {trials}, a stimulus ({lone}) lies {factor} from all others ({remaining}). "
-                "Check its decimal point."
+                "Check its decimal point.",
             )
-        else:
-            continue
-        yield Finding(subject.name, "two_scales", message, option)
 
 
 def _scales_of_subjects(study: Study) -> Findings:
@@ -159,12 +162,11 @@ def _scales_of_subjects(study: Study) -> Findings:
     levels = np.unique(np.concatenate([subject.stimuli for subject in study]))
     if study.conditions is not None or len(levels) == 1:
         return
-    parts, widest_gap, other_gaps = _at_widest_gap(levels)
-    weak = [subject.name for subject in study if subject.stimuli.max() <= parts[0][-1]]
-    strong = [subject.name for subject in study if subject.stimuli.min() >= parts[1][0]]
-    has_two_scales = widest_gap > max(math.log(100.0), 2.0 * other_gaps)
-    if has_two_scales and len(weak) + len(strong) == len(study):
-        ranges = [_range_of(part, study.unit, study.reading) for part in parts]
+    gap = _widest_gap(levels)
+    weak = [subject.name for subject in study if subject.stimuli.max() <= gap.below[-1]]
+    strong = [subject.name for subject in study if subject.stimuli.min() >= gap.above[0]]
+    if gap.separates_scales and len(weak) + len(strong) == len(study):
+        ranges = [_range_of(group, study.unit, study.reading) for group in gap[:2]]
         names = join_names(map(display_name, weak))
         yield Finding(
             "",
@@ -174,24 +176,40 @@ def _scales_of_subjects(study: Study) -> Findings:
         )
 
 
-def _at_widest_gap(levels: FloatArray) -> tuple[list[FloatArray], float, float]:
-    """Levels below and above their widest gap, this gap, and all others together."""
+class _Gap(NamedTuple):
+    """The widest gap between levels of the stimuli: the levels on both sides, and widths."""
+
+    below: FloatArray
+    above: FloatArray
+    size: float
+    others: float  # all other gaps together
+
+    @property
+    def separates_scales(self) -> bool:
+        """Whether it is wider than a factor of 100, and than twice all other gaps together."""
+        return self.size > max(math.log(100.0), 2.0 * self.others)
+
+
+def _widest_gap(levels: FloatArray) -> _Gap:
+    """The widest gap between sorted levels, of which there are at least two."""
     gaps = np.diff(levels)
     widest = gaps.argmax()
-    other_gaps = np.delete(gaps, widest).sum()
-    return np.split(levels, [widest + 1]), float(gaps[widest]), float(other_gaps)
+    below, above = np.split(levels, [widest + 1])
+    return _Gap(below, above, float(gaps[widest]), float(np.delete(gaps, widest).sum()))
 
 
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
-    """The weakest and the strongest of some stimuli as the file has them."""
+    """The weakest and the strongest of some stimuli as the file has them: '0.1 to 0.35 g'."""
     ends = levels[[0, -1]]
     if "i1" in reading.read or unit.of_stimuli:
         ends = unit.stimuli(ends)
+    # Ends with the same four digits are one number.
     text = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
     return f"{text} {unit.of_stimuli}".rstrip()
 
 
 def _columns(reading: Reading) -> Findings:
+    """Columns that are ignored or pooled, first those that the program could use."""
     for ours in HISTORY_COLUMNS:
         alike = [name for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
@@ -238,25 +256,27 @@ def _similar_names(names: Iterable[str]) -> Findings:
     for look, alike in groups.items():
         if len(alike) == 1:
             continue
-        texts = map(ascii, alike)
+        show = ascii  # so that invisible characters are seen
         if len({name.casefold() for name in alike}) == 1:
-            code, finding, texts = "names_differ_in_case", "differ in case only", map(repr, alike)
+            code, finding, show = "names_differ_in_case", "differ in case only", repr
         elif math.isnan(number(look)):
             code, finding = "names_look_alike", "look alike"
         else:
             code, finding = "names_are_one_number", "are the same number"
+        subjects = ", ".join(map(show, alike))
         advice = "If they are one subject, give them one name."
-        yield Finding("", code, f"Subjects {', '.join(texts)} {finding}. {advice}")
+        yield Finding("", code, f"Subjects {subjects} {finding}. {advice}")
 
 
 def _look(name: str) -> str:
-    """A text that is the same for names that look alike."""
+    """A text that is the same for names that look alike: ' Ａ１' -> 'a1', '01' -> '1.0'."""
     visible = []
     for character in unicodedata.normalize("NFKC", name):
         is_control = unicodedata.category(character) in ("Cf", "Cc")
         if not is_control and character not in _INVISIBLE:
             visible.append(character)
     folded = " ".join("".join(visible).split()).casefold()
+    # Folding may leave another form of a character.
     look = unicodedata.normalize("NFKC", folded)
     value = number(look)
     return look if math.isnan(value) else repr(value)
@@ -313,6 +333,7 @@ def _one_order(subject: Subject) -> Findings:
     """A few pairs in one order among others that were shown in both."""
     presented = set(subject.pairs)
     lone = [pair for pair in subject.pairs if pair[::-1] not in presented]
+    # Where most pairs have one order, this is the design and no mistake.
     if not 0 < len(lone) < 0.5 * len(presented):
         return
     describe = subject.unit.describe
@@ -324,8 +345,9 @@ def _one_order(subject: Subject) -> Findings:
 
 def _rounding(subject: Subject) -> Findings:
     """Stimuli so near each other that they were meant to be the same."""
-    stimuli, index = np.unique(subject.stimuli, return_inverse=True)
-    gaps = np.diff(stimuli)
+    levels, index = np.unique(subject.stimuli, return_inverse=True)
+    gaps = np.diff(levels)
+    # The stimuli are all first ones, then all second ones.
     n_shown = np.bincount(index.ravel(), np.tile(subject.n_trials, 2))
     # Where every trial has a stimulus of its own, two may be near by chance.
     is_near = (gaps <= ROUNDED * gaps.sum()) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)
@@ -334,8 +356,10 @@ def _rounding(subject: Subject) -> Findings:
     n_near, first = is_near.sum(), is_near.argmax()
     further = f" and {n_near - 1} more" if n_near > 1 else ""
     unit = subject.unit
-    near = stimuli[first : first + 2]
-    lower, upper = (unit.stimuli(near) if unit.of_stimuli else near).tolist()
+    near = levels[first : first + 2]
+    if unit.of_stimuli:
+        near = unit.stimuli(near)
+    lower, upper = near.tolist()
     pair = f"Stimuli {lower} and {upper} {unit.of_stimuli}".rstrip()
     yield Finding(
         subject.name,
@@ -352,7 +376,7 @@ def _conditions(study: Study) -> Findings:
     """Findings that can look like a difference between conditions."""
     if study.conditions is None:
         return
-    orders = Counter[str]()
+    orders = Counter[str]()  # the subjects who had the conditions in each order
     subjects = units_by_subject(study)
     for name, units in subjects.items():
         unit_conditions = {unit.condition for unit in units}
@@ -368,6 +392,7 @@ def _conditions(study: Study) -> Findings:
         order = _order_of_conditions(units)
         if order:
             orders[order] += 1
+
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         yield Finding(
             "",
@@ -378,11 +403,14 @@ def _conditions(study: Study) -> Findings:
         )
 
 
-def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
+def _stimuli_by_condition(
+    name: str, units: Sequence[Subject], largest_distance: float = 0.25
+) -> Findings:
+    """Conditions of a subject that differ in their mean stimulus, or share no pair."""
     means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
     distance = 0.0 if scales is None else np.ptp(means) / scales.spread
-    if distance > 0.25:
+    if distance > largest_distance:
         message = (
             f"The mean stimulus differs between conditions by {distance:.2g} standard deviations. "
             "A difference between conditions may be an effect of the stimuli."
@@ -398,7 +426,10 @@ def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
 
 
 def _order_of_conditions(units: Sequence[Subject]) -> str:
-    """Conditions in the order in which they were given, where none overlaps another; else empty."""
+    """Conditions in their order in time, such as 'left, right'.
+
+    Empty for a single condition, and where conditions overlap or the order is not known.
+    """
     spans = []
     for unit in units:
         if unit.answers is None or unit.answers.span is None:
@@ -406,6 +437,6 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
         spans.append((unit.answers.span, unit.condition))
     spans.sort()
     overlaps = [earlier[1] >= later[0] for (earlier, _), (later, _) in pairwise(spans)]
-    if any(overlaps) or not overlaps:
+    if len(spans) == 1 or any(overlaps):
         return ""
     return ", ".join(condition for _, condition in spans)

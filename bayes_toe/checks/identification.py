@@ -23,7 +23,9 @@ from bayes_toe.model.parameters import NOISE, PARAMETERS
 QUESTIONS = ("order_effect", "constant_error", "contraction")
 #: Share of the largest difference, or of the extent of all pairs, below which stimuli are equal.
 ROUNDING = 1e-6
-_FEWEST_IN_STRETCH = 8  # trials in blocks of one order: shorter stretches average block shifts out
+#: Mean number of trials in blocks of one order from which a shift between blocks looks like an
+#: effect of order. In shorter ones, shifts average out.
+_FEWEST_IN_STRETCH = 8
 #: Trials of a typical observer in which pairs must say more about p than its prior says.
 TYPICAL_TRIALS = 300
 
@@ -77,6 +79,7 @@ def identify(subject: Subject) -> Identification:
     notes: tuple[str, ...] = ()
     if subject.task in CRITERION_NOTES:
         notes = (CRITERION_NOTES[subject.task],)
+
     order = _order_sign(subject.s1, subject.s2)
     reason = ""
     if not order.any():
@@ -87,8 +90,10 @@ def identify(subject: Subject) -> Identification:
         reason = ORDER_IN_BLOCKS
     if reason:
         return Identification(dict.fromkeys(QUESTIONS, reason), notes)
-    columns = (subject.s1, subject.s2, subject.n_trials)
-    reason = _no_contraction(subject.task, subject.shared_scales, *map(tuple, columns))
+
+    # The cache takes tuples.
+    columns = map(tuple, (subject.s1, subject.s2, subject.n_trials))
+    reason = _no_contraction(subject.task, subject.shared_scales, *columns)
     return Identification({"contraction": reason} if reason else {}, notes)
 
 
@@ -137,14 +142,15 @@ def _order_fills_blocks(answers: Answers) -> bool:
     session = np.cumsum(answers.is_session_start)[is_unequal]
     if _holds_one_order(session, order, n_trials):
         return True
+    # Stretches of one order are long on average.
     return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * len(run_starts(order)))
 
 
 def _holds_one_order(run: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
-    """Whether every block or session has one order, and enough trials to be more than a pair."""
+    """Whether every block or session has one order, and they are long on average."""
     runs, index = np.unique(run, return_inverse=True)
     has_rising = np.bincount(index, order > 0) > 0
-    has_falling = np.bincount(index, order <= 0) > 0
+    has_falling = np.bincount(index, order < 0) > 0
     is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(runs)
     return bool(is_long and not (has_rising & has_falling).any())
 
@@ -155,15 +161,18 @@ def _holds_one_order(run: IntArray, order: FloatArray, n_trials: IntArray) -> bo
 def contraction_information(subject: Subject) -> float:
     """Fisher information about p of :data:`TYPICAL_TRIALS` trials, in units of the prior's.
 
-    It is what remains once the other parameters are estimated with their priors; below 1 the
-    prior says more than the answers. The observer has no order effect, noise D/2 and few lapses.
+    It is what remains once the other parameters are estimated with their priors. Below 1, the prior
+    says more than the answers. The observer is typical: no order effect, noise D/2, few lapses.
     """
     posterior = OrderModel("both").posterior(subject)
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
     quantities[NOISE.name] = quantities[NOISE.name] * posterior.scales.step
     point = posterior.full_points(posterior.points(quantities)[None])
-    information = posterior.rows.scoring(point)[2][0, 0] * TYPICAL_TRIALS / subject.total_trials
-    curvature = posterior.array.prior_slopes(point)[1][0, 0]
-    other_coordinates = information[:-1, :-1] + np.diag(curvature[:-1])
+    _, _, information = posterior.rows.scoring(point)
+    information = information[0, 0] * TYPICAL_TRIALS / subject.total_trials
+    _, curvature = posterior.array.prior_slopes(point)
+
+    # p is the last coordinate, in units of its prior.
+    other_coordinates = information[:-1, :-1] + np.diag(curvature[0, 0, :-1])
     shared = information[-1, :-1]
     return float(information[-1, -1] - shared @ np.linalg.solve(other_coordinates, shared))

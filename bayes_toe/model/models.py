@@ -66,10 +66,6 @@ class OrderModel:
         parameters = task_parameters(task)
         return tuple(parameter.name for parameter in parameters if parameter not in self.held)
 
-    def describe(self, prior: ObserverPrior, task: Task) -> str:
-        """The prior of its parameters, in words."""
-        return prior.describe(task, self.held)
-
     def posterior(
         self, subject: Subject, prior: ObserverPrior = DEFAULT_PRIOR
     ) -> ObserverPosterior:
@@ -264,4 +260,4 @@ def describe_prior(name: str, prior: Prior, task: Task) -> str:
     """The prior of every parameter of the model that has this name in files, in words."""
     if name == PAPER_MODEL:
         return prior.describe(task)
-    return OrderModel(name).describe(prior.observer, task)
+    return prior.observer.describe(task, OrderModel(name).held)

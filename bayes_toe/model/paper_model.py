@@ -332,11 +332,6 @@ class PaperPosterior(SubjectPosterior):
         pairs = pair_arrays([self.subject], [0.0], [1.0])
         return PaperRows(**pairs, task=self.subject.task, prior=self.prior)
 
-    @property
-    def share(self) -> str:
-        """The name of the fourth parameter: q0 or lapse_rate."""
-        return self.subject.task.lapses
-
     @cached_property
     def sbar(self) -> float:
         """Intensity from which the offset counts, natural-log units."""
@@ -355,7 +350,7 @@ class PaperPosterior(SubjectPosterior):
         """The names of the quantities."""
         return Names(
             natural=natural_names(self.subject.task),
-            identified=("offset", "pull", "width", self.share),
+            identified=("offset", "pull", "width", self.subject.task.lapses),
             derived=("pse_shift", "jnd", "gamma", "sigma1", "gain", "width"),
             monotone=("pse_shift", "jnd", "gain", "pull"),
         )
@@ -377,6 +372,7 @@ class PaperPosterior(SubjectPosterior):
         its peak, or P(second) 75 % without lapses.
         """
         rows = self.rows
+        fourth = self.subject.task.lapses  # q0 or lapse_rate
         mu1, width, p = rows.mu1(x), np.exp(rows.log_width(x)), rows.pull(x)
 
         gain = 1.0 - p
@@ -394,8 +390,8 @@ class PaperPosterior(SubjectPosterior):
             "width": width,
             "offset": offset,
             "pull": p,
-            self.share: ndtr(x[..., 3]),
-            "jnd": width * _JND_OVER_WIDTH[self.share],
+            fourth: ndtr(x[..., 3]),
+            "jnd": width * _JND_OVER_WIDTH[fourth],
             "pse_shift": offset,
         }
 
