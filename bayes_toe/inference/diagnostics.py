@@ -58,23 +58,23 @@ _ERRORS = (
 def convergence(draws: FloatArray) -> Convergence:
     """Diagnostics of draws, shape (chains, draws).
 
-    A constant quantity has no such diagnostics; all three are then NaN. So are those of draws with
-    a NaN, of fewer than four draws, and R-hat of a single chain.
+    All three are NaN for a constant, for draws with a NaN, and for fewer than four draws. R-hat of
+    a single chain is NaN too.
     """
     return convergence_of({"": draws})[""]
 
 
 def errors(draws: FloatArray) -> Errors:
-    """Monte Carlo standard errors of what is said of draws, shape (chains, draws).
+    """Monte Carlo standard errors of draws, shape (chains, draws).
 
-    NaN where there is no convergence to judge.
+    NaN as in :func:`convergence`.
     """
     return errors_of({"": draws})[""]
 
 
 def convergence_of(quantities: NamedArrays) -> dict[str, Convergence]:
     """:func:`convergence` of many quantities of one shape, by name, in one go."""
-    if not quantities:
+    if not quantities:  # no draws to stack
         return {}
     values = _measured(_CONVERGENCE, quantities)
     return dict(zip(quantities, map(Convergence._make, values), strict=True))
@@ -88,13 +88,13 @@ def errors_of(quantities: NamedArrays) -> dict[str, Errors]:
 def _measured(
     measures: tuple[Callable[[FloatArray], FloatArray], ...], quantities: NamedArrays
 ) -> list[list[float]]:
-    """Diagnostics of draws, (chains, draws) of each quantity.
+    """For each quantity a list of the measures of its draws, (chains, draws).
 
-    They are NaN for a constant, for which ArviZ would count all draws as effective.
+    All are NaN for a constant, for which ArviZ would count all draws as effective.
     """
-    draws = np.stack(list(quantities.values()))
+    draws = np.stack(list(quantities.values()))  # (quantities, chains, draws)
     values = np.full((len(draws), len(measures)), np.nan)
-    varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # NaN is above nothing
+    varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # False where a draw is NaN
     if varies.any():
         with np.errstate(all="ignore"):  # of infinite draws, and of chains none of which varies
             values[varies] = np.stack([measure(draws[varies]) for measure in measures], axis=-1)
@@ -111,18 +111,21 @@ def worst(
     ess = {}
     r_hat = {}
     for name, convergence in convergences.items():
-        ess[name] = float(np.nan_to_num(np.min(convergence[:2])))
+        ess[name] = float(np.nan_to_num(np.min(convergence[:2])))  # of bulk and tail
         r_hat[name] = float(np.nan_to_num(convergence.r_hat, nan=np.inf))
     value = itemgetter(1)
     return min(ess.items(), key=value), max(r_hat.items(), key=value)
 
 
-def shortfall(convergences: Mapping[str, Convergence], draws: int, max_r_hat: float) -> str:
-    """The criteria that were not met, in words; empty if all were."""
+def shortfall(convergences: Mapping[str, Convergence], required: int, max_r_hat: float) -> str:
+    """The criteria that were not met, in words; empty if all were.
+
+    Every quantity needs the `required` effective draws and an R-hat below the largest one allowed.
+    """
     (lowest, ess), (highest, r_hat) = worst(convergences)
     problems = []
-    if ess < draws:
-        problems.append(f"{ess:.0f} effective draws of {lowest}, {draws} required")
+    if ess < required:
+        problems.append(f"{ess:.0f} effective draws of {lowest}, {required} required")
     if r_hat >= max_r_hat:
         problems.append(f"R-hat {r_hat:.3f} of {highest}, below {max_r_hat:g} required")
     return "; ".join(problems)
@@ -131,29 +134,31 @@ def shortfall(convergences: Mapping[str, Convergence], draws: int, max_r_hat: fl
 def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: float) -> FloatArray:
     """Monte Carlo errors of quantiles where the effective sample size is known.
 
-    Draws of any shape, one error a probability.
+    Draws have any shape. There is one error for each probability.
 
-    The share of draws below the quantile is as uncertain as in `ess` independent ones, Beta(ess p +
-    1, ess (1 - p) + 1): half of the distance between the draws at the ends of its central 68 %.
-    With the smallest of several sizes it is an upper bound.
+    The share of draws below the p-quantile is as uncertain as that of `ess` independent draws: it
+    has the distribution Beta(ess p + 1, ess (1 - p) + 1). The error is half of the distance between
+    the draws at the ends of its central 68 %. With the smallest of several effective sample sizes
+    it is an upper bound.
 
     Source: Vehtari et al. 2021, section 4.4.
     """
     ascending = np.sort(np.ravel(draws))
     p = np.asarray(probabilities, np.float64)
-    if not ess > 0.0:
+    if not ess > 0.0:  # NaN too
         return np.full(p.shape, np.nan)
 
     a = ess * p + 1.0
     b = ess * (1.0 - p) + 1.0
-    size = ascending.size
     below, above = 0.1586553, 0.8413447  # one SD of a normal below its mean, and above it
 
-    low_place = np.floor(betaincinv(a, b, below) * size - 1.0)
-    high_place = np.ceil(betaincinv(a, b, above) * size - 1.0)
+    # The draw with a share q of all draws up to it has the index q size - 1; both round outward.
+    size = ascending.size
+    low_index = np.floor(betaincinv(a, b, below) * size - 1.0)
+    high_index = np.ceil(betaincinv(a, b, above) * size - 1.0)
 
-    low = ascending[np.maximum(low_place, 0.0).astype(int)]
-    high = ascending[np.minimum(high_place, size - 1.0).astype(int)]
+    low = ascending[np.maximum(low_index, 0.0).astype(int)]
+    high = ascending[np.minimum(high_index, size - 1.0).astype(int)]
     return (high - low) / 2.0
 
 
@@ -170,13 +175,13 @@ def tail_error(draws: FloatArray, ess: float) -> float:
 
 
 def pareto_k(log_weights: FloatArray) -> float:
-    """Pareto k-hat of importance weights, shape (draws,); infinite where there is no tail.
+    """Pareto k-hat of importance weights, shape (draws,); infinite where no tail can be fitted.
 
     Above 0.7 their average cannot be trusted.
     """
     with np.errstate(all="ignore"):  # weights of zero, and tails that are all but flat
         try:
-            smoothed, k = array_stats.psislw(-log_weights)  # it takes negative ones
+            smoothed, k = array_stats.psislw(-log_weights)  # ArviZ takes the opposite sign
         except ValueError:  # a tail of fewer than five weights, or of equal ones
             return np.inf
         return float(k) if np.isfinite(k) and not np.isnan(smoothed).any() else np.inf

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, IndexArray, NamedArrays, StrPath, Texts
+from bayes_toe.arrays import FloatArray, NamedArrays, Record, StrPath, Texts
 from bayes_toe.data.messages import MOST_ROWS, as_html, format_path, join_few
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task
@@ -70,6 +70,7 @@ class Draws:
     """
 
     tree: xr.DataTree
+    # All quantities of the subject that was asked for last, under its name.
     _derived: dict[str, NamedArrays] = field(default_factory=dict, init=False)
 
     def group(self, name: str) -> xr.Dataset:
@@ -90,7 +91,8 @@ class Draws:
     def parameters(self) -> Texts:
         """The quantities that tables report, in order; :meth:`values` has further ones."""
         reported = self.posterior(self.names[0]).names.reported
-        return tuple(dict.fromkeys((*reported, *map(str, self.group("posterior").data_vars))))
+        stored = map(str, self.group("posterior").data_vars)
+        return tuple(dict.fromkeys((*reported, *stored)))  # each name once
 
     @property
     def seed(self) -> int:
@@ -160,10 +162,7 @@ class Draws:
 
     @cached_property
     def study(self) -> Study:
-        """The study that these are draws of.
-
-        The counts of everybody who has draws, with the notes of reading them.
-        """
+        """The counts of the subjects that have draws, with the notes of reading them."""
         return stored_study(self.tree)
 
     @property
@@ -172,11 +171,11 @@ class Draws:
         return self.study.task
 
     def subject(self, name: str | int) -> Subject:
-        """The counts behind one subject's draws."""
+        """The counts of one subject."""
         return self.study[name]
 
     def posterior(self, name: str | int) -> ObserverPosterior | PaperPosterior:
-        """The posterior that one subject's draws are of."""
+        """The posterior of one subject under the model of the draws."""
         return model_posterior(self.model, self.subject(name), self.prior)
 
     def points(self, name: str | int) -> FloatArray:
@@ -227,8 +226,8 @@ class Draws:
                 f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}"
             )
 
-        if name not in self._derived:  # of one subject at a time
-            self._derived.clear()
+        if name not in self._derived:
+            self._derived.clear()  # so that memory holds those of one subject
             self._derived[name] = target.quantities(self.points(name))
         return self._derived[name][parameter]
 
@@ -278,18 +277,18 @@ class Draws:
             groups["/posterior"][key] = (BY_SUBJECT, values, {"units": QUANTITY_BY_NAME[key].unit})
 
         coords = {**groups["/sample_stats"].coords, **groups["/observed_data"].coords}
-        answers = zip(*(self._answers(name) for name in self.names), strict=True)
-        for group, parts in zip(("log_likelihood", "posterior_predictive"), answers, strict=True):
-            values = np.concatenate(parts, axis=-1)
+        answers = [self._answers(name) for name in self.names]
+        for group in ("log_likelihood", "posterior_predictive"):
+            values = np.concatenate([by_group[group] for by_group in answers], axis=-1)
             variable = (("chain", "draw", "obs"), values)
             groups[f"/{group}"] = xr.Dataset({self.task.count: variable}, coords)
 
         return as_arviz(xr.DataTree.from_dict(groups))
 
-    def _answers(self, name: str) -> tuple[FloatArray, IndexArray]:
+    def _answers(self, name: str) -> Record:
         """Log likelihood and predicted answers of a subject, (chains, draws, pairs) each.
 
-        The same draws give the same answers.
+        They have the names of ArviZ's groups. The same draws give the same answers.
         """
         target = self.posterior(name)
         x = self.points(name)
@@ -300,11 +299,15 @@ class Draws:
         # One chain at a time: temporaries of a large design stay small.
         for chain, points in enumerate(x):
             answers = target.log_answers(points)
-            by_pair = target.rows.terms(answers).reshape(len(points), -1, subject.n_pairs)
-            log_likelihood[chain] = by_pair.sum(axis=1)
-            p_yes = np.exp(answers.yes[:, : subject.n_pairs])
+            # (draws, questions, pairs): three answers are two questions to each pair.
+            terms = target.rows.terms(answers).reshape(len(points), -1, subject.n_pairs)
+            log_likelihood[chain] = terms.sum(axis=1)
+            p_yes = np.exp(answers.yes[:, : subject.n_pairs])  # of the first question
             predicted[chain] = rng.binomial(subject.n_trials, p_yes)
-        return log_likelihood, predicted.astype(np.int64)
+        return {
+            "log_likelihood": log_likelihood,
+            "posterior_predictive": predicted.astype(np.int64),
+        }
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write a NetCDF file, whole or not at all.
@@ -317,7 +320,7 @@ class Draws:
         return save_tree(self.tree, path, overwrite=overwrite)
 
     def _stored(self, name: str, parameter: str) -> FloatArray:
-        """The draws of a quantity that the file has, (chains, draws)."""
+        """The draws of a quantity that the tree has, (chains, draws)."""
         drawn = self.group("posterior")[parameter].sel(subject=name)
         # A sum adds in the same order whatever the layout of the file.
         return np.ascontiguousarray(drawn.values, np.float64)
@@ -387,8 +390,9 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
 def require_fitting(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> None:
     """Refuse, before the work, more draws than the memory of many computers holds."""
     n_draws = sampler.ensembles * sampler.walkers * sampler.kept_steps
-    names = model_posterior(model, study.subjects[0], prior).names.natural
-    n_bytes = 8 * n_draws * len(study) * (len(names) + 1)
+    natural = model_posterior(model, study.subjects[0], prior).names.natural
+    n_stored = len(natural) + 1  # and the log density
+    n_bytes = 8 * n_stored * n_draws * len(study)  # a number has 8 bytes
     if n_bytes > LARGEST:
         raise InputError(
             f"about {n_bytes / 1e9:.3g} GB of draws, allowed in a file: {LARGEST / 1e9:.3g} GB; "

@@ -27,7 +27,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.arrays import Record, StrPath, Texts
+from bayes_toe.arrays import NamedArrays, Record, StrPath, Texts, run_starts
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
@@ -62,22 +62,15 @@ def subjects_tree(
 ) -> xr.DataTree:
     """The tree of the draws of all subjects.
 
-    The list of draws is empty afterwards, so that the memory of each subject is free again.
+    The list `subject_draws` is empty afterwards, so that memory does not hold the draws twice.
     `failed` and `not_interpreted` have the reason for each subject that they name.
     """
-    names = [*subject_draws[0].quantities]
-    n_chains, n_draws = subject_draws[0].quantities["lp"].shape
-    values = {name: np.empty((n_chains, n_draws, len(study))) for name in names}
+    statistics = [draws.statistics for draws in subject_draws]
+    acceptance = np.stack([draws.acceptance for draws in subject_draws], axis=-1)
+    quantities = _joined_quantities(subject_draws)
+    log_posterior = quantities.pop("lp")
 
-    rates = []
-    statistics = []
-    for i in range(len(study)):
-        draws = subject_draws.pop(0)
-        for name in names:
-            values[name][:, :, i] = draws.quantities[name]
-        rates.append(draws.acceptance)
-        statistics.append(draws.statistics)
-
+    n_chains, n_draws, _ = log_posterior.shape
     coordinates = {
         "chain": np.arange(n_chains),
         "draw": np.arange(n_draws),
@@ -86,19 +79,18 @@ def subjects_tree(
     n_walkers = settings.sampler.walkers
     walker = ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers))
     posterior = xr.Dataset(coords={**coordinates, "walker": walker})
-    log_posterior = values.pop("lp")
-    for name in values:
-        posterior[name] = (BY_SUBJECT, values[name], {"units": QUANTITY_BY_NAME[name].unit})
+    for name, draws in quantities.items():
+        posterior[name] = (BY_SUBJECT, draws, {"units": QUANTITY_BY_NAME[name].unit})
 
-    target = model_posterior(settings.model, study.subjects[0], settings.prior)
-    density_of = ", ".join(target.coordinates[:6])
-    density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
     types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
     sample_stats = xr.Dataset(coords=coordinates)
     for name in statistics[0]:
         column = [row[name] for row in statistics]
         sample_stats[name] = ("subject", np.array(column, types.get(name)))
-    sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(rates, axis=-1))
+    sample_stats["acceptance_rate"] = (("chain", "subject"), acceptance)
+    target = model_posterior(settings.model, study.subjects[0], settings.prior)
+    density_of = ", ".join(target.coordinates[:6])
+    density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
     sample_stats["lp"] = (BY_SUBJECT, log_posterior, {"description": density})
 
     tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": sample_stats})
@@ -110,6 +102,17 @@ def subjects_tree(
         "not_interpreted": json.dumps(dict(not_interpreted)),
     }
     return tree
+
+
+def _joined_quantities(subject_draws: list[SubjectDraws]) -> NamedArrays:
+    """The draws of all subjects by quantity, (chains, draws, subjects); the list is emptied."""
+    n_subjects = len(subject_draws)
+    first = subject_draws[0].quantities
+    joined = {name: np.empty((*draws.shape, n_subjects)) for name, draws in first.items()}
+    for i in range(n_subjects):
+        for name, draws in subject_draws.pop(0).quantities.items():
+            joined[name][..., i] = draws
+    return joined
 
 
 def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
@@ -144,7 +147,7 @@ def _counts_hash(study: Study) -> str:
 
 
 def _by_pair(study: Study, count: str) -> xr.Dataset:
-    """One count per subject and pair, with the pair as coordinates."""
+    """One count ("n_yes") of every subject and pair, with the pair as coordinates."""
     keys = ["s1", "s2"]
     n_pairs = [subject.n_pairs for subject in study]
     owner = np.repeat(np.array(study.names, object), n_pairs)
@@ -155,7 +158,7 @@ def _by_pair(study: Study, count: str) -> xr.Dataset:
 
 
 def _study_record(study: Study) -> Record:
-    """A study without its counts, as JSON has it."""
+    """A study without its counts, in values that JSON can store."""
     return {
         "units": {unit.name: (unit.condition, unit.shared_scales) for unit in study},
         "task": study.task.name,
@@ -169,7 +172,7 @@ def _study_record(study: Study) -> Record:
 
 
 def stored_study(tree: xr.DataTree) -> Study:
-    """The study in a tree: the counts of all who have draws, with the notes of reading them."""
+    """The study in a tree: the counts of the subjects that have draws, and the study's record."""
     record = json.loads(tree.attrs["study"])
     task = task_of(record["task"])
     stimulus_unit = StimulusUnit(**record["stimulus_unit"])
@@ -182,27 +185,26 @@ def stored_study(tree: xr.DataTree) -> Study:
         columns["n_second"] = observed["n_second"].values
 
     names = observed["subject"].values
-    first_rows = np.flatnonzero(names[1:] != names[:-1]) + 1
-    units = []
-    for rows in np.split(np.arange(len(names)), first_rows):
+    subjects = []
+    for rows in np.split(np.arange(len(names)), run_starts(names)[1:]):
         name = names[rows[0]]
         counts = {key: column[rows] for key, column in columns.items()}
         condition, scales = record["units"][name]
-        unit = Subject(
+        subject = Subject(
             name,
             **counts,
             task=task,
             unit=stimulus_unit,
             condition=condition,
-            shared_scales=scales and StimulusScales(*scales),
+            shared_scales=scales and StimulusScales(*scales),  # None where there are none
         )
-        units.append(unit)
+        subjects.append(subject)
 
     conditions = record["conditions"]
-    if conditions is not None:
+    if conditions is not None:  # JSON has made a list of the levels
         conditions = Conditions(**{**conditions, "levels": tuple(conditions["levels"])})
     return Study(
-        tuple(units),
+        tuple(subjects),
         record["source"],
         record["synthetic"],
         tuple(record["notes"]),
@@ -222,19 +224,20 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
     OutputError
         If the file exists and may not be replaced, is a folder, or cannot be written.
     """
+    # HDF5 has checksums of arrays of numbers, not of texts, empty arrays and single values.
     encoding: dict[str, dict[str, Record]] = {}
     for group, node in tree.children.items():
-        settings = encoding[f"/{group}"] = {}
+        options = encoding[f"/{group}"] = {}
         for name, variable in node.to_dataset().variables.items():
             if variable.dtype.kind not in "UOT" and variable.size > 0 and variable.ndim > 0:
-                settings[str(name)] = {"fletcher32": True}
+                options[str(name)] = {"fletcher32": True}
 
     with whole_file(path, overwrite=overwrite) as target, _OutputFile(target, "w+") as file:
         try:
             with without_cluster():
                 tree.to_netcdf(file, engine="h5netcdf", encoding=encoding)
         finally:
-            if file.error is not None:
+            if file.error is not None:  # rather than an error that follows from it
                 raise file.error
     return Path(path)
 
@@ -244,50 +247,59 @@ class _OutputFile(io.FileIO):
 
     HDF5 ends the process where a file cannot be written, such as on a full disk, or where it does
     not read what it wrote.
+
+    Attributes
+    ----------
+    error : OSError or None
+        The first error of writing; the caller raises it.
+    memory : BytesIO or None
+        The content of the file since that error.
     """
 
     error: OSError | None = None
     memory: io.BytesIO | None = None
 
     def write(self, data: Any, /) -> int:
-        """Write all bytes."""
+        """Write all bytes, to memory if the disk does not take them."""
         start = self.tell()
         remaining = memoryview(data)
         try:
             while len(remaining) > 0:
-                remaining = remaining[self._place.write(remaining) :]
+                n_written = self._stream.write(remaining)  # may be fewer than all
+                remaining = remaining[n_written:]
         except OSError as error:
             self._go_on_in_memory(error)
             self.seek(start)
-            self._place.write(data)
+            self._stream.write(data)
         return len(data)
 
     def truncate(self, size: int | None = None, /) -> int:
         """Give the file another size."""
         try:
-            return self._place.truncate(size)
+            return self._stream.truncate(size)
         except OSError as error:
             self._go_on_in_memory(error)
             return self.tell()
 
     def readinto(self, buffer: Any, /) -> int:
-        """Read bytes from here on."""
-        return self._place.readinto(buffer)
+        """Read bytes from the present position on."""
+        return self._stream.readinto(buffer)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """Go to a place."""
-        return self._place.seek(offset, whence)
+        """Move to a position."""
+        return self._stream.seek(offset, whence)
 
     def tell(self) -> int:
-        """The place."""
-        return self._place.tell()
+        """The present position."""
+        return self._stream.tell()
 
     @property
-    def _place(self) -> Any:
-        """Where bytes go to and come from."""
+    def _stream(self) -> Any:
+        """The methods of the file itself or, after an error, of its content in memory."""
         return super() if self.memory is None else self.memory
 
     def _go_on_in_memory(self, error: OSError) -> None:
+        """Keep the error, and copy what the file has to memory."""
         self.error = error
         self.seek(0)
         self.memory = io.BytesIO(self.readall())
@@ -335,12 +347,12 @@ def reading(path: StrPath) -> Iterator[None]:
 
 
 def _group_names(path: Path) -> list[str]:
-    """The groups of a file that are read.
+    """The names of the groups in a file, of those that a tree may have.
 
     A link is refused, because it may lead to another file.
     """
     with h5py.File(path) as file:
-        # The visit ends with the first name that is returned.
+        # The visit ends at the first name that the function returns, here that of a link.
         link_name = file.visititems_links(
             lambda name, link: None if isinstance(link, h5py.HardLink) else name
         )
@@ -350,7 +362,10 @@ def _group_names(path: Path) -> list[str]:
 
 
 def _read_group(path: Path, name: str | None) -> xr.Dataset:
-    """A group, or the root of the file, with texts of one type."""
+    """A group, or the root of the file for None, with every text as an object.
+
+    A damaged file may declare so many numbers that memory cannot hold them: it is refused.
+    """
     # No units are times, and dimensions without a name cause no warning.
     options: Record = {"decode_times": False, "phony_dims": "access"}
     with xr.open_dataset(path, group=name, engine="h5netcdf", **options) as group:

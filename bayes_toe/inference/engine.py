@@ -18,15 +18,11 @@ import numpy as np
 
 from bayes_toe.arrays import AnyRng, BoolArray, FloatArray, IndexArray, Rng
 from bayes_toe.inference.maxima import Ascent
-from bayes_toe.inference.mixture import (
-    StudentMixture,
-    WeightedDraws,
-    tempered,
-)
+from bayes_toe.inference.mixture import StudentMixture, WeightedDraws, tempered
 from bayes_toe.model.posterior_array import PosteriorArray
 
 _CLOUD = 400  # points of the normal about a maximum
-_FEWEST_ASSESSED = 1000  # draws by which a mixture is judged
+_FEWEST_ASSESSED = 1000  # draws by which a mixture is judged, at least
 
 
 @dataclass(frozen=True)
@@ -48,9 +44,10 @@ class Precision:
     prior_share : float
         Share of the prior in the proposal.
     floor : float
-        Weight that all components share, beside the 1 that the draws distribute.
+        Weight that all components share equally, in addition to the weight 1 that the draws
+        distribute.
     tempered : float
-        Effective draws that weights are flattened to.
+        Weights are flattened until they have so many effective draws.
     em_steps : int
         Steps of EM in a round.
     n_added : int
@@ -111,7 +108,7 @@ class PriorMixture:
     A coordinate that the posterior does not have stays at 0 and is no dimension of the mixture.
     """
 
-    is_free: BoolArray  # (d,)
+    is_free: BoolArray  # (d,): the coordinates that the posterior has
     core: StudentMixture
     prior_share: float = USUAL.prior_share
     cover: StudentMixture | None = None
@@ -124,7 +121,7 @@ class PriorMixture:
         return self.core.joined(self.cover, 0.1)
 
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
-        """Log density at points, (n, d) -> (n,)."""
+        """Log density at points, (n, d) -> (n,): (1 - share) student + share prior."""
         student = self.student.log_density(points[:, self.is_free]) + np.log1p(-self.prior_share)
         return np.logaddexp(student, log_prior + np.log(self.prior_share))
 
@@ -132,9 +129,9 @@ class PriorMixture:
         """The proposal after steps of EM toward draws.
 
         The core follows the draws by their flattened weights. The cover is wide, because it follows
-        a power of 0.3 of the posterior density. It begins with six components.
+        the posterior density to the power 0.3. It begins with six components.
         """
-        inertia = 2.0 * len(self.is_free)
+        inertia = 2.0 * len(self.is_free)  # effective draws
         points = draws.x[:, self.is_free]
         weights = tempered(draws.log_weights, precision.tempered)
         core = self.core
@@ -147,15 +144,15 @@ class PriorMixture:
         flat_weights = tempered(flat_log_weights, precision.tempered)
         cover = self.cover or _components(points, flat_weights, 6, core.df)
         for _ in range(2):
-            cover = cover.em_step(points, flat_weights, 0.4, inertia)
+            cover = cover.em_step(points, flat_weights, floor=0.4, inertia=inertia)
         return replace(self, core=core, cover=cover)
 
     def sample(self, rng: AnyRng, size: int) -> tuple[FloatArray, BoolArray]:
         """Draws, shape (n, d), and which of them are to come from the prior instead, (n,)."""
-        d = len(self.is_free)
+        shape = size, len(self.is_free)
         component = self.student.sample_components(rng, size)
-        normal = rng.standard_normal((size, d))[:, self.is_free]
-        points = np.zeros((size, d))
+        normal = rng.standard_normal(shape)[:, self.is_free]  # as many numbers for every model
+        points = np.zeros(shape)
         points[:, self.is_free] = self.student.offset(component, normal, rng)
         return points, rng.uniform(size=size) < self.prior_share
 
@@ -165,9 +162,11 @@ def _components(
 ) -> StudentMixture:
     """Components at points in random order, (points, d), chosen by weights that sum to 1.
 
-    All have the shape of the points. The factor `shrinkage` takes them toward their mean.
+    All have the covariance of the points. The factor `shrinkage` moves them toward the mean of the
+    points, so that the mixture is not much wider than the points.
     """
     centre = weights @ points
+    # Systematic resampling: one point for each n-th part of the weight.
     chosen = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
     means = centre + shrinkage * (points[chosen] - centre)
     scale = np.atleast_2d(np.cov(points.T, aweights=weights))
@@ -187,14 +186,16 @@ def mixture_of_clouds(
 ) -> PriorMixture:
     """About twelve components in clouds of points about every maximum, (n, d) each.
 
-    Half as many components, at draws of the prior that a flattened likelihood chose, find what lies
-    far from every maximum, such as a ridge. The array has one posterior.
+    Six more components with half of the weight are at draws from the prior. A flattened likelihood
+    chooses these draws. They find what lies far from every maximum, such as a ridge.
+
+    The array has one posterior.
     """
     is_free = array.is_free[0]
     n_each = 12 // len(clouds) + 1
     df = 8 + int(is_free.sum()) % 2  # because its sum with the dimension is even
-    even = np.full(_CLOUD, 1.0 / _CLOUD)
-    parts = [_components(cloud[:, is_free], even, n_each, df) for cloud in clouds]
+    equal_weights = np.full(_CLOUD, 1.0 / _CLOUD)
+    parts = [_components(cloud[:, is_free], equal_weights, n_each, df) for cloud in clouds]
 
     weights = np.repeat(_laplace_weights(maxima), n_each) / n_each
     means = np.concatenate([part.means for part in parts])
@@ -203,8 +204,8 @@ def mixture_of_clouds(
 
     points = array.prior_points(rng.uniform(size=(1, 2000, len(array.names))))
     log_prior, log_posterior = array.densities(points)
-    prior_weights = tempered((log_posterior - log_prior)[0], 200.0)
-    added = _components(points[0][:, is_free], prior_weights, 6, df)
+    flat_likelihood = tempered((log_posterior - log_prior)[0], 200.0)
+    added = _components(points[0][:, is_free], flat_likelihood, 6, df)
     return PriorMixture(is_free, core.joined(added, 0.5), SHARP.prior_share)
 
 
@@ -212,10 +213,11 @@ def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
     """Points of Laplace's normal about every maximum, (n, d) each."""
     clouds = []
     for x, curvature in zip(maxima.x, maxima.curvature, strict=True):
-        values, axes = np.linalg.eigh(curvature)
-        # What is flatter than 0.2 is a ridge that only the prior ends.
-        sds = 1.0 / np.sqrt(np.maximum(values, 0.2))
-        clouds.append(x + (rng.standard_normal((_CLOUD, len(x))) * sds) @ axes.T)
+        # An axis with an inverse variance below 0.2 is a ridge that only the prior ends.
+        inverse_variances, axes = np.linalg.eigh(curvature)
+        sds = 1.0 / np.sqrt(np.maximum(inverse_variances, 0.2))
+        offsets = (rng.standard_normal((_CLOUD, len(x))) * sds) @ axes.T
+        clouds.append(x + offsets)
     return clouds
 
 
@@ -231,12 +233,16 @@ def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
 def _laplace_weights(maxima: Ascent) -> FloatArray:
     """Weights of maxima by the root of their Laplace evidence, (maxima,)."""
     log_mass = maxima.value - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
+    # No weight is below a twentieth of the largest one, because the approximation may be poor.
     weights = np.exp(0.5 * (log_mass - log_mass.max())) + 0.05
     return np.asarray(weights / weights.sum())
 
 
 def _degrees_of_freedom(is_free: BoolArray) -> int:
-    """Degrees of freedom that add up with the dimensions to the same even number in all models."""
+    """Degrees of freedom that add up with the dimensions to the same even number in all models.
+
+    A posterior with all coordinates has 4 or 5, and each coordinate that is held adds 1.
+    """
     return 2 * ((len(is_free) + 5) // 2) - int(is_free.sum())
 
 
@@ -258,8 +264,8 @@ def fitted_draws(
     generators : sequence of Generator
         The generator of each posterior; several may share one.
     families : ndarray of int, shape (posteriors,)
-        Posteriors that are compared are of one family: one that is far less probable than the best
-        of its family needs no precision.
+        The family of each posterior. Posteriors that are compared are of one family: one that is
+        far less probable than the best of its family needs no precision.
     precision : Precision
     """
     no_draws = WeightedDraws(np.empty((0, len(array.names))), *np.empty((3, 0)))
@@ -271,7 +277,7 @@ def fitted_draws(
     active = list(range(len(array)))
     for _ in range(precision.pool_rounds):
         for state, draws in zip(states, _round(array, states, active, precision), strict=True):
-            state.join(draws)
+            state.add_to_pool(draws)
             state.mixture = state.mixture.updated(state.pool, precision)
 
     # Draw from the fixed mixtures, until every posterior has enough draws.
@@ -285,7 +291,7 @@ def fitted_draws(
 def fresh_draws(
     array: PosteriorArray, mixtures: Sequence[PriorMixture], generators: Sequence[AnyRng], size: int
 ) -> list[WeightedDraws]:
-    """So many draws of every posterior, each from its own mixture."""
+    """`size` draws of every posterior, each posterior from its own mixture."""
     shape = (len(array), size, len(array.names))
     probability, points = np.empty(shape), np.empty(shape)
     is_prior = np.empty(shape[:2], np.bool_)
@@ -293,8 +299,10 @@ def fresh_draws(
         probability[i] = rng.uniform(size=shape[1:])
         points[i], is_prior[i] = mixture.sample(rng, size)
 
-    # The draws from the prior stand first in this order, as many places as any posterior has.
-    order = np.argsort(~is_prior, axis=1, kind="stable")[:, : is_prior.sum(axis=1).max()]
+    # Only the draws from the prior need its quantiles, which take long. They stand first in this
+    # order, (posteriors, draws), which is as long as the posterior with most of them needs.
+    n_most = is_prior.sum(axis=1).max()
+    order = np.argsort(~is_prior, axis=1, kind="stable")[:, :n_most]
     rows = np.arange(len(array))[:, None]
     from_prior = array.prior_points(probability[rows, order])
     points[rows, order] = np.where(is_prior[rows, order, None], from_prior, points[rows, order])
@@ -316,8 +324,8 @@ class _State:
     mixture : PriorMixture
     rng : Generator
     pool : WeightedDraws
-        The draws by which the mixture was adapted; their proposal is the sum over rounds of the
-        number of draws times the density.
+        The draws by which the mixture was adapted. Their proposal density is the sum over rounds of
+        the number of draws times the density of the round's mixture.
     rounds : list of (PriorMixture, int)
         The mixture of every round of the pool, with its number of draws.
     fresh : WeightedDraws
@@ -334,7 +342,7 @@ class _State:
     refits: int = 0
     poor_refits: int = 0
 
-    def join(self, draws: WeightedDraws) -> None:
+    def add_to_pool(self, draws: WeightedDraws) -> None:
         """Add draws of the present mixture to the pool."""
         self.rounds.append((self.mixture, len(draws.x)))
         pooled = self.pool.joined(draws)
@@ -356,10 +364,10 @@ def _round(
 def _unfinished(
     active: Sequence[int], states: Sequence[_State], families: IndexArray, precision: Precision
 ) -> list[int]:
-    """The posteriors that need more draws; those that fit badly get a new mixture first.
+    """The posteriors that need more draws; a mixture that fits badly is refitted.
 
-    `families` has the subject of every posterior. A model whose evidence is far below the best one
-    of its subject, 8 nats also with three standard errors more, needs no more draws.
+    A posterior whose evidence is at least 8 nats below the best one of its family, even with three
+    standard errors more, needs no more draws.
     """
     log_evidences = np.array([state.fresh.log_evidence for state in states])
     unfinished = []
@@ -369,63 +377,71 @@ def _unfinished(
         if log_evidences[i] + 3.0 * draws.standard_error < best - 8.0:
             continue
 
-        if _fits_badly(states[i], precision):
-            _refit(states[i], precision)
-            unfinished.append(i)
-            continue
-
         is_precise = draws.standard_error <= precision.standard_error
         has_enough = is_precise and draws.effective_number >= precision.effective_draws
-        if not has_enough and len(draws.x) < precision.most_draws:
+        needs_more = not has_enough and len(draws.x) < precision.most_draws
+        was_refitted = _refit_if_bad(states[i], precision)
+        if was_refitted or needs_more:
             unfinished.append(i)
     return unfinished
 
 
-def _fits_badly(state: _State, precision: Precision) -> bool:
-    """Whether a mixture misses a part of its posterior; the state counts how often it did."""
+def _refit_if_bad(state: _State, precision: Precision) -> bool:
+    """Refit a mixture that misses a part of its posterior; return whether it was refitted."""
     draws = state.fresh
-    n_draws = len(draws.x)
-    if n_draws < _FEWEST_ASSESSED or state.refits >= precision.most_refits:
+    if len(draws.x) < _FEWEST_ASSESSED or state.refits >= precision.most_refits:
         return False
 
-    largest = draws.shares.max()
-    is_heavy = largest > precision.largest_share or largest * n_draws > precision.largest_weight
-    # A mixture is refitted for a poor efficiency alone twice at most.
-    is_poor = draws.effective_number < 0.25 * n_draws and state.poor_refits < 2
-    has_tail = False
-    if precision.largest_k < np.inf:
-        # Only here, because a quick command needs no tails, and their library takes long to load.
-        from bayes_toe.inference.diagnostics import pareto_k
-
-        has_tail = pareto_k(draws.log_weights) > precision.largest_k
-
-    if not (is_heavy or is_poor or has_tail):
+    has_heavy_draws = _has_heavy_draws(draws, precision)
+    # A poor efficiency alone is a reason twice at most.
+    is_poor = draws.efficiency < 0.25 and state.poor_refits < 2
+    if not (has_heavy_draws or is_poor):
         return False
+
     state.refits += 1
-    state.poor_refits += not (is_heavy or has_tail)
+    state.poor_refits += not has_heavy_draws
+    _refit(state, precision)
     return True
 
 
+def _has_heavy_draws(draws: WeightedDraws, precision: Precision) -> bool:
+    """Whether one draw has too much weight, or the weights have too heavy a tail."""
+    largest = draws.shares.max()
+    if largest > precision.largest_share or largest * len(draws.x) > precision.largest_weight:
+        return True
+    if precision.largest_k == np.inf:
+        return False
+
+    # Only here, because a quick command needs no tails, and their library takes long to load.
+    from bayes_toe.inference.diagnostics import pareto_k
+
+    return pareto_k(draws.log_weights) > precision.largest_k
+
+
 def _refit(state: _State, precision: Precision) -> None:
-    """Give a mixture components at its heaviest draws, adapted to all draws that were made."""
+    """Give a mixture components at its heaviest draws, and adapt it to all draws that were made.
+
+    The draws so far join the pool, and `fresh` becomes empty, because the mixture changes.
+    """
     mixture = state.mixture
     draws = state.fresh
-    n_added = precision.n_added
-    heaviest = draws.x[np.argsort(-draws.log_weights)[:n_added]][:, mixture.is_free]
-    state.join(draws)
-    state.fresh = draws.part(slice(0))  # because the mixture changes
+    state.add_to_pool(draws)
+    state.fresh = draws.part(slice(0))
 
+    # The shape of a new component comes from the 120 draws about it.
+    n_near, n_added = 120, precision.n_added
+    centres = draws.x[np.argsort(-draws.log_weights)[:n_added]][:, mixture.is_free]
     points = state.pool.x[:, mixture.is_free]
-    n_near = 120  # draws that give a component its shape
     sds = points.std(axis=0)
     scales = []
-    for centre in heaviest:
+    for centre in centres:
         offsets = points - centre
-        nearest = np.argpartition(np.square(offsets / sds).sum(axis=1), n_near)[:n_near]
-        scales.append(offsets[nearest].T @ offsets[nearest] / n_near)
+        distances = np.square(offsets / sds).sum(axis=1)
+        near = offsets[np.argpartition(distances, n_near)[:n_near]]
+        scales.append(near.T @ near / n_near)
 
     weights = np.full(n_added, 1.0 / n_added)
     core = mixture.core
-    added = StudentMixture(weights, heaviest, np.array(scales), core.df)
+    added = StudentMixture(weights, centres, np.array(scales), core.df)
     widened = replace(mixture, core=core.joined(added, 1.0 / 16.0))
     state.mixture = widened.updated(state.pool, precision)

@@ -1,7 +1,7 @@
-"""The posterior of one subject under one model, fitted by the engine for emcee and an evidence.
+"""A mixture that is fitted to the posterior of one subject, for emcee and for an evidence.
 
-`find_maxima` finds its maxima, and `fit_posterior` fits a mixture to it. `importance_evidence` is
-its log evidence, by draws that chose no mixture.
+`find_maxima` finds the maxima of the posterior, and `fit_posterior` fits the mixture.
+`importance_evidence` computes the log evidence from draws that chose no mixture.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Fitted:
         The posterior as an array of one, in the coordinates w of the mixture.
     mixture : PriorMixture
     draws : WeightedDraws
-        Draws of the mixture by which it was judged. An evidence needs other ones
-        (:meth:`fresh`), because a mixture with heavy draws would have been refitted.
+        Draws of the mixture by which it was judged: with heavy ones, it would have been refitted.
+        So an evidence needs other draws, see :meth:`fresh`.
     """
 
     target: SubjectPosterior
@@ -75,24 +75,30 @@ class Fitted:
         return self.maxima.x[0, self.target.is_free]
 
     def fresh(self, rng: AnyRng, size: int) -> WeightedDraws:
-        """So many further draws of the mixture."""
+        """`size` further draws of the mixture."""
         return fresh_draws(self.array, [self.mixture], [rng], size)[0]
 
     def original(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Points of the posterior, (points, k), and log |dw/du| there, from points (points, d)."""
+        """Points of the posterior, (points, k), and log |dw/du| there, from points w (points, d).
+
+        u are the posterior's own d coordinates, of which the model has k.
+        """
         u, log_volume = self.array.original(w[None])
         return u[0][:, self.target.is_free], log_volume[0]
 
 
 def is_trusted(k: float, efficiency: float) -> bool:
-    """Whether averages by importance weights, and their errors, can be trusted."""
+    """Whether averages by importance weights, and their errors, can be trusted.
+
+    The limit of Pareto k is that of Vehtari et al. 2024.
+    """
     return k < 0.7 and efficiency > 0.02
 
 
 def fit_posterior(
     target: SubjectPosterior, rng: Rng, judging_draws: int = SHARP.most_draws
 ) -> Fitted:
-    """Fit a mixture to a posterior, as sharp as emcee needs it; so many draws judge it.
+    """Fit a mixture to a posterior, as sharp as emcee needs it; `judging_draws` draws judge it.
 
     Examples
     --------
@@ -107,15 +113,15 @@ def fit_posterior(
     clouds = normal_clouds(ends, rng)
     array: PosteriorArray = target.array
     if isinstance(target, PaperPosterior):
-        # Far from a maximum, the normal about it does not follow the funnel; its points do.
+        # A mixture cannot follow the funnel of this posterior, so it has coordinates without one.
         funnel = funnel_of_maxima(target.rows, ends)
         array = FunnelArray(array.likelihood, array.names, (), array.is_free, funnel)
         clouds = [funnel.forward(cloud[None])[0] for cloud in clouds]
 
     first = mixture_of_clouds(clouds, ends, array, rng)
     precision = replace(SHARP, most_draws=judging_draws)
-    families = np.zeros(1, np.intp)
-    (mixture,), (draws,) = fitted_draws(array, [first], [rng], families, precision)
+    family = np.zeros(1, np.intp)  # one posterior
+    (mixture,), (draws,) = fitted_draws(array, [first], [rng], family, precision)
     return Fitted(target, _maxima_from(target, ends), array, mixture, draws)
 
 
@@ -125,17 +131,18 @@ def find_maxima(target: SubjectPosterior) -> Ascent:
 
 
 def _maxima_from(target: SubjectPosterior, ends: Ascent) -> Ascent:
-    """The distinct maxima that searches reach from these ends."""
-    return polished(target.array, np.zeros(len(ends.x), np.intp), ends.x).distinct()
+    """The distinct maxima that exact searches reach from the ends of coarse ones."""
+    owners = np.zeros(len(ends.x), np.intp)  # all are of one posterior
+    return polished(target.array, owners, ends.x).distinct()
 
 
 def _distinct_ends(target: SubjectPosterior) -> Ascent:
     """Distinct ends of a few steps of scoring: maxima, or several points along a ridge.
 
-    A mixture needs the points along a ridge, where a maximum would stand for its middle only.
+    A mixture needs the points along a ridge. An exact search would move all of them to one maximum.
     """
     if isinstance(target, ObserverPosterior):
-        # A search begins at the maxima of its neighbour, so that the four models belong together.
+        # Models without a constant error begin where their neighbour with one does.
         maxima_of_models = observer_maxima(order_posteriors(target.rows))
         searches = maxima_of_models[MODEL_NAMES.index(target.model.name)].distinct()
     else:
@@ -148,13 +155,13 @@ def _distinct_ends(target: SubjectPosterior) -> Ascent:
 class Evidence:
     """Log evidence in nats, without binomial coefficients.
 
-    Value and standard error are None where it is withheld.
+    Value and standard error are None where the evidence is withheld.
     """
 
     value: float | None
     se: float | None
     pareto_k: float  # of the importance weights
-    why_not: str = ""  # the reason where it is withheld
+    why_not: str = ""  # the reason where the evidence is withheld
 
 
 def importance_evidence(draws: WeightedDraws) -> Evidence:

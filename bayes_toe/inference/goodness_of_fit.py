@@ -28,20 +28,21 @@ from bayes_toe.model.posterior import SubjectPosterior
 
 
 def binomial_deviance(
-    n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
+    n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_other: FloatArray
 ) -> FloatArray:
     """Deviance of k answers in n from their probability q, in nats times 2.
 
     Arguments broadcast; the other answer has the probability 1 - q.
 
     D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))] is twice the log likelihood of the
-    saturated model minus that of this one. `log_q` and `log_rest` are the logs of q and of 1 - q,
+    saturated model minus that of this one. `log_q` and `log_other` are the logs of q and of 1 - q,
     because either probability may be below the smallest float. D is infinite where an answer was
     given that has the probability 0.
     """
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
-    return 2.0 * np.maximum(saturated - times_counts(k, log_q) - times_counts(n - k, log_rest), 0.0)
+    log_ratio = saturated - times_counts(k, log_q) - times_counts(n - k, log_other)
+    return 2.0 * np.maximum(log_ratio, 0.0)  # rounding can make it negative
 
 
 def deviance_p_value(
@@ -49,7 +50,7 @@ def deviance_p_value(
     freedom: float,
     n_trials: npt.ArrayLike,
     log_q: FloatArray,
-    log_rest: FloatArray,
+    log_other: FloatArray,
 ) -> float:
     """Chance of such a deviance or a larger one, with these degrees of freedom; NaN without any.
 
@@ -66,28 +67,29 @@ def deviance_p_value(
     """
     if freedom <= 0.0:
         return float("nan")
-    moments = _moments(np.asarray(n_trials, np.float64), log_q, log_rest)
-    mean, variance = (float(values.sum()) for values in moments)
+    moments = _moments(np.asarray(n_trials, np.float64), log_q, log_other)
+    mean, variance = (float(by_pair.sum()) for by_pair in moments)
     if variance == 0.0:  # the answers are certain under the model
         return float(deviance <= 0.0)
 
-    # The scaled chi-square with this mean and variance; its scale does not depend on `freedom`.
+    # a times a chi-square with f degrees of freedom has the mean a f and the variance 2 a^2 f. The
+    # scale a does not depend on `freedom`.
     inverse_scale = 2.0 * mean / variance
     reference_freedom = 2.0 * mean**2 / variance * freedom / len(log_q)
     return float(chdtrc(reference_freedom, inverse_scale * deviance))
 
 
-def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPair:
+def _moments(n: FloatArray, log_q: FloatArray, log_other: FloatArray) -> ArrayPair:
     """Mean and variance of each pair's deviance, over the counts of its less probable answer.
 
-    They are 1 and 2, as of chi-square, if this answer is expected 20 times. Where it is expected
-    less often, 101 counts matter.
+    They are 1 and 2, as of chi-square with one degree of freedom, if this answer is expected 20
+    times or more. Where it is expected less often, counts above 100 have almost no probability.
     """
-    log_rare = np.minimum(log_q, log_rest)
-    log_common = np.maximum(log_q, log_rest)
+    log_rare = np.minimum(log_q, log_other)
+    log_common = np.maximum(log_q, log_other)
     n_counts = min(101, int(n.max()) + 1)
-    counts = np.arange(n_counts, dtype=np.float64)[:, None]  # (counts, pairs)
-    k = np.minimum(counts, n)
+    counts = np.arange(n_counts, dtype=np.float64)[:, None]  # (counts, 1); n is (pairs,)
+    k = np.minimum(counts, n)  # a pair of fewer trials does not have the last counts
 
     log_ways = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
     log_chance = log_ways + times_counts(k, log_rare) + times_counts(n - k, log_common)
@@ -145,8 +147,8 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     """Goodness of fit of one subject.
 
     The responses determine fewer parameters than the model has, because the prior determines them
-    too. Their effective number is the mean deviance of the draws minus that of the maximum. The
-    p-value counts with it; whether there is a p-value is decided by the number of coordinates.
+    too. Their effective number is the mean deviance of the draws minus the deviance at the maximum.
+    The p-value depends on this number. It exists where there are more questions than coordinates.
 
     Parameters
     ----------
@@ -156,8 +158,6 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     maximum : ndarray, shape (k,)
         The point with the highest posterior density.
     """
-    subject = posterior.subject
-    points = np.vstack([maximum, thinned(x, 2000)])
     rows = posterior.rows
     n_trials = (rows.n_yes + rows.n_no)[0, 0]
     # Of three answers, the second question to a pair has no trial where all answers are 'equal'.
@@ -165,8 +165,9 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     n_trials = n_trials[asked]
     n_yes = rows.n_yes[0, 0, asked]
 
+    points = np.vstack([maximum, thinned(x, 2000)])
     log_yes, log_no = (logs[:, asked] for logs in posterior.log_answers(points))
-    deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)
+    deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)  # (1 + draws, questions)
     deviance = float(deviances[0].sum())
     n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance
 
@@ -177,7 +178,7 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
         fit_p = deviance_p_value(deviance, n_left, n_trials, log_yes[0], log_no[0])
 
     shares = np.stack([n_yes / n_trials, np.exp(log_yes[0])])
-    worst = _worst_pairs(subject, asked, np.sqrt(deviances[0]), shares)
+    worst = _worst_pairs(posterior.subject, asked, np.sqrt(deviances[0]), shares)
     return GoodnessOfFit(deviance, freedom, fit_p, worst)
 
 
@@ -186,8 +187,9 @@ def _worst_pairs(
 ) -> tuple[PairResidual, ...]:
     """The pairs with the largest residuals, see :class:`GoodnessOfFit`.
 
-    `asked` has the numbers of the questions that were asked, pair by pair. Of each, `shares` has
-    the observed and the expected share of the counted answer, shape (2, questions).
+    `asked` has the index of every question that was asked: all pairs of the first question, then
+    those of the second one. `shares` has the observed and the expected share of the counted answer
+    to each, shape (2, questions).
     """
     largest, *smaller = np.argsort(-residuals, kind="stable").tolist()[:3]
     conspicuous = [largest, *(i for i in smaller if residuals[i] >= 2.0)]
@@ -195,7 +197,7 @@ def _worst_pairs(
     for i in conspicuous:
         question, pair = divmod(int(asked[i]), subject.n_pairs)
         share = shares[:, i]
-        if question:  # the second one was asked where the answer to the first one was no
+        if question == 1:  # asked where the answer to the first one was no
             share = share * (1.0 - shares[:, pair])
         observed, expected = share.tolist()
         s1, s2 = float(subject.s1[pair]), float(subject.s2[pair])

@@ -36,13 +36,12 @@ Expand = Callable[[FloatArray, IndexArray], Expansion]
 
 
 class Ascent(NamedTuple):
-    """The ends of searches, the log densities there, and whether the searches converged."""
+    """The ends of searches, and the expansion of the log density about each."""
 
     x: FloatArray  # (starts, k)
     value: FloatArray  # (starts,)
     gradient: FloatArray  # (starts, k)
     curvature: FloatArray  # (starts, k, k)
-    has_converged: BoolArray  # (starts,)
 
     def part(self, is_chosen: BoolArray | IndexArray) -> Ascent:
         """Some of the searches."""
@@ -62,9 +61,9 @@ class Ascent(NamedTuple):
         ranked = ranked[self.value[ranked] >= self.value[ranked[0]] - 8.0]
         chosen: list[int] = []
         for i in ranked.tolist():
-            precision = np.sqrt(np.abs(np.diagonal(self.curvature[i])))
-            distances = np.abs(self.x[chosen] - self.x[i]) * precision
-            if (distances.max(axis=1, initial=0.0) > 0.5).all():
+            inverse_sds = np.sqrt(np.abs(np.diagonal(self.curvature[i])))
+            distances = np.abs(self.x[chosen] - self.x[i]) * inverse_sds  # (chosen, k)
+            if (distances.max(axis=1) > 0.5).all():
                 chosen.append(i)
         return self.part(np.array(chosen))
 
@@ -80,7 +79,8 @@ def ascend(
 ) -> Ascent:
     """Damped Newton ascent from every start; no step is taken that lowers the value.
 
-    A step is at most 2 in every coordinate.
+    A step is at most 2 in every coordinate. The damping of a search becomes a tenth after a step
+    that is taken, and ten times as heavy otherwise.
 
     Parameters
     ----------
@@ -91,68 +91,70 @@ def ascend(
     is_held : array_like of bool
         Coordinates that stay where they start.
     least_gain : float
-        A search ends, without having converged, before a step that promises fewer nats.
+        A search ends before a step that promises fewer nats.
     most_steps : int
     retry_damping : float
         Least damping after a step that would have lowered the value.
     """
-    active = np.arange(len(starts))
-    ends = Ascent(starts.copy(), *expand(starts, active), np.zeros(len(starts), np.bool_))
+    active = np.arange(len(starts))  # the searches that go on
+    ends = Ascent(starts.copy(), *expand(starts, active))
     is_moving = ~np.broadcast_to(is_held, starts.shape)
     damping = np.full(len(starts), 1e-3)
 
     for _ in range(most_steps):
         step, gains = _steps(ends.part(active), is_moving[active], damping[active])
-        is_worth_it = gains.sum(axis=1) >= least_gain
-        active = active[is_worth_it]
+        is_promising = gains.sum(axis=1) >= least_gain
+        active = active[is_promising]
         if not len(active):
             break
 
-        trial = ends.x[active] + step[is_worth_it]
+        trial = ends.x[active] + step[is_promising]
         reached = expand(trial, active)
         is_better = reached.value >= ends.value[active]
-        for stored, new in zip(ends[:4], (trial, *reached), strict=True):
+        for stored, new in zip(ends, (trial, *reached), strict=True):
             stored[active[is_better]] = new[is_better]
 
-        # A gain below the rounding of the value cannot be seen: the search has converged, whether
-        # or not the step was taken, unless it was damped heavily.
-        gain = np.abs(gains[is_worth_it]).sum(axis=1)
-        is_small = gain < 5e-13 * (1.0 + 1e-3 * np.abs(ends.value[active]))
         old = damping[active]
-        ends.has_converged[active] = is_small & (old <= 1e-2)
         lighter, heavier = np.maximum(0.1 * old, 1e-12), np.maximum(10.0 * old, retry_damping)
         damping[active] = np.where(is_better, lighter, heavier)
 
+        # A gain below the rounding of the value cannot be seen: the search has converged, whether
+        # or not the step was taken, unless it was damped heavily.
+        gain = np.abs(gains[is_promising]).sum(axis=1)
+        is_small = gain < 5e-13 * (1.0 + 1e-3 * np.abs(ends.value[active]))
+        has_converged = is_small & (old <= 1e-2)
         # No further where slopes are beyond all floats, or where damping does not help.
         is_finite = np.isfinite(ends.curvature[active]).all(axis=(1, 2))
-        has_ended = ends.has_converged | (damping >= 1e12)
-        active = active[is_finite & ~has_ended[active]]
+        active = active[is_finite & ~has_converged & (damping[active] < 1e12)]
     return ends
 
 
 def _steps(searches: Ascent, is_moving: BoolArray, damping: FloatArray) -> ArrayPair:
     """Steps uphill of at most 2 in the moving coordinates, (points, k), and their predicted gains.
 
-    The curvature is scaled to a unit diagonal, and the damping is added to the sizes of its
-    eigenvalues: where it is not positive definite, the step leads away from a saddle.
+    The curvature H is scaled to a unit diagonal, S H S, and has the eigenvalues e and eigenvectors
+    V. The step is S V (|e| + damping)^-1 V' S g, g the gradient. The size of e makes it lead uphill
+    from a saddle too. The gain of each coordinate is that of a Newton step in a quadratic.
     """
     diagonal = np.arange(searches.x.shape[1])
     size = np.abs(searches.curvature[:, diagonal, diagonal])
-    scale = np.where(is_moving, 1.0, 0.0)
 
     # Slopes may be close to the largest float.
     with np.errstate(over="ignore", invalid="ignore"):
-        np.divide(1.0, np.sqrt(np.maximum(size, _TINY)), out=scale, where=is_moving & (size > 0.0))
+        # 0 where a coordinate is held, 1 where the curvature is 0.
+        scale = is_moving / np.sqrt(np.where(size > 0.0, np.maximum(size, _TINY), 1.0))
         matrix = searches.curvature * scale[:, :, None] * scale[:, None, :]
-        matrix[:, diagonal, diagonal] += ~is_moving
+        matrix[:, diagonal, diagonal] += ~is_moving  # 1, so that eigenvalues are not 0
         slope = np.where(is_moving, searches.gradient, 0.0) * scale
 
         values, vectors = np.linalg.eigh(matrix)
-        along = np.einsum("nij,ni->nj", vectors, slope) / (np.abs(values) + damping[:, None])
-        scaled = np.einsum("nij,nj->ni", vectors, along)
-        step = scaled * scale
+        along_vectors = np.einsum("nij,ni->nj", vectors, slope)
+        damped = along_vectors / (np.abs(values) + damping[:, None])
+        scaled_step = np.einsum("nij,nj->ni", vectors, damped)
+        step = scaled_step * scale
         longest = np.maximum(np.abs(step).max(axis=1), _TINY)
-        return step * np.minimum(1.0, 2.0 / longest)[:, None], 0.5 * scaled * slope
+        shortening = np.minimum(1.0, 2.0 / longest)
+        return step * shortening[:, None], 0.5 * scaled_step * slope
 
 
 # --- Posteriors ----------------------------------------------------------------------------------
@@ -191,18 +193,19 @@ def ascend_from(
 def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> Ascent:
     """Exact maxima from the ends of searches, by Newton's method; arguments as `ascend_from`.
 
-    Scoring would need many steps where the answers leave a coordinate open. The curvature is the
-    negative Hessian, by differences. The sizes of its diagonal at the last points of each search
-    set the steps of the differences.
+    Scoring would need many steps where the answers leave a coordinate open. The curvature is here
+    the negative Hessian, by differences of gradients.
     """
     owned = array.part(owners)
+    # Sizes of the diagonal of the Hessian, (searches, k): they set the steps of the differences.
+    # Each search begins with those of scoring, and goes on with those at its last points.
     sizes = np.diagonal(expansion(owned, starts).curvature, axis1=1, axis2=2).copy()
 
     def expand(points: FloatArray, index: IndexArray) -> Expansion:
         """The expansion about the points of some searches; their sizes are updated."""
         n_points, k = points.shape
-        ahead = points + _difference_steps(points, sizes[index])
-        part = owned.part(np.resize(index, (k + 1) * n_points))
+        ahead = points + _difference_steps(points, sizes[index])  # (k, points, k)
+        part = owned.part(np.resize(index, (k + 1) * n_points))  # for the points and all `ahead`
         value, gradient, _ = expansion(part, np.concatenate([points, *ahead]))
         gradient = gradient.reshape(k + 1, n_points, k)
 
@@ -217,7 +220,7 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
 def expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
     """The log density of each posterior about its point, (posteriors, d).
 
-    The curvature is that of Fisher information and prior.
+    The curvature is the Fisher information and the negative curvature of the log prior.
     """
     w = points[:, None, :]  # one point for each posterior
     is_free = array.is_free
@@ -239,7 +242,10 @@ def _free_part(curvature: FloatArray, is_free: BoolArray) -> FloatArray:
 
 
 def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
-    """The highest maximum of every posterior, (n, d), and Laplace's log evidence, (n,)."""
+    """The highest maximum of every posterior, (n, d), and Laplace's log evidence, (n,).
+
+    The evidence is NaN where the curvature at the maximum is not positive definite.
+    """
     owners = np.arange(len(array))
     highest = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
     top = polished(array, owners, highest)
@@ -255,16 +261,19 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
 
 
 def _difference_steps(x: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Steps in one coordinate after the other, (k, points, k), larger than rounding errors.
+    """Steps in one coordinate after the other, (k, points, k).
 
-    They count in 1/sqrt abs H_ii.
+    They are a millionth of 1/|H_ii|^(1/2), or larger where x would hide them by rounding. `sizes`,
+    (points, k), has |H_ii|.
     """
     steps = 1e-6 / np.sqrt(np.maximum(sizes, 1e-6))
     return np.eye(x.shape[1])[:, None] * np.maximum(steps, 1e-12 * np.abs(x))
 
 
 def hessian(change: FloatArray, step: FloatArray) -> FloatArray:
-    """Hessians, (points, k, k), from changes of gradients over steps, (k, points, k) each."""
-    k = len(change)
-    rows = change / step[np.arange(k), :, np.arange(k)][:, :, None]
-    return 0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0))
+    """Hessians, (points, k, k), from changes of gradients over steps, (k, points, k) each.
+
+    The first axis is the one coordinate that a step changes.
+    """
+    rows = change / np.einsum("ipi->ip", step)[:, :, None]
+    return 0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0))  # symmetric

@@ -3,9 +3,9 @@
 `StudentMixture` is the proposal of every posterior, and `WeightedDraws` are draws of a proposal
 with the densities that their weights need.
 
-Two choices make a mixture cheap, and fitting a proposal is mostly this. Points are whitened for all
-components by one matrix product. And half the sum of degrees of freedom and dimension is a whole
-number, so that each density is a power by multiplication, without a logarithm.
+Most of the time of a fit goes to the density of a mixture. Two choices make it fast. One matrix
+product whitens points for all components. And half the sum of degrees of freedom and dimension is a
+whole number, so that each density is a power by multiplication, without a logarithm.
 """
 
 from __future__ import annotations
@@ -19,9 +19,7 @@ from scipy.special import gammaln, logsumexp
 from bayes_toe.arrays import AnyRng, FloatArray, IndexArray
 
 _TINY = 1e-300  # weight of a component that no point comes near
-# points done together: with some tens of components the temporary arrays stay in the processor's
-# cache
-_BLOCK = 1024
+_BLOCK = 1024  # points at a time, so that temporary arrays stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +47,14 @@ class StudentMixture:
 
     @cached_property
     def _whiteners(self) -> FloatArray:
-        """A matrix, (D J, 1 + D): times (1, x), it is x whitened for each component, over df^(1/2).
+        """The matrix that whitens points x for all components at once, (D J, 1 + D).
 
-        The first J rows are the first coordinate.
+        Its product with (1, x) is L^-1 (x - mean) / df^(1/2), L the Cholesky factor of a component:
+        the first coordinate for each of the J components, then the second one, and so on.
         """
         inverse = np.linalg.inv(self._factors)
-        shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]
-        whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)
+        shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]  # (D, J, 1)
+        whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)  # (D, J, 1 + D)
         return whiteners.reshape(-1, whiteners.shape[2]) / np.sqrt(self.df)
 
     @cached_property
@@ -70,23 +69,26 @@ class StudentMixture:
 
     @cached_property
     def _tops(self) -> FloatArray:
-        """The densities at the means over the highest of them, (J,)."""
+        """The weighted densities at the means, over the highest of them, (J,)."""
         return np.exp(self._log_tops - self._log_tops.max())
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density at x, shape (N, D) -> (N,)."""
-        density = np.empty(len(x))
+        density = np.empty(len(x))  # over the highest top
         for block in _blocks(len(x)):
             density[block] = self._tops @ self._kernel(self._distances(x[block]))
         return np.log(density) + self._log_tops.max()
 
     def sample_components(self, rng: AnyRng, size: int) -> IndexArray:
-        """Random components of the draws, shape (size,)."""
+        """Random components by their weights, shape (size,)."""
         bounds = np.cumsum(self.weights)[:-1]
         return np.searchsorted(bounds, rng.uniform(size=size), side="right")
 
     def offset(self, component: IndexArray, normal: FloatArray, rng: AnyRng) -> FloatArray:
-        """Draws from these components, shape (size,), by standard normal numbers, (size, D)."""
+        """Draws from these components, shape (size,), by standard normal numbers, (size, D).
+
+        A Student-t vector is a normal one times (df / chi-square)^(1/2).
+        """
         stretch = np.sqrt(self.df / rng.chisquare(self.df, size=len(component)))
         offsets = np.einsum("nij,nj->ni", self._factors[component], normal)
         return self.means[component] + offsets * stretch[:, None]
@@ -96,56 +98,61 @@ class StudentMixture:
     ) -> StudentMixture:
         """One EM step toward points x, shape (N, D), with normalised weights, (N,).
 
-        Every component stays, and shares `floor` with all others. One that holds `inertia`
-        effective points goes half the way from its old shape.
+        All components share the further weight `floor` equally, so none disappears. A component
+        goes from its old shape toward the new one, half of the way if it holds as many effective
+        points as `inertia`.
         """
-        weight, inner_weight, new_means, new_scales = self._sums(x, weights)
+        weight, near_weight, new_means, new_scales = self._sums(x, weights)
         effective = weight * effective_number(weights)
         trust = effective / (effective + inertia)
 
         means = self.means + trust[:, None] * (new_means - self.means)
-        shift_scatter = _outer(new_means - means) * (inner_weight / weight)[:, None, None]
+        # The new scales are about the new means: the distance that is left to these adds to them.
+        shift_scatter = _outer(new_means - means) * (near_weight / weight)[:, None, None]
         scales = self.scales + trust[:, None, None] * (new_scales + shift_scatter - self.scales)
-        scales += 1e-9 * scales * np.eye(x.shape[1])
+        scales += 1e-9 * scales * np.eye(x.shape[1])  # positive definite in spite of rounding
 
         shares = weight + floor / len(means)
         return StudentMixture(shares / shares.sum(), means, scales, self.df)
 
     def _sums(self, x: FloatArray, weights: FloatArray) -> tuple[FloatArray, ...]:
-        """Sums over weighted points for each component.
+        """Sums over points x, (N, D), of each component, as EM for Student-t densities has them.
 
-        The weight, (J,); the same where near points count more, (J,); means of the points, (J, D);
-        and their scales about these, (J, D, D).
+        A point with the weight w, for which a component has the share r of the density, counts
+
+            w r                          for the weight of the component,
+            w r (df + D) / (df + d^2)    for its mean and scale, d the Mahalanobis distance.
+
+        Returns the two sums of these, (J,) each; means by the second one, (J, D); and scales about
+        these means, (J, D, D).
         """
         dim = x.shape[1]
         n = len(self.means)
-
-        # Moments are counted from the points' mean: a component that is kept is at most 100 of
-        # their standard deviations away, and what is subtracted below costs at most that squared in
-        # rounding errors, far less than the safeguard adds.
-        centre = weights @ x
         weight = np.zeros(n)
+        # Moments of order 0, 1 and 2, about the mean of all points. No component is so far from it
+        # that the subtraction below loses as much as `em_step` adds to a scale.
+        centre = weights @ x
         moments = np.zeros((n, 1 + dim + dim * dim))
 
         for block in _blocks(len(x)):
-            u = self._distances(x[block])
-            shares = self._tops[:, None] * self._kernel(u)
+            distances = self._distances(x[block])
+            shares = self._tops[:, None] * self._kernel(distances)
             shares *= weights[block] / shares.sum(axis=0)
             weight += shares.sum(axis=1)
             y = x[block] - centre
             powers = np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
-            moments += (shares / u) @ powers
+            moments += (shares / distances) @ powers
 
         moments *= (self.df + dim) / self.df
         weight = np.maximum(weight, _TINY)
-        inner_weight = np.maximum(moments[:, 0], _TINY)
-        offsets = moments[:, 1 : dim + 1] / inner_weight[:, None]
-        around = moments[:, dim + 1 :].reshape(-1, dim, dim)
-        scales = (around - inner_weight[:, None, None] * _outer(offsets)) / weight[:, None, None]
-        return weight, inner_weight, centre + offsets, scales
+        near_weight = np.maximum(moments[:, 0], _TINY)
+        offsets = moments[:, 1 : dim + 1] / near_weight[:, None]
+        second_moments = moments[:, dim + 1 :].reshape(-1, dim, dim)
+        scatter = second_moments - near_weight[:, None, None] * _outer(offsets)
+        return weight, near_weight, centre + offsets, scatter / weight[:, None, None]
 
     def joined(self, other: StudentMixture, share: float) -> StudentMixture:
-        """This mixture with another one, of the same degrees of freedom, which takes a share."""
+        """This mixture with another one of the same degrees of freedom, which has the `share`."""
         return StudentMixture(
             np.concatenate([(1.0 - share) * self.weights, share * other.weights]),
             np.concatenate([self.means, other.means]),
@@ -156,33 +163,35 @@ class StudentMixture:
     def _distances(self, x: FloatArray) -> FloatArray:
         """1 + (squared Mahalanobis distance) / df to every component, shape (J, N)."""
         dim = x.shape[1]
-        points = np.empty((dim + 1, len(x)))
+        points = np.empty((dim + 1, len(x)))  # columns (1, x)
         points[0] = 1.0
         points[1:] = x.T
-        white = (self._whiteners @ points).reshape(dim, -1, len(x))
+        white = (self._whiteners @ points).reshape(dim, -1, len(x))  # (D, J, N)
         return np.einsum("djn,djn->jn", white, white) + 1.0
 
-    def _kernel(self, u: FloatArray) -> FloatArray:
+    def _kernel(self, distances: FloatArray) -> FloatArray:
         """The density over that at the mean, from :meth:`_distances`."""
-        return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
+        return 1.0 / _power(distances, (self.df + self.means.shape[1]) // 2)
 
 
 def _blocks(size: int) -> list[slice]:
+    """Slices of at most `_BLOCK` rows that cover `size` rows."""
     return [slice(i, i + _BLOCK) for i in range(0, size, _BLOCK)]
 
 
-def _power(u: FloatArray, exponent: int) -> FloatArray:
-    """Whole power, at least 1, by repeated squaring.
+def _power(base: FloatArray, exponent: int) -> FloatArray:
+    """A whole power, at least the first one, by repeated squaring.
 
-    A few multiplications, where numpy's own power takes a logarithm.
+    It takes a few multiplications, where numpy's own power takes a logarithm.
     """
     if exponent == 1:
-        return u
-    half = _power(u, exponent // 2)
-    return half * half * u if exponent % 2 else half * half
+        return base
+    half = _power(base, exponent // 2)
+    return half * half * base if exponent % 2 else half * half
 
 
 def _outer(vectors: FloatArray) -> FloatArray:
+    """The matrix v v' of each vector, (n, d) -> (n, d, d)."""
     return vectors[:, :, None] * vectors[:, None, :]
 
 
@@ -207,14 +216,14 @@ class WeightedDraws:
 
     @cached_property
     def shares(self) -> FloatArray:
-        """The same as numbers that sum to 1."""
+        """The weights, divided by their sum, shape (draws,)."""
         log_weights = self.log_weights
         weights = np.exp(log_weights - log_weights.max())
         return weights / weights.sum()
 
     @property
     def effective_number(self) -> float:
-        """Effective number of draws."""
+        """Effective number of draws, see :func:`effective_number`."""
         return effective_number(self.shares)
 
     @property
@@ -229,13 +238,15 @@ class WeightedDraws:
 
     @property
     def standard_error(self) -> float:
-        """Standard error of the mean weight, relative to it."""
-        # 1/(effective number) - 1/size without its cancellation.
+        """Standard error of the log evidence: that of the mean weight, relative to it.
+
+        Its square is 1/(effective number) - 1/(number of draws), here without cancellation.
+        """
         deviations = self.shares - 1.0 / len(self.x)
         return float(np.linalg.norm(deviations))
 
     def resampled(self, rng: AnyRng, size: int) -> FloatArray:
-        """Draws by their shares, so of equal weight, shape (size, k)."""
+        """Draws of equal weight, shape (size, k), chosen by their shares."""
         return self.x[rng.choice(len(self.x), size, p=self.shares)]
 
     def joined(self, other: WeightedDraws) -> WeightedDraws:
@@ -243,7 +254,7 @@ class WeightedDraws:
         return WeightedDraws(*map(np.concatenate, zip(self.columns, other.columns, strict=True)))
 
     def part(self, rows: slice) -> WeightedDraws:
-        """Some of the draws, without a copy."""
+        """Some of the draws, as views of the arrays."""
         return WeightedDraws(*(column[rows] for column in self.columns))
 
 
@@ -253,13 +264,13 @@ def effective_number(weights: FloatArray) -> float:
 
 
 def tempered(log_weights: FloatArray, least: float) -> FloatArray:
-    """Normalised weights w^beta.
+    """Weights to the power beta, divided by their sum.
 
-    beta is the largest number up to 1, on a geometric grid, that leaves `least` effective draws.
+    beta is the first of 1, 0.8, 0.8^2 and so on that leaves `least` effective draws.
     """
-    below = log_weights - log_weights.max()
-    for power in 0.8 ** np.arange(200):
-        weights = np.exp(power * below)
+    below_largest = log_weights - log_weights.max()
+    for beta in 0.8 ** np.arange(200):
+        weights = np.exp(beta * below_largest)
         if effective_number(weights) >= least:
             break
     return weights / weights.sum()

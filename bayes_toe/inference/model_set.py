@@ -18,7 +18,7 @@ from bayes_toe.inference.mixture import WeightedDraws
 
 @dataclass(frozen=True, eq=False)
 class ModelSet:
-    """Models of the same answers.
+    """Models of the same responses.
 
     Attributes
     ----------
@@ -70,6 +70,7 @@ class ModelSet:
 
     @property
     def _log_joint(self) -> FloatArray:
+        """Log of the prior probability times the evidence, shape (models,)."""
         return self.log_evidence + np.log(self.prior_probabilities)
 
     def probability(self, is_chosen: BoolArray) -> float:
@@ -91,11 +92,14 @@ class ModelSet:
         return float(log_mean_with - log_mean_without)
 
     def bayes_factor_error(self, has_effect: BoolArray) -> float:
-        """The standard error of :meth:`log_bayes_factor`."""
+        """The standard error of :meth:`log_bayes_factor`.
+
+        The error of a log mean follows from those of its terms by their shares in it.
+        """
         variance = 0.0
-        for side in (has_effect, ~has_effect):
-            shares = softmax(self.log_evidence[side])
-            variance += float(np.square(shares * self.standard_error[side]).sum())
+        for is_chosen in (has_effect, ~has_effect):
+            shares = softmax(self.log_evidence[is_chosen])
+            variance += float(np.square(shares * self.standard_error[is_chosen]).sum())
         return variance**0.5
 
     def weights(self, is_chosen: BoolArray) -> FloatArray:
@@ -134,7 +138,9 @@ class AveragedDraws:
 def weighted_quantiles(
     values: FloatArray, weights: FloatArray, probabilities: Sequence[float]
 ) -> list[float]:
-    """Quantiles of weighted values, (draws,) each, with the weight of a draw about its place.
+    """Quantiles of values with weights that sum to 1, (draws,) each.
+
+    Half of the weight of a value counts as below it. Between values the quantiles are linear.
 
     Examples
     --------
@@ -142,9 +148,9 @@ def weighted_quantiles(
     [2.0]
     """
     order = np.argsort(values, kind="stable")
-    ordered = weights[order]
-    middle = np.cumsum(ordered) - 0.5 * ordered
-    return np.interp(probabilities, middle, values[order]).tolist()
+    ordered_weights = weights[order]
+    weight_below = np.cumsum(ordered_weights) - 0.5 * ordered_weights
+    return np.interp(probabilities, weight_below, values[order]).tolist()
 
 
 def _log_sum(values: FloatArray) -> float:

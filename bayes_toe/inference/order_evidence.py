@@ -43,7 +43,7 @@ PRIOR_PROBABILITIES = np.array([*MODEL_PRIOR.values()])
 HAS_ERROR = np.array([CONSTANT_ERROR in effects for effects in ORDER_MODELS.values()])
 HAS_CONTRACTION = np.array([CONTRACTION in effects for effects in ORDER_MODELS.values()])
 HAS_EFFECT = HAS_ERROR | HAS_CONTRACTION
-EVERY_MODEL = np.ones(len(MODEL_NAMES), np.bool_)
+EVERY_MODEL = np.ones(_N_MODELS, np.bool_)
 #: Subjects whose posteriors are one array where there are many.
 BATCH = 8
 
@@ -86,7 +86,12 @@ class OrderEvidence(ModelSet):
         return OrderDraws(draws.x, draws.weights, posterior)
 
     def with_prior_scale(self, effect: Parameter, factor: float) -> ModelSet:
-        """The models where the prior of c, or of p, is `factor` times as wide."""
+        """The models where the prior of the constant error, or of p, is `factor` times as wide.
+
+        The weights of the draws are multiplied by the other prior density over this one.
+        """
+        # The last two coordinates are those of the constant error and of p. They count in widths of
+        # the prior, so that a wider prior is the same density at u / factor, but for its cut.
         if effect == CONSTANT_ERROR:
             has_effect, coordinate = HAS_ERROR, -2
             density: PriorDensity = StandardStudent()
@@ -96,7 +101,6 @@ class OrderEvidence(ModelSet):
             sd = self.prior.contraction_sd * self.subject.scales.roving_share
             density, density_of_scaled = CutNormal(1.0 / sd), CutNormal(1.0 / (factor * sd))
 
-        # Draws count by the other prior density over the prior density.
         reweighted = list(self.draws)
         for i in np.flatnonzero(has_effect):
             draws = self.draws[i]
@@ -118,7 +122,7 @@ def order_evidence(
 ) -> list[OrderEvidence]:
     """The evidences of the four models for subjects of one task.
 
-    Random streams are keyed by seed and subject.
+    Random streams depend on the seed and the subject's name.
 
     Raises
     ------
@@ -148,15 +152,16 @@ def try_order_evidence(
 ) -> list[OrderEvidence | NumericalError]:
     """:func:`order_evidence`, with the error of each subject that fails in its place.
 
-    Up to :data:`BATCH` subjects are one array, which is faster. Their number does not change the
-    results, because the subjects of an array have equally many pairs: a sum over more pairs may
-    round otherwise.
+    Up to :data:`BATCH` subjects are one array, which is faster. Subjects of one array have equally
+    many pairs: a sum over more pairs may round otherwise, and the results would depend on the other
+    subjects.
     """
-    results = dict[int, OrderEvidence | NumericalError]()
-    by_size = defaultdict[int, list[int]](list)
+    indices_by_size = defaultdict[int, list[int]](list)
     for i, subject in enumerate(subjects):
-        by_size[subject.n_pairs].append(i)
-    for indices in by_size.values():
+        indices_by_size[subject.n_pairs].append(i)
+
+    results = dict[int, OrderEvidence | NumericalError]()
+    for indices in indices_by_size.values():
         for start in range(0, len(indices), BATCH):
             batch = indices[start : start + BATCH]
             chosen = [subjects[i] for i in batch]
@@ -167,11 +172,11 @@ def try_order_evidence(
 
 
 def order_posteriors(rows: ObserverRows) -> PosteriorArray:
-    """The four posteriors of every row, one row after the other."""
+    """The posteriors of the four models for every row: four of the first row, and so on."""
     n_rows = len(rows.n_yes)
-    of_models = rows.part(np.repeat(np.arange(n_rows), _N_MODELS))
+    repeated_rows = rows.part(np.repeat(np.arange(n_rows), _N_MODELS))
     coordinates = [OrderModel(name).coordinates(rows.task) for name in MODEL_NAMES]
-    return independent_array(of_models, coordinates * n_rows)
+    return independent_array(repeated_rows, coordinates * n_rows)
 
 
 def evidences_of(
@@ -181,14 +186,15 @@ def evidences_of(
     prior: ObserverPrior,
     precision: Precision = USUAL,
 ) -> list[OrderEvidence | NumericalError]:
-    """The evidences of subjects whose four posteriors each are in an array."""
-    families = np.repeat(np.arange(len(subjects)), _N_MODELS)
+    """The evidences of subjects, from an array with the four posteriors of each subject."""
     maxima = observer_maxima(array)
-    modes, by_laplace = laplace(array, maxima)
-    mixtures = [mixture_of_maxima(*pair) for pair in zip(maxima, array.is_free, strict=True)]
+    modes, laplace_evidences = laplace(array, maxima)
+
+    mixtures = list(map(mixture_of_maxima, maxima, array.is_free))
     generators = []
-    for subject in subjects:
+    for subject in subjects:  # its four models share a generator
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
+    families = np.repeat(np.arange(len(subjects)), _N_MODELS)
     _, draws = fitted_draws(array, mixtures, generators, families, precision)
 
     results = []
@@ -199,7 +205,7 @@ def evidences_of(
             PRIOR_PROBABILITIES,
             subject=subject,
             prior=prior,
-            laplace=by_laplace[models],
+            laplace=laplace_evidences[models],
             modes=modes[models],
         )
         results.append(_finite(evidence))

@@ -47,18 +47,16 @@ class Predictor:
 
         The paper's model predicts 'equal' alone, of three answers.
         """
-        keys = np.column_stack(np.broadcast_arrays(s1, s2))
-        # A subject has each pair once, in sorted order.
-        pairs, index = np.unique(keys, axis=0, return_inverse=True)
-
-        n_trials = np.ones(len(pairs), np.int64)
-        counts = (pairs[:, 0], pairs[:, 1], n_trials, n_trials)
+        # A subject has each pair once, in sorted order. Its counts do not matter here.
+        given_pairs = np.column_stack(np.broadcast_arrays(s1, s2))
+        pairs, index = np.unique(given_pairs, axis=0, return_inverse=True)
+        counts = np.ones(len(pairs), np.int64)
         tested = self.target.subject
-        subject = Subject(tested.name, *counts, task=tested.task)
+        subject = Subject(tested.name, pairs[:, 0], pairs[:, 1], counts, counts, task=tested.task)
 
         probabilities = answer_probabilities(self.target.for_subject(subject), self.x)
         names = tested.task.answers
-        if len(probabilities) < len(names):
+        if len(probabilities) < len(names):  # the paper's model of three answers
             names = (tested.task.yes,)
         return dict(zip(names, probabilities[..., index.ravel()], strict=False))
 
@@ -73,15 +71,15 @@ def answer_probabilities(target: SubjectPosterior, x: FloatArray) -> FloatArray:
     p_yes, p_no = yes[:, :n_pairs], no[:, :n_pairs]
     if yes.shape[1] == n_pairs:  # one question
         return np.stack([p_yes, p_no])
+    # The second question, 'second' or 'first', is asked where the stimuli do not seem equal.
     return np.stack([p_yes, p_no * yes[:, n_pairs:], p_no * no[:, n_pairs:]])
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:
     """Predict P('equal') or P('second') for pairs of stimuli. Each row is a pair.
 
-    The columns are the mean and quantiles over the draws.
-
-    The bands hold what the parameters leave open, not the scatter of a finite number of answers.
+    The columns are the mean and quantiles over the draws. The quantiles show the uncertainty of the
+    parameters, without the scatter of a finite number of answers.
 
     Parameters
     ----------

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -70,7 +71,7 @@ class SamplerSettings:
         draws: with fewer, even independent ones leave quantiles in long tails too uncertain.
         """
         n_draws = max(2 * self.draws, 10_000)
-        return max(16, -(-n_draws // (self.ensembles * self.walkers)))
+        return max(16, math.ceil(n_draws / (self.ensembles * self.walkers)))
 
     @property
     def required(self) -> int:
@@ -88,23 +89,37 @@ class Chains:
 
     Every thin-th step of the final pass is kept. All earlier steps of a walker are burn-in. If the
     chains have converged and a quantile is `imprecise`, more draws make it precise.
+
+    Attributes
+    ----------
+    x : ndarray, shape (ensembles, draws, k)
+        Unconstrained coordinates, walker-major within an ensemble.
+    log_posterior : ndarray, shape (ensembles, draws)
+    acceptance : ndarray, shape (ensembles,)
+        Share of accepted proposals.
+    diagnostics : dict of Convergence
+        Of every judged quantity.
+    thin, steps : int
+        Steps of a walker for each draw of the final pass, and all its steps with the burn-in.
+    reason : str
+        The criteria that were not reached; empty where the chains have converged.
+    imprecise : str
+        The quantile that is not precise enough, and how many draws would do; empty where there is
+        none.
     """
 
-    # (ensembles, draws, k): unconstrained coordinates, walker-major within an ensemble
     x: FloatArray
-    log_posterior: FloatArray  # (ensembles, draws)
-    acceptance: FloatArray  # (ensembles,): share of accepted proposals
-    diagnostics: dict[str, Convergence]  # of every judged quantity
+    log_posterior: FloatArray
+    acceptance: FloatArray
+    diagnostics: dict[str, Convergence]
     thin: int
     steps: int
-    reason: str  # what was not reached; empty where the chains have converged
-    # the quantile that is not precise enough, and how many draws would do; empty where there is
-    # none
+    reason: str
     imprecise: str
 
     @property
     def converged(self) -> bool:
-        """Whether all criteria but that of quantiles are met."""
+        """Whether all criteria are met, except that of quantiles."""
         return not self.reason
 
 
@@ -131,35 +146,23 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
             del quantities[name]  # its ranks, and so its diagnostics, are those of another one
         diagnostics = convergence_of(quantities)
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
-        imprecise = ""
-        is_hopeless = False
+        imprecise, is_hopeless = "", False
         if not reason:
             natural = {name: quantities[name] for name in posterior.names.natural}
-            imprecise, is_hopeless = _uncertain_quantile(
-                natural, diagnostics, settings.max_quantile_error
-            )
+            limit = settings.max_quantile_error
+            imprecise, is_hopeless = _uncertain_quantile(natural, diagnostics, limit)
 
         is_reached = not reason and not imprecise
         if is_reached or is_hopeless or thin >= settings.max_thin:
-            return Chains(
-                x,
-                log_posterior,
-                acceptance,
-                diagnostics,
-                thin,
-                steps,
-                reason,
-                imprecise,
-            )
-
+            return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, reason, imprecise)
         thin = min(2 * thin, settings.max_thin)
 
 
 def burn_in(fitted: Fitted) -> int:
     """Steps before the first pass, at most 8.
 
-    Without this limit about one walker in a thousand would still stand where it started. The share
-    of steps at which a walker moves is about the efficiency of the proposal.
+    Without this limit about one walker in a thousand would still stand where it started: a walker
+    moves at a step with a probability of about the efficiency of the proposal.
     """
     if not fitted.is_trusted:
         return 8
@@ -175,24 +178,24 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
     ten-thousandths of the posterior, far less than the Monte Carlo error of as many draws.
     """
 
-    def __init__(self, fitted: Fitted, first: WeightedDraws) -> None:
+    def __init__(self, fitted: Fitted, first_draws: WeightedDraws) -> None:
         self.fitted = fitted
-        self._left = first
+        self._unused_draws = first_draws
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
         """One step of all walkers, as emcee asks for it."""
         n_walkers = len(state.coords)
-        if len(self._left.x) < n_walkers:
-            self._left = self.fitted.fresh(model.random, max(n_walkers, _BATCH))
-        fresh = self._left.part(slice(n_walkers))
-        self._left = self._left.part(slice(n_walkers, None))
+        if len(self._unused_draws.x) < n_walkers:
+            self._unused_draws = self.fitted.fresh(model.random, max(n_walkers, _BATCH))
+        draws = self._unused_draws.part(slice(n_walkers))
+        self._unused_draws = self._unused_draws.part(slice(n_walkers, None))
 
         log_proposal = state.blobs  # of the mixture where the walkers stand: see compute_log_prob
         log_weights = state.log_prob - log_proposal
-        log_ratio = fresh.log_weights - log_weights
-        is_accepted = np.log(model.random.rand(len(fresh.x))) < log_ratio
-        coordinates = fresh.x[:, self.fitted.target.is_free]
-        proposed = emcee.State(coordinates, fresh.log_posterior, fresh.log_proposal)
+        log_ratio = draws.log_weights - log_weights
+        is_accepted = np.log(model.random.rand(n_walkers)) < log_ratio
+        coordinates = draws.x[:, self.fitted.target.is_free]
+        proposed = emcee.State(coordinates, draws.log_posterior, draws.log_proposal)
         return self.update(state, proposed, is_accepted), is_accepted
 
 
@@ -213,7 +216,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         n_each = len(fitted.draws.x) // settings.ensembles
         first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
         share_local = 0.8
-        if fitted.is_trusted:
+        if fitted.is_trusted:  # 2 to 32 %
             share_local = 0.02 + 0.3 * (1.0 - fitted.efficiency)
 
         super().__init__(
@@ -237,22 +240,23 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
     def advance(self, thin: int, n_steps: int) -> tuple[FloatArray, FloatArray, float]:
         """Draws of one pass, (walkers x steps, k), walker-major, log densities and acceptance.
 
-        Both are in the coordinates of the posterior.
+        Draws and densities are in the coordinates of the posterior, not of the mixture.
         """
         self.reset()
         self._state = self._run(self._state, n_steps, thin_by=thin)
 
-        chain = self.get_chain()
+        chain = self.get_chain()  # (steps, walkers, k)
         walker_major = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
-        x, log_volume = self._fitted.original(self._fitted.target.full_points(walker_major)[0])
+        w = self._fitted.target.full_points(walker_major)[0]
+        x, log_volume = self._fitted.original(w)
         log_density = self.get_log_prob().T.ravel() + log_volume
         return x, log_density, float(np.mean(self.acceptance_fraction))
 
     def compute_log_prob(self, coords: FloatArray) -> ArrayPair:
         """Log posterior density, and the log density of the mixture, (points,) each.
 
-        emcee keeps the second with a walker, as its blob: a global move needs it where the walker
-        stands.
+        emcee stores the second with each walker, as its blob: a global move needs it where the
+        walker stands.
         """
         w = self._fitted.target.full_points(coords)
         (log_prior,), (log_posterior,) = self._fitted.array.densities(w)
@@ -262,28 +266,32 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         return log_posterior, self._fitted.mixture.log_density(w[0], log_prior)
 
     def _run(self, state: Any, steps: int, **options: Any) -> Any:
-        # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may
-        # be so thin (100 million trials), and global moves leave the plane.
+        """The state after further steps.
+
+        emcee would refuse walkers that are close to one plane, which local moves cannot leave. A
+        posterior may be so thin (100 million trials), and global moves do leave the plane.
+        """
         return self.run_mcmc(state, steps, skip_initial_state_check=True, **options)
 
     def _dispersed(self, random: np.random.RandomState) -> emcee.State:
-        """Starting points wider than the posterior: draws, blown up about the posterior mean.
+        """Starting points wider than the posterior: draws, at twice the distance from the mean.
 
-        Points of zero density are drawn again: emcee would leave such walkers there for good,
-        without a word.
+        A point of zero density is replaced: emcee would leave a walker there for good, without a
+        word.
         """
         draws = self._fitted.draws
         is_free = self._fitted.target.is_free
         mean = (draws.shares @ draws.x)[is_free]
 
-        start = np.empty((0, self.ndim))
-        while len(start) < self.nwalkers:
-            chosen = draws.resampled(random, self.nwalkers)[:, is_free]
-            jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
-            points = mean + 2.0 * (chosen + jitter - mean)  # four times the posterior's variance
+        starts = np.empty((0, self.ndim))
+        while len(starts) < self.nwalkers:
+            resampled = draws.resampled(random, self.nwalkers)[:, is_free]
+            # Resampled points repeat, and walkers must not.
+            jitter = 0.1 * (resampled - resampled[::-1])
+            points = mean + 2.0 * (resampled + jitter - mean)
             is_finite = np.isfinite(self.compute_log_prob(points)[0])
-            start = np.concatenate([start, points[is_finite]])
-        return emcee.State(start[: self.nwalkers])
+            starts = np.concatenate([starts, points[is_finite]])
+        return emcee.State(starts[: self.nwalkers])
 
 
 def _uncertain_quantile(
@@ -293,22 +301,26 @@ def _uncertain_quantile(
 
     The text is empty if that quantile is precise enough. A longer run keeps as many draws, and
     cannot help if as many independent draws would not be enough.
+
+    `natural` has the draws of the natural quantities, and `limit` is that of
+    :attr:`SamplerSettings.max_quantile_error`.
     """
     errors = {}
-    for name, values in natural.items():
-        errors[name] = tail_error(values, diagnostics[name].ess_tail)
+    for name, draws in natural.items():
+        errors[name] = tail_error(draws, diagnostics[name].ess_tail)
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
 
-    values = natural[worst]
-    # A user asks for half of the draws that are kept. The aim is 85 % of the largest error.
-    n_required = values.size / 2 * (errors[worst] / (0.85 * limit)) ** 2
+    # The error goes as one over the root of the number of draws. A user asks for half of the draws
+    # that are kept, and gets a number with two digits whose error is 85 % of the limit.
+    draws = natural[worst]
+    n_required = draws.size / 2 * (errors[worst] / (0.85 * limit)) ** 2
     unit = 10 ** (int(np.log10(n_required)) - 1)  # of the second digit
     n_rounded = int(np.ceil(n_required / unit)) * unit
     reason = (
         f"a 5 or 95 % quantile of {worst} is uncertain by {errors[worst]:.3f} of the range between "
         f"them, below {limit:g} wanted: {n_rounded:,} draws would do"
     )
-    is_hopeless = not tail_error(values, values.size) < limit
+    is_hopeless = not tail_error(draws, draws.size) < limit  # also where the error is NaN
     return reason, is_hopeless

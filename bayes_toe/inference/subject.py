@@ -1,7 +1,7 @@
-"""The steps of the analysis of one subject under one model.
+"""The analysis of one subject under one model.
 
-They are a fitted mixture, chains, evidence and goodness of fit. `fitted_result` runs those that an
-`AnalysisRequest` names. `subject_draws` makes the arrays that a file stores.
+Its steps are a fitted mixture, chains, goodness of fit and evidence. `fitted_result` runs those
+that an `AnalysisRequest` names. `subject_draws` makes the arrays that a file stores.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ SummaryRow: TypeAlias = tuple[str | float, ...]
 class Settings:
     """Everything that decides the numbers, stored with the results.
 
-    Streams are keyed by the seed, the subject's name and the model's.
+    Random streams depend on the seed, the subject's name and the model's name.
     """
 
     seed: int
@@ -73,10 +73,18 @@ class Settings:
 
 @dataclass(frozen=True)
 class AnalysisRequest:
-    """The results that are wanted for a subject."""
+    """The results that are wanted for a subject.
 
-    chains: SamplerSettings | None = None  # posterior draws by these; with them, goodness of fit
-    evidence_draws: int = 0  # independent ones behind the evidence; 0 for no evidence
+    Attributes
+    ----------
+    chains : SamplerSettings or None
+        Posterior draws with these settings, and goodness of fit; neither for None.
+    evidence_draws : int
+        Independent draws behind the evidence; 0 for no evidence.
+    """
+
+    chains: SamplerSettings | None = None
+    evidence_draws: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,16 +108,16 @@ class SubjectResult:
 def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest) -> SubjectResult:
     """The results that a request asks for of one posterior."""
     key = seed, target.subject.name, target.model.name
-    # Fewer draws judge a mixture where no chains follow.
+    # Fewer draws judge a mixture where no chains follow: chains begin with the draws that judged.
     judging_draws = 4000 if request.chains is None else SHARP.most_draws
     fitted = fit_posterior(target, generator(*key, "proposal"), judging_draws)
 
     chains, fit, evidence = None, None, None
     if request.chains is not None:
         chains = sample_chains(fitted, request.chains, seed)
-        fit = summarise_fit(target, chains.x.reshape(-1, chains.x.shape[-1]), fitted.maximum)
-
-    if request.evidence_draws:
+        draws = chains.x.reshape(-1, chains.x.shape[-1])
+        fit = summarise_fit(target, draws, fitted.maximum)
+    if request.evidence_draws > 0:
         evidence = _evidence(fitted, key, request.evidence_draws)
     return SubjectResult(fitted, evidence, chains, fit)
 
@@ -117,39 +125,47 @@ def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest)
 def _evidence(fitted: Fitted, key: tuple[int, str, str], size: int) -> Evidence:
     """The evidence by draws that chose no mixture.
 
-    They are many draws of a further mixture, or of another one, where the weights of the first
-    cannot be trusted.
+    Where their weights cannot be trusted, up to two further mixtures are fitted, with more draws.
     """
     evidence = importance_evidence(fitted.fresh(generator(*key, "evidence"), size))
-    n_many = max(20_000, size)
     for attempt in range(2):
         if evidence.value is not None:
             break
         rng = generator(*key, f"further mixture {attempt}")
-        fitted = fit_posterior(fitted.target, rng, 20_000)
-        evidence = importance_evidence(fitted.fresh(rng, n_many))
+        fitted = fit_posterior(fitted.target, rng, judging_draws=20_000)
+        evidence = importance_evidence(fitted.fresh(rng, max(20_000, size)))
     return evidence
 
 
-# --- What a file of draws keeps, and tables say ---------------------------------------------------
+# --- Draws for a file, and rows for a table -------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class SubjectDraws:
-    """Draws of one subject under one model, and what is said of them."""
+    """Draws of one subject under one model, and the statistics of their quality.
+
+    Attributes
+    ----------
+    subject : Subject
+    quantities : dict of ndarray, shape (chains, draws)
+        The natural quantities, from which all others follow, and "lp", the log posterior density of
+        the unconstrained coordinates.
+    acceptance : ndarray, shape (chains,)
+    statistics : mapping
+        By column: convergence, effort, quality of the proposal and of the fit.
+    summary : tuple of tuple
+        Rows with the columns of summary.csv; empty where not asked for.
+    """
 
     subject: Subject
-    # (chains, draws): the natural ones, from which all others follow, and lp, the log posterior
-    # density of the unconstrained coordinates
     quantities: NamedArrays
-    acceptance: FloatArray  # (chains,)
-    # by column: convergence, effort, quality of the proposal and of the fit
+    acceptance: FloatArray
     statistics: Mapping[str, float | int | str]
-    summary: tuple[SummaryRow, ...]  # with the columns of summary.csv; empty where not asked for
+    summary: tuple[SummaryRow, ...]
 
 
 def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
-    """The draws of a result with chains, with or without rows of a summary."""
+    """The draws of a result that has chains, with or without rows of a summary."""
     target = result.fitted.target
     chains = cast(Chains, result.chains)
     quantities = target.quantities(chains.x)
@@ -169,18 +185,13 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         **{column: getattr(result.fit, column) for column in FIT_COLUMNS},
     }
 
-    rows: tuple[SummaryRow, ...] = ()
+    summary: tuple[SummaryRow, ...] = ()
     if summarised:
         reported = {name: quantities[name] for name in target.names.reported}
-        rows = summary_rows(target, reported, chains.diagnostics)
+        summary = summary_rows(target, reported, chains.diagnostics)
 
-    return SubjectDraws(
-        result.subject,
-        natural | {"lp": chains.log_posterior},
-        chains.acceptance,
-        statistics,
-        rows,
-    )
+    stored = natural | {"lp": chains.log_posterior}
+    return SubjectDraws(result.subject, stored, chains.acceptance, statistics, summary)
 
 
 def summary_rows(
@@ -188,13 +199,13 @@ def summary_rows(
     values: NamedArrays,
     convergences: Mapping[str, Convergence] | None = None,
 ) -> tuple[SummaryRow, ...]:
-    """Rows with the columns of summary.csv from values of shape (chains, draws).
+    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws).
 
-    `convergences` has those that are computed already.
+    `convergences` has the diagnostics that are computed already.
     """
-    by_name = dict(convergences or {})
-    missing = {name: draws for name, draws in values.items() if name not in by_name}
-    by_name |= convergence_of(missing)
+    diagnostics = dict(convergences or {})
+    missing = {name: draws for name, draws in values.items() if name not in diagnostics}
+    diagnostics |= convergence_of(missing)
 
     errors = errors_of(values)
     rows = []
@@ -202,7 +213,7 @@ def summary_rows(
         moments = draws.mean(), draws.std(ddof=1)
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
         contraction = posterior_contraction(target, name, quantiles[0], quantiles[-1])
-        numbers = *moments, *quantiles, *by_name[name], contraction, *errors[name]
+        numbers = *moments, *quantiles, *diagnostics[name], contraction, *errors[name]
         rows.append((target.subject.name, name, *numbers))
 
     return tuple(rows)

@@ -27,15 +27,7 @@ def saddle(x, index):
 
 def test_a_saddle_is_left_uphill():
     result = ascend(saddle, np.array([[1e-6, 0.5], [-1e-6, 0.5], [0.3, 0.5]]))
-    assert result.has_converged.all()
     assert np.abs(result.x[:, 0]) == pytest.approx(np.full(3, 0.5**0.5), abs=1e-6)
-
-
-def test_what_does_not_converge_says_so():
-    def slope(x, index):
-        return Expansion(x[:, 0], np.ones_like(x), np.zeros((len(x), 1, 1)))
-
-    assert not ascend(slope, np.zeros((3, 1)), most_steps=20).has_converged.any()
 
 
 @pytest.mark.parametrize("name", ["funnel", "maximum on gamma = 1", "400 pairs with 3 trials"])
