@@ -196,7 +196,7 @@ def simulate(observer: Observer, kind: str, n_levels: int, repeats: int, rng: Rn
         block,
         tuple("12345"),
         has_trial_rows=True,
-        position=np.arange(n_trials),
+        place=np.arange(n_trials),
     )
     return Subject.from_answers(observer.name, answers, observer.task)
 

@@ -62,7 +62,7 @@ def observer(truth: str, n_trials: int, number: int, seed: int) -> Subject:
 
     # The numbers of the trials leave a gap between the sessions.
     place = trial + (trial >= n_trials // 2)
-    answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, position=place)
+    answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, place=place)
     return Subject.from_answers(name, answers, WHICH_STRONGER)
 
 

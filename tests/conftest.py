@@ -104,7 +104,7 @@ def answers_in_order(subject):
     """The rows of a subject in their order: block, * where a session begins, pair, yes/trials."""
     answers, rows = subject.answers, []
     starts = np.where(answers.is_session_start, "*", "")
-    for i, (s1, s2) in enumerate(answers.pairs.tolist()):
+    for i, (s1, s2) in enumerate(answers.keys.tolist()):
         block = answers.blocks[answers.block[i]]
         rows.append(f"block {block}{starts[i]} {s1} {s2} {answers.n_yes[i]}/{answers.n_trials[i]}")
     return rows

@@ -22,7 +22,7 @@ def neighbouring_pairs(task, repeats=1):
 
 def in_order(keys, n_yes, position, task=WHICH_STRONGER, name="S"):
     """A subject of trials at these positions."""
-    answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, position=position)
+    answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, place=position)
     return Subject.from_answers(name, answers, task)
 
 

@@ -245,7 +245,7 @@ class ContrastTable(Table[Difference]):
 
     def sentences(self) -> list[str]:
         """The conditions, and in how many subjects each quantity differs; each counts once."""
-        column, _, levels = self.conditions.description.partition(": ")
+        column, _, levels = self.conditions.about.partition(": ")
         lines = [f"Condition {column}: {levels}."]
         for quantity in self.quantities:
             first: dict[str, Difference] = {}

@@ -223,7 +223,7 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     if n_rows < 2 * _WINDOW:
         return None
 
-    rows = np.column_stack([answers.pairs, answers.counts.T])
+    rows = np.column_stack([answers.keys, answers.counts.T])
     _, codes = np.unique(rows, axis=0, return_inverse=True)
     lag = _lag_to_first_copy(codes.ravel())
     run_start = run_starts(lag)
@@ -261,7 +261,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     The probability of an answer is that of its pair, or that of a right answer if this says less.
     """
     n, k = subject.n_trials, subject.n_yes
-    _, index = np.unique(answers.pairs, axis=0, return_inverse=True)
+    _, index = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
     of_right = _agreement(np.array(n_right), np.array(n[right != 0].sum()))
@@ -406,7 +406,7 @@ class AnswerTable:
 
 def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTable:
     """The answers to each pair of a subject by column."""
-    _, row = np.unique(answers.pairs, axis=0, return_inverse=True)
+    _, row = np.unique(answers.keys, axis=0, return_inverse=True)
     n, k = np.zeros((2, subject.n_pairs, column.max() + 1), np.int64)
     np.add.at(n, (row.ravel(), column), answers.n_trials)
     np.add.at(k, (row.ravel(), column), answers.n_yes)

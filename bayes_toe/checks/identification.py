@@ -127,12 +127,12 @@ def _no_contraction(
 
 def _order_fills_blocks(answers: Answers) -> bool:
     """Whether each block, each session or each long stretch of trials holds only one order."""
-    order = _order_sign(answers.pairs[:, 0], answers.pairs[:, 1])
+    order = _order_sign(answers.keys[:, 0], answers.keys[:, 1])
     is_unequal = order != 0
     order, n_trials = order[is_unequal], answers.n_trials[is_unequal]
     if answers.block is not None and _holds_one_order(answers.block[is_unequal], order, n_trials):
         return True
-    if answers.position is None:
+    if answers.place is None:
         return False
     session = np.cumsum(answers.is_session_start)[is_unequal]
     if _holds_one_order(session, order, n_trials):

@@ -29,7 +29,7 @@ class Answers:
 
     Parameters
     ----------
-    pairs : array, shape (rows, 2)
+    keys : array, shape (rows, 2)
         The stimuli of each row: s1 and s2 (natural-log intensities).
     n_yes, n_trials : array of int, shape (rows,)
         The answers that the task counts and all answers, of which a trial has one, or none where
@@ -39,7 +39,7 @@ class Answers:
     blocks : tuple of str
     has_trial_rows : bool
         Whether rows are trials.
-    position : array of int, shape (rows,), or None
+    place : array of int, shape (rows,), or None
         Positions of trials in their order; None if it is not known. They rise by one within a
         session; a gap is the start of a session.
     iti : array, shape (rows,), or None
@@ -50,13 +50,13 @@ class Answers:
         Of three answers: how often 'second' was one of the n_trials - n_yes that are not 'equal'.
     """
 
-    pairs: FloatArray
+    keys: FloatArray
     n_yes: IntArray
     n_trials: IntArray
     block: IntArray | None = None
     blocks: tuple[str, ...] = ()
     has_trial_rows: bool = False
-    position: IntArray | None = None
+    place: IntArray | None = None
     iti: FloatArray | None = None
     span: tuple[int, int] | None = None
     n_second: IntArray | None = None
@@ -86,25 +86,25 @@ class Answers:
         The rows are sorted by s1, then by s2.
         """
         rows = np.flatnonzero(self.n_trials)
-        s1, s2 = self.pairs[rows].T
+        s1, s2 = self.keys[rows].T
         rows = rows[np.lexsort((s2, s1))]  # sorts by the last key first
 
-        starts = run_starts(*self.pairs[rows].T)
+        starts = run_starts(*self.keys[rows].T)
         sums = self.named_counts
         for name, counts in sums.items():
             sums[name] = np.add.reduceat(counts[rows], starts)
-        return Answers(self.pairs[rows[starts]], **sums)
+        return Answers(self.keys[rows[starts]], **sums)
 
     @property
     def is_session_start(self) -> BoolArray:
         """The rows at which a new block or session begins, shape (rows,).
 
-        There, the position of a row is not one more than that of the row before.
+        There, the place of a row is not one more than that of the row before.
         """
-        if self.position is None:
+        if self.place is None:
             return np.ones(len(self.n_trials), bool)
-        position_before = self.position[:1] - 2  # a gap, since the first row begins a session
-        return np.diff(self.position, prepend=position_before) != 1
+        place_before = self.place[:1] - 2  # a gap, since the first row begins a session
+        return np.diff(self.place, prepend=place_before) != 1
 
     def rows_of(self, blocks: Texts) -> BoolArray:
         """Whether each row is in one of these blocks; all rows are if no block is named.
@@ -142,7 +142,7 @@ class Answers:
     def excluding(self, rows: BoolArray) -> Answers:
         """A copy without these rows.
 
-        A session starts after each row that is left out, since the positions have a gap there.
+        A session starts after each row that is left out, since the places have a gap there.
         """
         columns = dict[str, Any]()
         for key, values in vars(self).items():

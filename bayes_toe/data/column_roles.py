@@ -2,7 +2,7 @@
 
 `with_likely_columns` finds columns with similar names. `columns_to_read` has the columns to read,
 the problems of their names, and the options that solve them. `VOCABULARY` has the words of other
-labs.
+labs. A role is our name of a column, such as 's1'; a name is that in the file.
 
 A subject, a response or a count is read from a column with another name if exactly one name is
 similar. Stimuli are not: a column such as `stim1` may hold intensities or their logarithms.
@@ -189,9 +189,10 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     >>> taken_out_texts("status", ["ok", "aborted"]), taken_out_texts("rejected", ["0", "3"])
     (['aborted'], [])
     """
+    # A column such as 'rejected' says so by 1, and a column such as 'valid' by 0.
     by_1 = VOCABULARY["taken_out"]["by_1"]
     by_0 = VOCABULARY["taken_out"]["by_0"]
-    words = {*by_1}  # 'aborted' says so in each column
+    words = {*by_1}  # a cell 'aborted' says so in each column
     plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))  # 'is_valid' is 'valid'
     if is_flag(texts) and plain in by_1:
         words |= TRUE_WORDS
@@ -321,8 +322,8 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     """
     roles = (*_ALL_COUNTS, "n_correct", "response")
     present = {role for role in roles if options.name(role) in names}
-    if "n_trials" in present and len(present) == 2:
-        return {}  # the file has what it counts
+    if "response" in present or ("n_trials" in present and len(present) == 2):
+        return {}  # the file has responses, or trials and a count
 
     counts = _likely(names, options, _ALL_COUNTS)
     response = _likely(names, options, ("response",))
@@ -336,7 +337,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
         # Trials and one count are not responses, whatever another column is named.
         may_be_counts = len(answer_roles - {"n_first"}) == 2
 
-    if may_be_counts and "response" not in present:
+    if may_be_counts:
         return counts
     return {} if present else response
 
@@ -347,12 +348,12 @@ def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[st
     unused = _STIMULI if options.has_standard else ()
     names_in_use = {options.name(role) for role in COLUMNS if role not in unused}
     free = [name for name in names if name not in names_in_use]
-    likely = {}
+    name_by_role = {}
     for role in roles:
         candidates = names_like(free, role)
         if len(candidates) == 1 and role not in options.columns and role not in names:
-            likely[role] = candidates[0]
-    return likely
+            name_by_role[role] = candidates[0]
+    return name_by_role
 
 
 # --- What is read, and what is wrong with the names -----------------------------------------------
@@ -393,9 +394,9 @@ def columns_to_read(
         )
         return roles_read, problems, [*_order_remedies(columns)]
 
-    finding, unit = _unit_by_name(names, options)
-    if finding:
-        return roles_read, [*problems, finding], unit_remedies(unit)
+    problem, unit = _unit_by_name(names, options)
+    if problem:
+        return roles_read, [*problems, problem], unit_remedies(unit)
 
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)

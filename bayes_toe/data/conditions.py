@@ -139,7 +139,7 @@ class Conditions:
         return columns * np.where(columns[-1] < 0.0, -1.0, 1.0)
 
     @property
-    def description(self) -> str:
+    def about(self) -> str:
         """The column and its levels in words."""
         names = list(map(display_name, self.levels))
         levels = f"{plural(len(names), 'level')}, {join_names(names)}"

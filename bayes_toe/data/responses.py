@@ -264,7 +264,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
     if "-1" in answers - codes and len(answers) > 2 and has_known_words:
         missed += [text for text in column.texts if _plain(text) == "-1"]
-    return list(dict.fromkeys(missed))
+    return missed
 
 
 def without_missed(
@@ -390,8 +390,8 @@ def _two_tasks(finding: str, task_column: Column | None) -> Question:
     remedies = []
     if task_column is not None:
         for text, task in tasks_named(task_column.texts).items():
-            pair = (task_column.name, text)
-            remedies.append(Remedy("where", (pair,), f"for the task {task.name!r}"))
+            meaning = f"for the task {task.name!r}"
+            remedies.append(Remedy("where", ((task_column.name, text),), meaning))
     return problem, remedies
 
 

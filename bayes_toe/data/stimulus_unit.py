@@ -77,7 +77,7 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     ('', None)
     """
     stimuli = np.concatenate([first, second])
-    low, high = float(stimuli.min()), float(stimuli.max())
+    low, high = stimuli.min(), stimuli.max()
     if low > _LARGEST_LOG and (stimuli % 1.0 == 0.0).all():
         return f"whole numbers from {low:g} to {high:g}", None
     steps = np.abs(second - first)

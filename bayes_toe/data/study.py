@@ -110,7 +110,7 @@ class Subject:
         rows = counted_rows(
             self.name, (self.s1, self.s2), self.n_yes, self.n_trials, self._all_n_second()
         )
-        s1, s2 = rows.pairs.T
+        s1, s2 = rows.keys.T
         order = np.lexsort((s2, s1))  # by s1, then by s2: results do not depend on the file's order
         for name, values in {"s1": s1, "s2": s2, **rows.named_counts}.items():
             sorted_values = values[order]
@@ -122,7 +122,7 @@ class Subject:
 
         if self.answers is not None:
             sums = self.answers.sums
-            has_pairs = np.array_equal(sums.pairs, rows.pairs[order])
+            has_pairs = np.array_equal(sums.keys, rows.keys[order])
             # A copy with other counts does not keep the answers.
             if not has_pairs or not np.array_equal(sums.counts, rows.counts[:, order]):
                 object.__setattr__(self, "answers", None)
@@ -174,7 +174,7 @@ class Subject:
         [3]
         """
         sums = counted_rows(name, (s1, s2), n_yes, n_trials, n_second).sums
-        return cls(name, *sums.pairs.T, **sums.named_counts, task=task, unit=unit)
+        return cls(name, *sums.keys.T, **sums.named_counts, task=task, unit=unit)
 
     @classmethod
     def from_trials(
@@ -225,7 +225,7 @@ class Subject:
     ) -> Subject:
         """A subject from rows as they were given, which it keeps."""
         sums = answers.sums
-        return cls(name, *sums.pairs.T, **sums.named_counts, task=task, unit=unit, answers=answers)
+        return cls(name, *sums.keys.T, **sums.named_counts, task=task, unit=unit, answers=answers)
 
     @property
     def scales(self) -> StimulusScales:

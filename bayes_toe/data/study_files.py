@@ -272,7 +272,7 @@ def _copies(name: str, studies: Sequence[Study]) -> Iterator[str]:
         answers = study[name].answers
         if answers is None or not answers.has_trial_rows or len(answers.n_yes) < 20:
             continue
-        content = answers.pairs.tobytes(), answers.counts.tobytes()
+        content = answers.keys.tobytes(), answers.counts.tobytes()
         earlier = first_source.setdefault(content, study.source)
         if earlier != study.source:
             trials = f"{len(answers.n_yes)} trials of subject {display_name(name)}"
@@ -285,23 +285,23 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
     Files are blocks; a block of a file is one of its own, whose name begins with the file.
     """
     block_names = list[str]()
-    next_position = 0
+    next_place = 0
     files = []
     for source, in_order in answers:
-        block, position = in_order.block, in_order.position
+        block, place = in_order.block, in_order.place
         names = [source]
         if block is None:
             block = np.zeros(len(in_order.n_trials), np.int64)
         else:
             names = [f"{source}: {name}" for name in in_order.blocks]
-        if position is not None:
-            position = position - position[0] + next_position
-            next_position = position[-1] + 2  # the gap starts a session
-        files.append(replace(in_order, block=block + len(block_names), position=position))
+        if place is not None:
+            place = place - place[0] + next_place
+            next_place = place[-1] + 2  # the gap starts a session
+        files.append(replace(in_order, block=block + len(block_names), place=place))
         block_names += names
 
     columns = dict[str, Any]()
-    for key in ("pairs", "n_yes", "n_trials", "n_second", "iti", "block", "position"):
+    for key in ("keys", "n_yes", "n_trials", "n_second", "iti", "block", "place"):
         parts = [getattr(file, key) for file in files]
         if not any(part is None for part in parts):
             columns[key] = np.concatenate(parts)

@@ -75,12 +75,12 @@ def answers_in_order(
         # Rows of the same subject in other conditions stay in the sequence, without answers.
         is_own_row = subject.codes[rows] == subject.codes[answered_rows[0]]
         in_order = Answers(
-            pairs=pairs[rows],
+            keys=pairs[rows],
             **{key: np.where(is_own_row, values[rows], 0) for key, values in counts.items()},
             block=None if block_rank is None else block_rank[rows],
             blocks=blocks,
             has_trial_rows=is_trials,
-            position=place,
+            place=place,
             iti=iti,
             span=(int(answered_rows.min()), int(answered_rows.max())) if is_trials else None,
         )

@@ -111,7 +111,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     order, is_numeric = _level_order(unit_levels, options)
     units.sort(key=lambda unit: (names.index(unit.subject_name), order.index(unit.condition)))
     conditions = Conditions(column, tuple(order), is_numeric)
-    notes = (*study.notes, f"condition {conditions.description}")
+    notes = (*study.notes, f"condition {conditions.about}")
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
 
 
@@ -226,7 +226,7 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
         with_shared_scales(units),  # which also brings the units of a subject together
         " and ".join(dict.fromkeys(study.source for study in joined)),
         all(study.synthetic for study in joined),
-        (*common_notes(joined), f"condition {conditions.description}"),
+        (*common_notes(joined), f"condition {conditions.about}"),
         reading_of_all(joined),
         conditions=conditions,
     )

@@ -354,7 +354,7 @@ def _answer_trials(
     batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
     yes = rng.uniform(size=len(pair)) < p_yes
     n_trials = np.where(rng.uniform(size=len(pair)) < missed, 0, 1)
-    counts = {"n_yes": n_trials * yes, "n_trials": n_trials, "position": np.arange(len(pair))}
+    counts = {"n_yes": n_trials * yes, "n_trials": n_trials, "place": np.arange(len(pair))}
     for p in p_second:  # of three answers, 'second' where the answer is not 'equal'
         counts["n_second"] = n_trials * (~yes & (rng.uniform(size=len(pair)) < p))
     return batch, Answers(np.column_stack([s1, s2]), has_trial_rows=True, **counts)
@@ -595,7 +595,7 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
             columns["subject"] = answered.subject.removesuffix(ending)
             columns["condition"] = answered.condition
         columns |= {"batch": answered.batch, "trial": 0}
-        s1, s2 = answered.answers.pairs.T
+        s1, s2 = answered.answers.keys.T
         columns |= stimulus_columns(s1, s2, unit)
         columns |= {"response": answered.responses, "synthetic": 1}
         parts.append(pd.DataFrame(columns))

@@ -331,9 +331,9 @@ class TrialSequence:
             n_positive = answers.n_second
             n_all = answers.n_trials - answers.n_yes
         return cls(
-            first=answers.pairs[:, 0],
-            second=answers.pairs[:, 1],
-            pair=pairs.get_indexer(pd.MultiIndex.from_arrays([*answers.pairs.T])),
+            first=answers.keys[:, 0],
+            second=answers.keys[:, 1],
+            pair=pairs.get_indexer(pd.MultiIndex.from_arrays([*answers.keys.T])),
             answer=np.asarray(2.0 * n_positive - n_all, np.float64),
             is_answered=answers.n_trials > 0,
             is_session_start=answers.is_session_start,
@@ -351,7 +351,7 @@ def require_order(subject: Subject) -> Answers:
     An InputError where it is not known.
     """
     answers = subject.answers
-    if answers is None or answers.position is None:
+    if answers is None or answers.place is None:
         raise InputError(
             f"subject {subject.name!r}: a model with a history needs the order of trials, found "
             "none; allowed: rows that are trials, with a column trial (numbers, once each, or once "
@@ -382,7 +382,7 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     >>> looks_sorted(Answers(np.tile(keys, (20, 1)), ones, ones, None, (), True, np.arange(60)))
     False
     """
-    pair = np.unique(answers.pairs, axis=0, return_inverse=True)[1].ravel()
+    pair = np.unique(answers.keys, axis=0, return_inverse=True)[1].ravel()
     step = np.diff(pair)[~answers.is_session_start[1:]]
     n_changes = np.count_nonzero(step)
     n_rarer = min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))

@@ -104,7 +104,7 @@ def test_an_unknown_order_is_refused_in_a_line(study):
 
 def test_the_command_writes_the_table_and_the_figure(tmp_path):
     answers = answered(40, repeats=12, share_repeated=0.5).answers
-    frame = pd.DataFrame(answers.pairs, columns=["s1", "s2"]).assign(subject="A")
+    frame = pd.DataFrame(answers.keys, columns=["s1", "s2"]).assign(subject="A")
     frame["response"] = np.where(answers.n_yes, "second", "first")
     frame["session"], frame["trial"] = np.cumsum(answers.is_session_start), np.arange(len(frame))
     frame.to_csv(tmp_path / "trials.csv", index=False)

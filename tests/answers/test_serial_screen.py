@@ -77,9 +77,9 @@ def test_nothing_is_said_without_the_order_of_trials():
     assert screen(replace(subject, answers=None)) == SerialScreen()
 
     # Trials that are sorted by their stimuli have lost their order, too.
-    rows = np.lexsort(subject.answers.pairs.T[::-1])
+    rows = np.lexsort(subject.answers.keys.T[::-1])
     answers = subject.answers
-    sorted_answers = replace(answers, pairs=answers.pairs[rows], n_yes=answers.n_yes[rows])
+    sorted_answers = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
     assert screen(replace(subject, answers=sorted_answers)) == SerialScreen()
 
 
@@ -92,7 +92,7 @@ def test_the_first_trial_of_a_session_has_no_trial_before():
     subject = answered(6, sessions=2, share_repeated=0.2)
     rows = np.roll(np.arange(400), 200)
     answers = subject.answers
-    swapped = replace(answers, pairs=answers.pairs[rows], n_yes=answers.n_yes[rows])
+    swapped = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
     other = Subject.from_answers("swapped", swapped, subject.task)
     expected = astuple(screen(subject))[:3]
     assert astuple(screen(other))[:3] == pytest.approx(expected, rel=1e-9)

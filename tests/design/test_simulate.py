@@ -42,7 +42,7 @@ def simulated_trials(names):
 
 def test_every_batch_holds_every_pair_once_in_random_order():
     (trials,) = simulated_trials("A")
-    batches = [trials.answers.pairs[trials.batch == batch] for batch in range(1, 21)]
+    batches = [trials.answers.keys[trials.batch == batch] for batch in range(1, 21)]
     orders = {tuple(map(tuple, pairs)) for pairs in batches}
     assert len(orders) == 20
     assert all(len(set(order)) == 13 for order in orders)

@@ -33,7 +33,7 @@ def two_sessions(task=WHICH_STRONGER, n_trials=60):
     answered[rng.choice(n_trials, 5, replace=False)] = 0
     n_yes = rng.integers(0, 2, n_trials) * answered
     position = np.arange(n_trials) + (np.arange(n_trials) >= n_trials // 3)
-    answers = Answers(keys, n_yes, answered, has_trial_rows=True, position=position)
+    answers = Answers(keys, n_yes, answered, has_trial_rows=True, place=position)
     return Subject.from_answers("A", answers, task)
 
 
@@ -54,13 +54,13 @@ def log_likelihood_at(posterior, points):
 def loop_log_likelihood(subject, values, kappa, rho):
     """By the formulas of the module, trial by trial in 40 digits."""
     answers, sbar = subject.answers, float(np.average(subject.s1, weights=subject.n_trials))
-    begins = np.diff(answers.position, prepend=-2) > 1
+    begins = np.diff(answers.place, prepend=-2) > 1
     total, expectation, response = mp.mpf(0), mp.mpf(0), 0
     with mp.workdps(40):
         values = {name: mp.mpf(float(value)) for name, value in values.items()}
         p = values["contraction"]
         bare_k = definitions.criterion(values["q0"]) if "q0" in values else None
-        for t, (first, second) in enumerate(answers.pairs.tolist()):
+        for t, (first, second) in enumerate(answers.keys.tolist()):
             s1, s2 = mp.mpf(first), mp.mpf(second)
             if begins[t]:
                 expectation, response = mp.mpf(0), 0
@@ -134,5 +134,5 @@ def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     assert not looks_sorted(answers)
 
     in_order = keys[np.lexsort(keys.T[::-1])]
-    assert looks_sorted(replace(answers, pairs=in_order))
-    assert looks_sorted(replace(answers, pairs=in_order[::-1]))
+    assert looks_sorted(replace(answers, keys=in_order))
+    assert looks_sorted(replace(answers, keys=in_order[::-1]))
