@@ -100,6 +100,13 @@ class Answers:
         """The rows at which a new block or session begins, shape (rows,).
 
         There, the place of a row is not one more than that of the row before.
+
+        Examples
+        --------
+        >>> ones = np.ones(4, int)
+        >>> answers = Answers(np.zeros((4, 2)), ones, ones, place=np.array([0, 1, 3, 4]))
+        >>> answers.is_session_start.tolist()
+        [True, False, True, False]
         """
         if self.place is None:
             return np.ones(len(self.n_trials), bool)

@@ -319,6 +319,13 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     """The file's names for the responses, or for counts, if they are other names than ours.
 
     The names are empty where the file has our names, or it is not clear which columns count.
+
+    Examples
+    --------
+    >>> _likely_answers(["s1", "s2", "answer"], ReadOptions())
+    {'response': 'answer'}
+    >>> _likely_answers(["s1", "s2", "same", "total"], ReadOptions())
+    {'n_equal': 'same', 'n_trials': 'total'}
     """
     roles = (*_ALL_COUNTS, "n_correct", "response")
     present = {role for role in roles if options.name(role) in names}
@@ -452,6 +459,13 @@ def _unit_by_name(names: Texts, options: ReadOptions) -> tuple[str, str]:
     """The problem of stimuli whose names have a unit that no option gives, and that unit.
 
     Both are empty if there is no problem.
+
+    Examples
+    --------
+    >>> _unit_by_name(["s1_dB", "s2_dB"], ReadOptions(columns={"s1": "s1_dB", "s2": "s2_dB"}))
+    ('column s1_dB seems to be in dB.', 'dB')
+    >>> _unit_by_name(["i1", "i2"], ReadOptions())
+    ('columns i1 and i2 seem to be intensities.', 'a.u.')
     """
     if options.unit is not None:
         return "", ""
@@ -498,7 +512,15 @@ def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
 
 
 def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
-    """The roles of the columns of responses or counts, also of those that are missing."""
+    """The roles of the columns of responses or counts, also of those that are missing.
+
+    Examples
+    --------
+    >>> _answer_roles(["n_second"], ReadOptions()), _answer_roles(["rt"], ReadOptions())
+    (['n_second', 'n_trials'], ['response'])
+    >>> _answer_roles(["n_first", "n_second"], ReadOptions())
+    ['n_first', 'n_equal', 'n_second']
+    """
     if options.correct is not None:
         return ["correct"]
     if "n_correct" in options.columns:  # only by the option: it may count a same-different task
@@ -507,6 +529,7 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     if options.name("response") in names or not counts:
         return ["response", *counts]
 
+    # Two of three counts without their sum: the third one is missing.
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
     if n_of_three == 3 or (n_of_three == 2 and "n_trials" not in counts):
         return [*_THREE_COUNTS]
@@ -533,7 +556,14 @@ def _unordered_stimuli(names: Texts, options: ReadOptions) -> str:
 
 
 def _order_remedies(columns: Iterable[Column]) -> Iterator[Remedy]:
-    """Options to type if a table has a standard and a comparison."""
+    """Options to type if a table has a standard and a comparison.
+
+    Examples
+    --------
+    >>> column = Column.from_texts("order", ["1", "2", "1"])
+    >>> [remedy.typed for remedy in _order_remedies([column])]
+    ['--standard-interval order', '--comparison-interval order', '--standard-first']
+    """
     interval_names = []
     for column in columns:
         n_codes = sum(not is_no_response(text) for text in column.texts)
@@ -653,7 +683,13 @@ def _score_remedies(names: Texts) -> list[Remedy]:
 
 
 def _columns_remedy(free_names: Texts, roles: Texts, options: ReadOptions) -> Remedy:
-    """The option that names the columns of roles, with likely names among the free ones."""
+    """The option that names the columns of roles, with likely names among the free ones.
+
+    Examples
+    --------
+    >>> _columns_remedy(["stim1", "stim2", "rt"], ["s1", "s2", "response"], ReadOptions()).typed
+    '--columns s1=stim1,s2=stim2,response=NAME'
+    """
     name_of_stimulus = dict(zip(options.stimuli, _numbered_pair(free_names), strict=True))
     name_by_role = []
     for role in roles:

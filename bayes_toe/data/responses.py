@@ -246,6 +246,11 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     """The texts that say that nobody responded.
 
     -1 is one, as jsPsych writes it, if two other texts or more are words or given codes.
+
+    Examples
+    --------
+    >>> _missed_texts(Column.from_texts("response", ["first", "-1", "none", "2nd"]), ReadOptions())
+    ['none', '-1']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
     codes = {*map(_plain, filter(None, given_codes))}
@@ -301,7 +306,14 @@ def cells_of(column: Column, texts: Texts) -> list[str]:
 
 
 def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
-    """Whether a text in a column says that nobody responded, and no response beside it is right."""
+    """Whether a text in a column says that nobody responded, and no response beside it is right.
+
+    Examples
+    --------
+    >>> times = Column.from_texts("rt", ["512", "-1", "377"])
+    >>> _shows_missed(times, "-1", np.array([True, False, True]))
+    True
+    """
     word = _plain(text).lower()
     is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
     if is_missed_flag(sign):
@@ -322,7 +334,13 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
 
 
 def _all_codes(column: Column, codes: Codes) -> Codes:
-    """The codes of all answers; one that is not given is the only other text of the column."""
+    """The codes of all answers; one that is not given is the only other text of the column.
+
+    Examples
+    --------
+    >>> _all_codes(Column.from_texts("response", ["j", "f"]), ("j", None))
+    ('j', 'f')
+    """
     given_codes = {*map(_plain, filter(None, codes))}
     texts = {*map(_plain, column.texts)} - {""}
     other_texts = texts - given_codes
@@ -500,7 +518,7 @@ def _commonest_with(column: Column, texts: Texts, trend: FloatArray) -> tuple[st
 
 
 def _plain(text: str) -> str:
-    """A cell without what spreadsheets do to it: the decimals of 1.0 and 0,0."""
+    """A cell without what spreadsheets add to whole numbers: '1.0' is '1', and '0,0' is '0'."""
     match = re.fullmatch(r"([-+]?\d+)[.,]0*", text)
     return match[1] if match else text
 

@@ -621,6 +621,12 @@ def pairs_in_both_orders(subject: Subject) -> IndexArray:
     """Rows of pairs that were presented in both orders, shape (pairs, 2).
 
     The first column has the row with the weaker stimulus first.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [4, 2, 1], [5, 5, 5])
+    >>> pairs_in_both_orders(subject).tolist()
+    [[1, 2]]
     """
     row_by_pair = {pair: row for row, pair in enumerate(subject.pairs)}
     rows = []

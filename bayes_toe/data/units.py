@@ -233,7 +233,15 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
 
 
 def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], bool]:
-    """The different levels, the reference first, and whether they are numbers."""
+    """The different levels, the reference first, and whether they are numbers.
+
+    Examples
+    --------
+    >>> _level_order(["10", "2", "10"], ReadOptions())
+    (['2', '10'], True)
+    >>> _level_order(["left", "right"], ReadOptions(condition="hand", reference="right"))
+    (['right', 'left'], False)
+    """
     values = [*map(number, unit_levels)]
     is_numeric = not options.categorical and not any(map(math.isnan, values))
     order = level_words(levels(values if is_numeric else unit_levels))

@@ -90,7 +90,13 @@ def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
 
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:
-    """The whole number that a cell holds, -1 if it holds none."""
+    """The whole number that a cell holds, -1 if it holds none.
+
+    Examples
+    --------
+    >>> whole_number("5"), whole_number("5.0"), whole_number("5.000"), whole_number("5.5")
+    (5, 5, -1, -1)
+    """
     match = re.fullmatch(_COUNT, text.replace(",", ".") if decimal_comma else text)
     count = int(match[1]) if match else -1
     return count if count <= LARGEST_COUNT else -1
