@@ -52,7 +52,7 @@ class Remedy(NamedTuple):
 
     @property
     def typed(self) -> str:
-        """On the command line; an option without a value has the value ''."""
+        """The option as it is typed on the command line; a flag has the value ''."""
         option = f"--{self.option.replace('_', '-')}"
         if self.value == "":
             return option
@@ -63,7 +63,7 @@ class Remedy(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether it can be typed as it is: no name or number is left open."""
+        """Whether it can be typed as it is, without a NAME or REF that the user replaces."""
         texts = {self.value} if isinstance(self.value, str) else {*dict(self.value).values()}
         return texts.isdisjoint({"NAME", "REF"})
 
@@ -79,14 +79,14 @@ def option_values(remedies: Iterable[Remedy]) -> dict[str, Any]:
     values = dict[str, Any]()
     for remedy in remedies:
         if isinstance(remedy.value, str):
-            values[remedy.option] = remedy.value or True
+            values[remedy.option] = remedy.value or True  # a flag has no text
         else:
             values[remedy.option] = {**values.get(remedy.option, {}), **dict(remedy.value)}
     return values
 
 
 def python_options(remedies: Iterable[Remedy]) -> str:
-    """Options as Python has them.
+    """The options of remedies as a call in Python.
 
     Examples
     --------
@@ -115,11 +115,14 @@ class InputError(BayesToeError, ValueError):
 
     def __init__(self, problems: str | Iterable[str], remedies: Sequence[Remedy] = ()) -> None:
         self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
-        last = len(self.problems) - 1
+        last_question = len(self.problems) - 1
         numbered = []
         for remedy in remedies:
-            numbered.append(remedy if remedy.question >= 0 else remedy._replace(question=last))
+            if remedy.question < 0:
+                remedy = remedy._replace(question=last_question)
+            numbered.append(remedy)
         self.remedies = tuple(numbered)
+
         lines = [*self.problems]
         for chosen, meanings in self.choices:
             lines.append(f"use {python_options(chosen)} {', '.join(meanings)}".rstrip())
@@ -141,22 +144,29 @@ class InputError(BayesToeError, ValueError):
         --unit um --second-code j
         --unit ln --second-code j
         """
-        first_of = dict[int, Remedy]()
+        if not self.remedies:
+            return []
+        first_answers = dict[int, Remedy]()  # by question
         for remedy in self.remedies:
-            first_of.setdefault(remedy.question, remedy)
-        chosen, choices = [*first_of.values()], []
-        for remedy in self.remedies:
-            if remedy is not first_of[remedy.question]:
-                answers = {**first_of, remedy.question: remedy}.values()
-                typed_together = [other for other in answers if other.step <= remedy.step]
-                choices.append((typed_together, [remedy.meaning]))
-        options = [f"--{remedy.option} " for remedy in chosen]
+            first_answers.setdefault(remedy.question, remedy)
+        first_choice = [*first_answers.values()]
+
+        options = [f"--{remedy.option} " for remedy in first_choice]
         meanings = []
-        for remedy in chosen:
-            # What to add is no news where it is added.
+        for remedy in first_choice:
+            # 'for intensities add --unit um' is no news where --unit is typed too.
             if remedy.meaning and not any(option in remedy.meaning for option in options):
                 meanings.append(remedy.meaning)
-        return [(chosen, meanings), *choices] if chosen else []
+
+        choices = [(first_choice, meanings)]
+        for remedy in self.remedies:
+            if remedy is first_answers[remedy.question]:
+                continue
+            answers = {**first_answers, remedy.question: remedy}.values()
+            # A question of a later step may not come up after another answer.
+            typed_together = [answer for answer in answers if answer.step <= remedy.step]
+            choices.append((typed_together, [remedy.meaning]))
+        return choices
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Errors cross process borders when subjects run in parallel.
@@ -168,25 +178,27 @@ def with_next_questions(
 ) -> InputError:
     """The error with what is asked next, if the first remedy of each question is typed.
 
-    `options` are those of the error, and `read` reads under other ones.
+    `read` raised the error with `options`; it is called with these and the first remedies.
     """
     problems, remedies = list(error.problems), list(error.remedies)
     step = 0
     while error.choices:
-        chosen, _ = error.choices[0]
-        if not all(remedy.is_complete for remedy in chosen):
+        first_choice, _ = error.choices[0]
+        if not all(remedy.is_complete for remedy in first_choice):
             break
         try:
-            options = with_remedies(options, chosen)
+            options = with_remedies(options, first_choice)
         except InputError:
-            break  # they stand in place of an option that is given
+            break  # the remedies contradict an option, which they would replace
+
         try:
             read(options)
             break
         except InputError as next_error:
             error = next_error
         if not set(problems).isdisjoint(error.problems):
-            break
+            break  # the remedies did not solve the problem
+
         step += 1
         for remedy in error.remedies:
             question = len(problems) + remedy.question
@@ -196,7 +208,7 @@ def with_next_questions(
 
 
 def with_remedies(options: Any, remedies: Iterable[Remedy]) -> Any:
-    """Options with those that remedies name; names and lists are added to those that there are."""
+    """The options with the values of remedies, which are added to earlier names and lists."""
     new_values = option_values(remedies)
     for name, value in new_values.items():
         earlier = getattr(options, name)
@@ -229,15 +241,15 @@ class OutputExistsError(OutputError):
 
 
 class WorkerError(BayesToeError, RuntimeError):
-    """Work that cannot be had: the processes that did it died, more than once."""
+    """Work that is not done, because its processes died more than once."""
 
 
 class NumericalError(BayesToeError, ArithmeticError):
-    """A quantity that has to be finite was not: a bug or an impossible input, never hidden."""
+    """A quantity that must be finite is not, by a bug or an impossible input."""
 
 
-def require_kind(name: str, given: object, kinds: type | tuple[type, ...], rule: str) -> None:
-    """Refuse what is of another kind than its parameter takes.
+def require_kind(name: str, value: object, kinds: type | tuple[type, ...], rule: str) -> None:
+    """Refuse the value of a parameter if it has none of these types; `rule` names them in words.
 
     Examples
     --------
@@ -246,15 +258,15 @@ def require_kind(name: str, given: object, kinds: type | tuple[type, ...], rule:
     ...
     bayes_toe.errors.InputError: draws: found '4000', allowed: a whole number
     """
-    if not isinstance(given, kinds):
-        finding = repr(given) if isinstance(given, str | Real) else type(given).__name__
+    if not isinstance(value, kinds):
+        finding = repr(value) if isinstance(value, str | Real) else type(value).__name__
         raise InputError(f"{name}: found {finding}, allowed: {rule}")
 
 
 def require_number(
-    name: str, given: Any, smallest: float = 1, largest: float = 10**6, kind: type = Integral
+    name: str, value: Any, smallest: float = 1, largest: float = 10**6, kind: type = Integral
 ) -> None:
-    """Refuse what is no number of a range, which is one of whole numbers by default.
+    """Refuse a value that is no number of this kind (whole by default) in the range.
 
     Examples
     --------
@@ -265,17 +277,17 @@ def require_number(
     """
     words = "a whole number" if kind is Integral else "a number"
     rule = f"{words} from {smallest} to {largest}"
-    require_kind(name, given, kind, rule)
+    require_kind(name, value, kind, rule)
     # bool is an int for Python, not for a reader; a NaN is in no range.
-    if isinstance(given, bool) or not smallest <= given <= largest:
-        raise InputError(f"{name}: found {given}, allowed: {rule}")
+    if isinstance(value, bool) or not smallest <= value <= largest:
+        raise InputError(f"{name}: found {value}, allowed: {rule}")
 
 
-def require_share(name: str, given: float) -> None:
+def require_share(name: str, value: float) -> None:
     """Refuse a number that does not lie between 0 and 1."""
-    require_kind(name, given, Real, "a number between 0 and 1")
-    if not 0.0 < given < 1.0:
-        raise InputError(f"{name}={given:g} must lie between 0 and 1")
+    require_kind(name, value, Real, "a number between 0 and 1")
+    if not 0.0 < value < 1.0:
+        raise InputError(f"{name}={value:g} must lie between 0 and 1")
 
 
 class ConvergenceWarning(UserWarning):

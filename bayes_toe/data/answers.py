@@ -30,7 +30,7 @@ class Answers:
     Parameters
     ----------
     keys : array, shape (rows, 2)
-        The pair of each row: s1 and s2 (natural-log intensities).
+        The stimuli of each row: s1 and s2 (natural-log intensities).
     n_yes, n_trials : array of int, shape (rows,)
         The answers that the task counts and all answers, of which a trial has one, or none where
         nobody answered in time.
@@ -83,28 +83,38 @@ class Answers:
     def sums(self) -> Answers:
         """A row for each distinct pair with an answer, with the sums of its counts.
 
-        The rows are sorted by their keys.
+        The rows are sorted by s1, then by s2.
         """
         rows = np.flatnonzero(self.n_trials)
-        rows = rows[np.lexsort(self.keys[rows].T[::-1])]
+        s1, s2 = self.keys[rows].T
+        rows = rows[np.lexsort((s2, s1))]  # sorts by the last key first
+
         starts = run_starts(*self.keys[rows].T)
-        counts = self.counts[:, rows]
-        if len(starts):
-            counts = np.add.reduceat(counts, starts, axis=1)
-        return Answers(self.keys[rows[starts]], **dict(zip(self.named_counts, counts, strict=True)))
+        sums = self.named_counts
+        for name, counts in sums.items():
+            sums[name] = np.add.reduceat(counts[rows], starts)
+        return Answers(self.keys[rows[starts]], **sums)
 
     @property
     def is_session_start(self) -> BoolArray:
         """The rows at which a new block or session begins, shape (rows,).
 
         There, the place of a row is not one more than that of the row before.
+
+        Examples
+        --------
+        >>> ones = np.ones(4, int)
+        >>> answers = Answers(np.zeros((4, 2)), ones, ones, place=np.array([0, 1, 3, 4]))
+        >>> answers.is_session_start.tolist()
+        [True, False, True, False]
         """
         if self.place is None:
             return np.ones(len(self.n_trials), bool)
-        return np.diff(self.place, prepend=self.place[:1] - 2) != 1
+        place_before = self.place[:1] - 2  # a gap, since the first row begins a session
+        return np.diff(self.place, prepend=place_before) != 1
 
     def rows_of(self, blocks: Texts) -> BoolArray:
-        """Whether rows are in one of these blocks; all are if none is named.
+        """Whether each row is in one of these blocks; all rows are if no block is named.
 
         An InputError where there is no such block.
         """
@@ -123,10 +133,11 @@ class Answers:
 
     def swapped(self, rows: BoolArray) -> Answers:
         """A copy with the two answers exchanged in these rows; of three, 'first' and 'second'."""
-        n_other = self.n_trials - self.n_yes
+        n_no = self.n_trials - self.n_yes
         if self.n_second is None:
-            return replace(self, n_yes=np.where(rows, n_other, self.n_yes))
-        return replace(self, n_second=np.where(rows, n_other - self.n_second, self.n_second))
+            return replace(self, n_yes=np.where(rows, n_no, self.n_yes))
+        n_first = n_no - self.n_second
+        return replace(self, n_second=np.where(rows, n_first, self.n_second))
 
     @property
     def of_direction(self) -> Answers:
@@ -138,7 +149,7 @@ class Answers:
     def excluding(self, rows: BoolArray) -> Answers:
         """A copy without these rows.
 
-        A session starts after each row that is left out.
+        A session starts after each row that is left out, since the places have a gap there.
         """
         columns = dict[str, Any]()
         for key, values in vars(self).items():
@@ -150,8 +161,9 @@ class Answers:
         """A copy whose `blocks` are only those that its rows have."""
         if self.block is None:
             return self
-        distinct, block = np.unique(self.block, return_inverse=True)
-        return replace(self, block=block, blocks=tuple(np.array(self.blocks, object)[distinct]))
+        present, block = np.unique(self.block, return_inverse=True)
+        blocks = np.array(self.blocks, object)[present]
+        return replace(self, block=block, blocks=tuple(blocks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,37 +184,47 @@ class Reading:
 
 
 def counted_rows(
-    name: str,
-    keys: Sequence[npt.ArrayLike],
+    subject: str,
+    stimuli: Sequence[npt.ArrayLike],
     n_yes: npt.ArrayLike,
     n_trials: npt.ArrayLike,
     n_second: npt.ArrayLike | None = None,
 ) -> Answers:
-    """Rows of stimuli with counts within what can be counted, all of one length."""
+    """Rows of one subject from stimuli s1 and s2 and from counts, shape (rows,) each.
+
+    An InputError where stimuli are no numbers, a count is impossible, or lengths differ.
+    """
     try:
-        columns = [np.asarray(key, float).ravel() for key in keys]
+        columns = [np.asarray(values, float).ravel() for values in stimuli]
     except (TypeError, ValueError) as error:
-        raise InputError(f"subject {name!r}: s1 and s2 must be numbers ({error})") from error
-    given = {"n_yes": n_yes, "n_trials": n_trials}
+        raise InputError(f"subject {subject!r}: s1 and s2 must be numbers ({error})") from error
+
+    counts: dict[str, Any] = {"n_yes": n_yes, "n_trials": n_trials}
     if n_second is not None:
-        given["n_second"] = n_second
-    counts = {key: np.asarray(values).ravel() for key, values in given.items()}
-    for key, values in counts.items():
-        # 2.5 never becomes 2.
-        if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):
-            raise InputError(
-                f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}"
-            )
-        if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
-            raise InputError(f"subject {name!r}: {key} must add up to no more than 10^12")
+        counts["n_second"] = n_second
+    for name, values in counts.items():
+        counts[name] = _whole_numbers(subject, name, values)
     if len({len(values) for values in (*columns, *counts.values())}) > 1:
         names = join_names(["s1", "s2", *counts])
-        raise InputError(f"subject {name!r}: {names} must be of one length")
-    # Repeated pairs are added up later, where two wrongs could cancel.
-    k, n = counts["n_yes"], counts["n_trials"]
-    if np.any((k < 0) | (k > n)):
-        raise InputError(f"subject {name!r}: every n_yes must lie in 0..n_trials")
-    if n_second is not None and np.any((counts["n_second"] < 0) | (counts["n_second"] > n - k)):
-        raise InputError(f"subject {name!r}: every n_second must lie in 0..n_trials - n_yes")
-    integers: dict[str, Any] = {key: values.astype(np.int64) for key, values in counts.items()}
-    return Answers(np.column_stack(columns), **integers)
+        raise InputError(f"subject {subject!r}: {names} must be of one length")
+
+    # Checked row by row: in the sums of repeated pairs, two wrong counts could cancel.
+    rows = Answers(np.column_stack(columns), **counts)
+    n_no = rows.n_trials - rows.n_yes
+    if np.any((rows.n_yes < 0) | (n_no < 0)):
+        raise InputError(f"subject {subject!r}: every n_yes must lie in 0..n_trials")
+    if rows.n_second is not None and np.any((rows.n_second < 0) | (rows.n_second > n_no)):
+        raise InputError(f"subject {subject!r}: every n_second must lie in 0..n_trials - n_yes")
+    return rows
+
+
+def _whole_numbers(subject: str, name: str, counts: npt.ArrayLike) -> IntArray:
+    """Counts as int64, shape (rows,); an InputError where 2.5 would become 2."""
+    values = np.asarray(counts).ravel()
+    if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):
+        raise InputError(
+            f"subject {subject!r}: {name} must be whole numbers, found {values[:3].tolist()}"
+        )
+    if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
+        raise InputError(f"subject {subject!r}: {name} must add up to no more than 10^12")
+    return values.astype(np.int64)

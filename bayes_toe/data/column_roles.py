@@ -2,7 +2,7 @@
 
 `with_likely_columns` finds columns with similar names. `columns_to_read` has the columns to read,
 the problems of their names, and the options that solve them. `VOCABULARY` has the words of other
-labs.
+labs. A role is our name of a column, such as 's1'; a name is that in the file.
 
 A subject, a response or a count is read from a column with another name if exactly one name is
 similar. Stimuli are not: a column such as `stim1` may hold intensities or their logarithms.
@@ -38,9 +38,11 @@ VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
 #: What a cell says where something holds, and where it does not.
 TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "wahr", "ja"})
 FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "falsch", "nein", ""})
+#: The stimulus or the place that a word means: 'std' is 'standard', and '1st' is 'first'.
 _MEANINGS = dict[str, str]()
-for _ours, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
-    _MEANINGS |= dict.fromkeys(_words, _ours)
+for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
+    _MEANINGS |= dict.fromkeys(_words, _meaning)
+# The longest words first, so that 'standardreiz' is not read as 'standard' and more.
 _KNOWN_WORDS = re.compile("|".join(sorted(_MEANINGS, key=len, reverse=True)))
 
 
@@ -58,7 +60,8 @@ def plain_name(name: str) -> str:
 
 def without_accents(text: str) -> str:
     """A text whose letters have lost their accents."""
-    return re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFKD", text))
+    letters_and_accents = unicodedata.normalize("NFKD", text)  # '\u00e9' is 'e' and an accent
+    return re.sub("[\u0300-\u036f]", "", letters_and_accents)
 
 
 def looks_like(name: str, role: str) -> bool:
@@ -73,11 +76,13 @@ def looks_like(name: str, role: str) -> bool:
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
 
+    # PsychoPy writes columns such as key_resp.keys, also of practice and instructions.
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(role, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
         return re.search("|".join(parts), plain) is None
 
+    # The standard or the comparison itself, not its position and not a time or a response.
     stimuli, places, other_words = named_places(name)
     return [role] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
 
@@ -89,7 +94,9 @@ def names_like(names: Iterable[str], role: str) -> list[str]:
 
 @lru_cache(maxsize=2**16)
 def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
-    """The stimuli that a name or a cell names, standard or comparison, their places, other words.
+    """The stimuli in the name of a column or in a cell, their places in a trial, and other words.
+
+    Stimuli are 'standard' and 'comparison', places are 'first' and 'second'.
 
     Examples
     --------
@@ -98,14 +105,15 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     >>> named_places("left"), named_places("testInterval")
     (([], [], {'left'}), (['comparison'], [], {'interval'}))
     """
-    camel_case = re.sub("(?<=[a-z])(?=[A-Z])", " ", text)
+    plain = without_accents(re.sub("(?<=[a-z])(?=[A-Z])", " ", text)).lower()  # 'testInterval'
     words = list[str]()
-    for word in re.findall("[a-z]+|-?[0-9.,]+(?:st|nd)?", without_accents(camel_case).lower()):
-        word = re.sub("[.,]0*$", "", word)
+    for word in re.findall("[a-z]+|-?[0-9.,]+(?:st|nd)?", plain):  # 'test', '1st' or '-1.0'
+        word = re.sub("[.,]0*$", "", word)  # '1.0' is '1'
         parts = _KNOWN_WORDS.findall(word)
         # A word such as 'testinterval' is several words if they are all of it.
         words += parts if "".join(parts) == word else [word]
 
+    # Two letters, such as SC: the standard came first.
     initials = [VOCABULARY["letters"].get(letter, "") for letter in "".join(words)]
     if sorted(initials) == ["comparison", "standard"]:
         return initials, [], set()
@@ -130,7 +138,7 @@ def is_response_sign(name: str) -> bool:
     >>> is_response_sign("key_resp_2.rt"), is_response_sign("keyPress"), is_response_sign("start")
     (True, True, False)
     """
-    words = re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
+    words = re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)  # 'RT', 'Press' or 'key'
     names = {plain_name(name), *map(str.lower, words)}
     return not names.isdisjoint(VOCABULARY["missed"]["columns"])
 
@@ -155,17 +163,18 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     ([], ['0_training', 'TRAIN'])
     """
     beginnings = tuple(VOCABULARY["practice"]["texts"])
-    is_named = any(word in plain_name(name) for word in beginnings)
-    if is_named and ".this" in name:  # PsychoPy counts the trials of a loop
+    is_of_practice = any(word in plain_name(name) for word in beginnings)
+    if is_of_practice and ".this" in name:  # PsychoPy counts the trials of a loop
         return [*filter(None, texts)]
-    has_flags = is_named and is_flag(texts)
+    has_flags = is_of_practice and is_flag(texts)
 
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
-        word = re.sub("^(block|[0-9])+", "", plain_name(text))
-        is_practice_word = word.rstrip("0123456789") in VOCABULARY["practice"]["whole"]
-        if is_true or (text[:1].isalnum() and (is_practice_word or word.startswith(beginnings))):
+        word = re.sub("^(block|[0-9])+", "", plain_name(text))  # 'Block 2: demo' is 'demo'
+        is_whole_word = word.rstrip("0123456789") in VOCABULARY["practice"]["whole"]  # 'train2'
+        is_practice = is_whole_word or word.startswith(beginnings)
+        if is_true or (is_practice and text[:1].isalnum()):  # not a path such as './demo'
             marks.append(text)
     return marks
 
@@ -180,14 +189,16 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     >>> taken_out_texts("status", ["ok", "aborted"]), taken_out_texts("rejected", ["0", "3"])
     (['aborted'], [])
     """
+    # A column such as 'rejected' says so by 1, and a column such as 'valid' by 0.
     by_1 = VOCABULARY["taken_out"]["by_1"]
     by_0 = VOCABULARY["taken_out"]["by_0"]
-    words = {*by_1}
-    plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))
+    words = {*by_1}  # a cell 'aborted' says so in each column
+    plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))  # 'is_valid' is 'valid'
     if is_flag(texts) and plain in by_1:
         words |= TRUE_WORDS
     elif is_flag(texts) and plain in by_0:
         words |= FALSE_WORDS - {""}
+    # '1.0' as it stands, and 'Fixation break' in small letters alone.
     return [text for text in texts if {text.lower(), plain_name(text)} & words]
 
 
@@ -197,7 +208,7 @@ def is_flag(texts: Iterable[str]) -> bool:
 
 
 def unit_in(name: str) -> str:
-    """The unit of stimuli that the name of a column tells; empty where it tells none.
+    """The unit of stimuli in the name of a column; empty where the name has none.
 
     A unit of one letter stands at the end, or in brackets: 's1' is a stimulus.
 
@@ -210,15 +221,16 @@ def unit_in(name: str) -> str:
     >>> unit_in("amp1_\u00b5m"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("s1")
     ('\u00b5m', 'Hz', 'N', '')
     """
-    plain = _plain_sign(name).replace("log10", "decadic")
+    plain = _plain_sign(name).replace("log10", "decadic")  # words have no digits
     words = re.findall(r"[^\W\d_]+", plain)
 
     if "decadic" in words:
         return "log10"
-    for unit, names in VOCABULARY["units"]["logarithms"].items():
-        if not {*words}.isdisjoint(names):
-            return str(unit)
+    for unit, unit_words in VOCABULARY["units"]["logarithms"].items():
+        if not {*words}.isdisjoint(unit_words):
+            return unit
 
+    # 'g' of 'force_g1', or 'N' of 'force_1 [N]'
     last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
     for unit in VOCABULARY["units"]["intensity"]:
         if _plain_sign(unit) in (words if len(unit) > 1 else last_letters):
@@ -294,24 +306,34 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     >>> _with_intensities(["s1", "s2"], ReadOptions(unit="um")).columns
     {'i1': 's1', 'i2': 's2'}
     """
-    first, second = options.name("s1"), options.name("s2")
+    if options.unit is None or options.stimuli != ("i1", "i2"):
+        return options
+    s1, s2 = options.name("s1"), options.name("s2")
     has_intensities = not {*names}.isdisjoint(map(options.name, ("i1", "i2")))
-    if options.unit is None or options.stimuli != ("i1", "i2") or has_intensities:
+    if has_intensities or not {s1, s2} <= {*names}:
         return options
-    if not {first, second} <= {*names}:
-        return options
-    return replace(options, columns={**options.columns, "i1": first, "i2": second})
+    return replace(options, columns={**options.columns, "i1": s1, "i2": s2})
 
 
 def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
-    """The file's names for the responses, or for counts, if they are other names than ours."""
+    """The file's names for the responses, or for counts, if they are other names than ours.
+
+    The names are empty where the file has our names, or it is not clear which columns count.
+
+    Examples
+    --------
+    >>> _likely_answers(["s1", "s2", "answer"], ReadOptions())
+    {'response': 'answer'}
+    >>> _likely_answers(["s1", "s2", "same", "total"], ReadOptions())
+    {'n_equal': 'same', 'n_trials': 'total'}
+    """
     roles = (*_ALL_COUNTS, "n_correct", "response")
     present = {role for role in roles if options.name(role) in names}
+    if "response" in present or ("n_trials" in present and len(present) == 2):
+        return {}  # the file has responses, or trials and a count
+
     counts = _likely(names, options, _ALL_COUNTS)
     response = _likely(names, options, ("response",))
-
-    if "n_trials" in present and len(present) == 2:
-        return {}  # the file has what it counts
     answer_roles = present | counts.keys()
     # Columns 'first' and 'second' may also be the stimuli, if no others are.
     has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
@@ -319,9 +341,10 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     if {*_THREE_COUNTS} <= answer_roles:
         counts.pop("n_trials", None)  # their sum
     elif "n_trials" in answer_roles:
-        may_be_counts = len(answer_roles - {"n_first"}) == 2  # trials and one count
+        # Trials and one count are not responses, whatever another column is named.
+        may_be_counts = len(answer_roles - {"n_first"}) == 2
 
-    if may_be_counts and "response" not in present:
+    if may_be_counts:
         return counts
     return {} if present else response
 
@@ -332,12 +355,12 @@ def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[st
     unused = _STIMULI if options.has_standard else ()
     names_in_use = {options.name(role) for role in COLUMNS if role not in unused}
     free = [name for name in names if name not in names_in_use]
-    likely = {}
+    name_by_role = {}
     for role in roles:
         candidates = names_like(free, role)
         if len(candidates) == 1 and role not in options.columns and role not in names:
-            likely[role] = candidates[0]
-    return likely
+            name_by_role[role] = candidates[0]
+    return name_by_role
 
 
 # --- What is read, and what is wrong with the names -----------------------------------------------
@@ -348,9 +371,9 @@ def columns_to_read(
     options: ReadOptions,
     columns: Collection[Column] = (),
 ) -> tuple[list[str], list[str], list[Remedy]]:
-    """Our names of the columns that are read, what is wrong with the names, and what to type.
+    """The roles of the columns that are read, problems of names, and options that solve the last.
 
-    The cells of `columns` decide what is proposed.
+    `names` are those of the file. The cells of `columns` decide which options are proposed.
 
     Examples
     --------
@@ -358,7 +381,7 @@ def columns_to_read(
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
     roles_read = _roles_read(names, options)
-    problems = [*_role_problems(names, roles_read, options)]
+    problems = [*_role_problems(roles_read, options)]
     if options.subject_from is not None:
         roles_read.remove("subject")
 
@@ -378,9 +401,9 @@ def columns_to_read(
         )
         return roles_read, problems, [*_order_remedies(columns)]
 
-    finding, unit = _unit_by_name(names, options)
-    if finding:
-        return roles_read, [*problems, finding], unit_remedies(unit)
+    problem, unit = _unit_by_name(names, options)
+    if problem:
+        return roles_read, [*problems, problem], unit_remedies(unit)
 
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)
@@ -389,23 +412,29 @@ def columns_to_read(
         return roles_read, problems, []
 
     column_list = join_names(map(display_name, filter(None, names)))
-    finding = f"there is {_absent_columns(missing)}. The columns are {column_list}."
+    problem = f"there is {_absent_columns(missing)}. The columns are {column_list}."
     is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
     has_comparison = names_like(names, "comparison") and not names_like(names, "standard")
     if is_stimulus_missing and has_comparison:
-        finding += " If one standard was in all trials, add a column standard with its level."
-    problems.append(finding)
-    fullest = sorted(columns, key=lambda column: empty(column).sum())
-    return roles_read, problems, [*_remedies(names, roles_read, options, fullest)]
+        problem += " If one standard was in all trials, add a column standard with its level."
+    problems.append(problem)
+    fullest_first = sorted(columns, key=lambda column: empty(column).sum())
+    return roles_read, problems, [*_remedies(names, roles_read, options, fullest_first)]
 
 
 def _absent_columns(missing: Texts) -> str:
-    """Columns that are not there, in words; counts may be of either answer."""
-    shown = {name: display_name(name) for name in missing} | {"n_equal": "n_equal or n_second"}
-    return join_words([f"no column {shown[name]}" for name in missing])
+    """Columns that are not there, in words; counts may be of either answer.
+
+    Examples
+    --------
+    >>> _absent_columns(["subject", "n_equal"])
+    'no column subject and no column n_equal or n_second'
+    """
+    words = {name: display_name(name) for name in missing} | {"n_equal": "n_equal or n_second"}
+    return join_words([f"no column {words[name]}" for name in missing])
 
 
-def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterator[str]:
+def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
     answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or answers in (["response", "n_equal"], ["response", "n_second"]):
@@ -416,9 +445,9 @@ def _role_problems(names: Texts, roles_read: Texts, options: ReadOptions) -> Ite
             "n_equal and n_second"
         )
 
-    theirs = [options.name(role) for role in roles_read]
-    for name in dict.fromkeys(theirs):
-        if theirs.count(name) > 1:
+    names_read = [options.name(role) for role in roles_read]
+    for name in dict.fromkeys(names_read):
+        if names_read.count(name) > 1:
             roles = " and as ".join(role for role in roles_read if options.name(role) == name)
             yield f"column {display_name(name)}: found as {roles}, allowed: one meaning per column"
 
@@ -430,33 +459,40 @@ def _unit_by_name(names: Texts, options: ReadOptions) -> tuple[str, str]:
     """The problem of stimuli whose names have a unit that no option gives, and that unit.
 
     Both are empty if there is no problem.
+
+    Examples
+    --------
+    >>> _unit_by_name(["s1_dB", "s2_dB"], ReadOptions(columns={"s1": "s1_dB", "s2": "s2_dB"}))
+    ('column s1_dB seems to be in dB.', 'dB')
+    >>> _unit_by_name(["i1", "i2"], ReadOptions())
+    ('columns i1 and i2 seem to be intensities.', 'a.u.')
     """
     if options.unit is not None:
         return "", ""
 
-    theirs = list(map(options.name, options.stimuli))
-    for name in theirs:
+    stimulus_names = list(map(options.name, options.stimuli))
+    for name in stimulus_names:
         unit = unit_in(name)
         is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
         if name in names and unit and not is_intensity:
             return f"column {display_name(name)} seems to be in {unit}.", unit
 
-    first, second = options.name("i1"), options.name("i2")
-    if {*theirs}.isdisjoint(names) and not options.has_standard and {first, second} <= {*names}:
-        columns = f"columns {display_name(first)} and {display_name(second)}"
-        return f"{columns} seem to be intensities.", unit_in(first) or ANY_UNIT
+    i1, i2 = options.name("i1"), options.name("i2")
+    if not options.has_standard and {*stimulus_names}.isdisjoint(names) and {i1, i2} <= {*names}:
+        columns = f"columns {display_name(i1)} and {display_name(i2)}"
+        return f"{columns} seem to be intensities.", unit_in(i1) or ANY_UNIT
     return "", ""
 
 
 def _required(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterable[str]:
-    """Columns that must be there once."""
+    """The names of columns that must be there once: those read, and those that options name."""
     roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
     missing = [role for role in options.columns if options.name(role) not in names]
     return dict.fromkeys([*options.where, *map(options.name, [*roles, *missing])])
 
 
 def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
-    """Our names of the columns that must be read, and of optional ones that the file has."""
+    """The roles of the columns that must be read, and of optional ones that the file has."""
     roles_read = ["subject", *options.stimuli]
     if options.interval_column is not None:
         roles_read.append("standard_interval")
@@ -476,14 +512,24 @@ def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
 
 
 def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
-    """Our names of the columns of responses or counts."""
+    """The roles of the columns of responses or counts, also of those that are missing.
+
+    Examples
+    --------
+    >>> _answer_roles(["n_second"], ReadOptions()), _answer_roles(["rt"], ReadOptions())
+    (['n_second', 'n_trials'], ['response'])
+    >>> _answer_roles(["n_first", "n_second"], ReadOptions())
+    ['n_first', 'n_equal', 'n_second']
+    """
     if options.correct is not None:
         return ["correct"]
-    if "n_correct" in options.columns:  # without the option, they may be those of another task
+    if "n_correct" in options.columns:  # only by the option: it may count a same-different task
         return ["n_correct", "n_trials"]
     counts = [role for role in _COUNTS if options.name(role) in names]
     if options.name("response") in names or not counts:
         return ["response", *counts]
+
+    # Two of three counts without their sum: the third one is missing.
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
     if n_of_three == 3 or (n_of_three == 2 and "n_trials" not in counts):
         return [*_THREE_COUNTS]
@@ -493,39 +539,50 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
 
 
 def _unordered_stimuli(names: Texts, options: ReadOptions) -> str:
-    """The columns of a standard and a comparison, where nothing says which came first."""
+    """The columns of a standard and a comparison, where nothing says which came first.
+
+    The text names both columns; it is empty where the order is known, or one is missing.
+    """
     if options.has_standard:
         return ""
-    theirs = list(map(options.name, options.stimuli))
-    if set(theirs).isdisjoint(names):
-        theirs = [*names]
-    standards = names_like(theirs, "standard")
-    comparisons = names_like(theirs, "comparison")
+    candidates = list(map(options.name, options.stimuli))
+    if set(candidates).isdisjoint(names):
+        candidates = [*names]
+    standards = names_like(candidates, "standard")
+    comparisons = names_like(candidates, "comparison")
     if not standards or not comparisons:
         return ""
     return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
 
 
 def _order_remedies(columns: Iterable[Column]) -> Iterator[Remedy]:
-    """Options to type if a table has a standard and a comparison."""
-    orders = []
+    """Options to type if a table has a standard and a comparison.
+
+    Examples
+    --------
+    >>> column = Column.from_texts("order", ["1", "2", "1"])
+    >>> [remedy.typed for remedy in _order_remedies([column])]
+    ['--standard-interval order', '--comparison-interval order', '--standard-first']
+    """
+    interval_names = []
     for column in columns:
         n_codes = sum(not is_no_response(text) for text in column.texts)
         if n_codes <= 2 and looks_like(column.name, "standard_interval"):
-            orders.append(column.name)
+            interval_names.append(column.name)
 
-    for name in orders or ["NAME"]:
+    for name in interval_names or ["NAME"]:
         stimuli, places, _ = named_places(name)
         for owner in ("standard", "comparison"):
-            is_possible = stimuli in ([], [owner])
-            if is_possible or (places and owner == "standard"):
+            is_of_owner = stimuli in ([], [owner])
+            # --standard-interval also reads the truth values of a column comparison_first.
+            if is_of_owner or (places and owner == "standard"):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")
 
 
 def unit_remedies(unit: str) -> list[Remedy]:
-    """Options to type if the name of a column tells its unit."""
+    """Options to type if stimuli seem to be in this unit; natural logs are the last choice."""
     choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
     remedies = []
     for choice in choices:
@@ -535,35 +592,35 @@ def unit_remedies(unit: str) -> list[Remedy]:
 
 
 def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
-    """Options to type if stimuli are no natural logs; intensities are positive."""
-    remedies = unit_remedies(ANY_UNIT)
-    return remedies if (stimuli > 0.0).all() else remedies[1:]
+    """Options to type if stimuli seem to be no natural logs."""
+    intensities, *logarithms = unit_remedies(ANY_UNIT)
+    return [intensities, *logarithms] if (stimuli > 0.0).all() else logarithms
 
 
 def _numbered_pair(names: Texts) -> tuple[str, str]:
     """The only two names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
     pairs = []
     for name in names:
-        other = re.sub("1(?=[^0-9]*$)", "2", name)
-        if other != name and other in names:
-            pairs.append((name, other))
+        second_name = re.sub("1(?=[^0-9]*$)", "2", name)  # the last digit, as in 'stim1_dB'
+        if second_name != name and second_name in names:
+            pairs.append((name, second_name))
     return pairs[0] if len(pairs) == 1 else ("", "")
 
 
 def _remedies(
     names: Texts, roles_read: Texts, options: ReadOptions, columns: Sequence[Column]
 ) -> Iterator[Remedy]:
-    """Options to type if columns are missing; the first of the columns are proposed first."""
+    """Options to type if columns are missing; names are proposed in the order of `columns`."""
     names = [column.name for column in columns] or names
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
     if not {"s1", "i1"}.isdisjoint(missing):
         yield from _wide_remedies(names, columns)
-    to_name = [role for role in missing if role in _REQUIRED]
-    if to_name:
+    missing_required = [role for role in missing if role in _REQUIRED]
+    if missing_required:
         names_read = [*map(options.name, roles_read)]
-        free = [*filterfalse(names_read.__contains__, names)]
-        yield _columns_remedy(free, to_name, options)
+        free_names = [*filterfalse(names_read.__contains__, names)]
+        yield _columns_remedy(free_names, missing_required, options)
 
     if missing == ["n_equal"] and options.name("n_trials") in names:
         yield from _count_remedies(names, options)
@@ -572,22 +629,25 @@ def _remedies(
     if "response" in missing:
         yield from _score_remedies(scores)
     if "correct" in missing:
-        yield Remedy("correct", [*scores, "NAME"][0], "with the name in your file")
+        yield Remedy("correct", _first_or_blank(scores), "with the name in your file")
     if "subject" in missing:
         yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
 
 
 def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
     """Options to type if a table has the trials of each pair, and other names of what it counts."""
-    right = [*names_like(names, "n_correct"), "NAME"][0]
-    meanings = {
-        ("n_second", "NAME"): "if it counts 'the second was stronger' (2AFC)",
-        ("n_correct", right): "if it counts right responses (2AFC)",
-    }
+    n_correct = _first_or_blank(names_like(names, "n_correct"))
+    meaning = "if it counts 'the second was stronger' (2AFC)"
+    yield Remedy("columns", (("n_second", "NAME"),), meaning)
+    yield Remedy("columns", (("n_correct", n_correct),), "if it counts right responses (2AFC)")
     if options.has_standard:
-        meanings["n_comparison", "NAME"] = "if it counts 'the comparison was stronger' (2AFC)"
-    for pair, meaning in meanings.items():
-        yield Remedy("columns", (pair,), meaning)
+        meaning = "if it counts 'the comparison was stronger' (2AFC)"
+        yield Remedy("columns", (("n_comparison", "NAME"),), meaning)
+
+
+def _first_or_blank(names: Texts) -> str:
+    """The first name; without names NAME, which the user replaces."""
+    return names[0] if names else "NAME"
 
 
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
@@ -602,15 +662,15 @@ def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
 
 
 def _pair_pattern(texts: Texts) -> tuple[str, int]:
-    """The commonest shape of texts with two numbers, as --wide has it, and how many have it.
+    """The pattern for --wide if the commonest shape of texts has two numbers, and its frequency.
 
     Examples
     --------
     >>> _pair_pattern(["rt", "440 Hz vs 460 Hz", "460 Hz vs 440 Hz"]), _pair_pattern(["1.5"])
     (('{first} Hz vs {second} Hz', 2), ('', 0))
     """
-    shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)
-    for shape, n_texts in shapes.most_common(1):
+    shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
+    for shape, n_texts in shapes.most_common(1):  # none without texts
         if re.fullmatch("[^{}]*{}[^{}]+{}[^{}]*", shape):
             return re.sub("{}(.+){}", r"{first}\1{second}", shape), n_texts
     return "", 0
@@ -622,17 +682,24 @@ def _score_remedies(names: Texts) -> list[Remedy]:
     return [Remedy("correct", name, f"if {display_name(name)} {meaning}") for name in names]
 
 
-def _columns_remedy(free: Texts, to_name: Texts, options: ReadOptions) -> Remedy:
-    """The option that names the columns of roles, with likely names; else with NAME to replace."""
-    stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
-    pairs = []
-    for role in to_name:
-        likely = [*filter(None, [stimuli.get(role)]), *names_like(free, role)]
+def _columns_remedy(free_names: Texts, roles: Texts, options: ReadOptions) -> Remedy:
+    """The option that names the columns of roles, with likely names among the free ones.
+
+    Examples
+    --------
+    >>> _columns_remedy(["stim1", "stim2", "rt"], ["s1", "s2", "response"], ReadOptions()).typed
+    '--columns s1=stim1,s2=stim2,response=NAME'
+    """
+    name_of_stimulus = dict(zip(options.stimuli, _numbered_pair(free_names), strict=True))
+    name_by_role = []
+    for role in roles:
+        likely = names_like(free_names, role)
         if role == "response":
-            likely += names_like(free, "key")
-        pairs.append((role, [*likely, "NAME"][0]))
+            likely += names_like(free_names, "key")
+        name_by_role.append((role, name_of_stimulus.get(role) or _first_or_blank(likely)))
 
     meaning = "with the names in your file"
-    if stimuli.get("s1") and not unit_in(stimuli["s1"]):
+    s1 = name_of_stimulus.get("s1")
+    if s1 and not unit_in(s1):
         meaning = f"if they are natural logs; for intensities add --unit {ANY_UNIT}"
-    return Remedy("columns", tuple(pairs), meaning)
+    return Remedy("columns", tuple(name_by_role), meaning)

@@ -55,24 +55,29 @@ class StimulusScales(NamedTuple):
         share = weight / weight.sum()
         sbar = float(share @ s1)
         mean = 0.5 * (sbar + float(share @ s2))
+
         unequal_share = weight[is_unequal] / weight[is_unequal].sum()
         step = _root_mean_square((s2 - s1)[is_unequal], unequal_share)
-        offsets = np.concatenate([s1 - mean, s2 - mean])
-        spread = _root_mean_square(offsets, 0.5 * np.concatenate([share, share]))
-        first_spread = 0.0
+        deviations = np.concatenate([s1 - mean, s2 - mean])
+        spread = _root_mean_square(deviations, 0.5 * np.concatenate([share, share]))
+        first_spread = 0.0  # exactly, where s1 - sbar would be a rounding error
         if (s1 != s1[0]).any():
             first_spread = _root_mean_square(s1 - sbar, share)
         return cls(mean, sbar, step, spread, first_spread)
 
     @property
     def roving_share(self) -> float:
-        """Factor by which roved first stimuli narrow the prior of a contraction, at most 1."""
-        most = 4.0 * self.step
-        return most / self.first_spread if self.first_spread > most else 1.0
+        """Factor by which roved first stimuli narrow the prior of a contraction, at most 1.
+
+        It is below 1 where the standard deviation of s1 is larger than 4 D. A prior as wide as
+        usual would then allow shifts that are much larger than the differences in the pairs.
+        """
+        widest = 4.0 * self.step
+        return widest / self.first_spread if self.first_spread > widest else 1.0
 
 
 def _root_mean_square(values: FloatArray, share: FloatArray) -> float:
-    """Root of the weighted mean square, where the squares may leave the range of floats."""
+    """Root of the weighted mean square of values whose squares may leave the range of floats."""
     largest = float(np.abs(values).max())
     return largest * float(np.sqrt(share @ np.square(values / largest)))
 
@@ -115,25 +120,28 @@ class Conditions:
         return replace(self, levels=levels) if len(levels) > 1 else self
 
     def design(self, chosen: Texts | None = None) -> FloatArray:
-        """Columns X, shape (levels, columns), of all levels or some.
+        """Design matrix X of all levels or of the chosen ones, shape (levels, columns).
 
-        With independent N(0, h^2) effects any two levels differ by N(0, h^2). Two levels are -1/2
-        and 1/2. More have orthonormal columns that sum to 0, over 2^(1/2), so that no level is
-        special. Numbers have one, (x - mean)/range, whose effect is that over the whole range.
+        Levels that are numbers have one column, (x - mean)/range, so that its effect is that over
+        the whole range. Other levels have orthonormal columns that sum to 0, divided by 2^(1/2): no
+        level is special, and with independent N(0, h^2) effects any two levels differ by
+        N(0, h^2). Two levels are -1/2 and 1/2.
         """
         chosen = self.levels if chosen is None else tuple(chosen)
         if self.numeric:
             x = np.array(self.levels, float)
             centred = np.array(chosen, float) - x.mean()
             return (centred / np.ptp(x))[:, None]
+
         contrasts = np.eye(len(chosen)) - 1.0 / len(chosen)
         columns = np.linalg.qr(contrasts[:, 1:])[0] / np.sqrt(2.0)
+        # QR leaves the signs open: the last level is positive.
         return columns * np.where(columns[-1] < 0.0, -1.0, 1.0)
 
     @property
     def about(self) -> str:
         """The column and its levels in words."""
         names = list(map(display_name, self.levels))
-        kind = ", as numbers" if self.numeric else f"; {names[0]} is the reference"
         levels = f"{plural(len(names), 'level')}, {join_names(names)}"
+        kind = ", as numbers" if self.numeric else f"; {names[0]} is the reference"
         return f"{display_name(self.name)}: {levels}{kind}"

@@ -64,8 +64,8 @@ def read_covariates(path: StrPath) -> Covariates:
     {'S01': 23.0, 'S03': 31.5}
     """
     table = read_table(path, set)
-    has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
-    if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
+    has_unique_names = len(table.names) == len(table.columns) and "" not in table.names
+    if "subject" not in table.names or len(table.names) < 2 or not has_unique_names:
         names = join_names(map(quoted, table.names))
         table.require(
             [
@@ -73,10 +73,11 @@ def read_covariates(path: StrPath) -> Covariates:
                 "a name of its own"
             ]
         )
-    table.require([])
+    table.require([])  # at least one row, in which all cells have a value
     require_texts(table, table.columns["subject"], once=True)
     subjects = bare_names(table, table.columns["subject"]).map(str, object)
-    values: dict[str, dict[str, str | float]] = {}
+
+    covariates: dict[str, dict[str, str | float]] = {}
     for name, column in table.columns.items():
         if name == "subject":
             continue
@@ -84,13 +85,13 @@ def read_covariates(path: StrPath) -> Covariates:
         texts = column.only(has_value).texts
         n_words = np.isnan([number(text, table.decimal_comma) for text in texts]).sum()
         is_category = n_words == len(texts) or (len(texts) == 2 and n_words == 1)
-        cells = column.map(str, object)
+
+        values = column.map(str, object)
         if not is_category:
-            cells = numbers(table, column)
+            values = numbers(table, column)
             kind = "a finite number (or no number in the whole column)"
-            require_numbers(table, column, has_value & np.isnan(cells), kind)
-        values[name] = dict(
-            zip(subjects[has_value].tolist(), cells[has_value].tolist(), strict=True)
-        )
+            require_numbers(table, column, has_value & np.isnan(values), kind)
+        with_value = subjects[has_value].tolist()
+        covariates[name] = dict(zip(with_value, values[has_value].tolist(), strict=True))
     table.problems.refuse()
-    return values
+    return covariates

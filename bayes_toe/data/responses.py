@@ -38,6 +38,7 @@ from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     THREE_ANSWERS,
     Task,
+    task_named,
     task_with,
     tasks_named,
 )
@@ -49,8 +50,8 @@ if TYPE_CHECKING:
     from bayes_toe.data.layouts import StandardOrder
     from bayes_toe.data.study import Study, Subject
 
-#: What a text stands for: the answer of a task at this position, such as the first one, no
-#: response, or nothing known.
+#: What a text stands for: the index of an answer of the task, of which the first one is counted, or
+#: no response, or nothing known.
 _YES, _MISSING, _UNKNOWN = 0, -1, -2
 #: The words of each answer, in any case; and those of columns that say right or wrong.
 _WORDS: dict[str, tuple[str, ...]] = {
@@ -69,8 +70,8 @@ _CODE_MEANINGS = {
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
 
-#: Share of the trials that a mistake has at most, and that missed trials have at most.
-_RARE, _MANY = 0.05, 0.2
+#: Largest share of the trials that are mistakes, and that nobody answered.
+_MOST_MISTAKES, _MOST_MISSED = 0.05, 0.2
 
 _ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
 #: The text that options give for each answer of a task.
@@ -100,28 +101,28 @@ def responses(
 ) -> Responses:
     """The responses in a column, of trials with these s2 - s1; missed ones are empty.
 
-    What cannot be read is noted in the table. Where no word is known, one line says so of the
-    column, and another task than the one of the result may have been meant.
+    What cannot be read is a problem of the table. Where no word is known, there is one problem for
+    the whole column, and the task of the result is a guess.
     """
     has_scores = options.correct is not None
-    task_told = _task_told(column, task_column, options)
-    task = task_told or task_with(_words_by_answer(column)) or SAME_DIFFERENT
+    stated_task = _stated_task(column, task_column, options)
+    task = stated_task or task_with(_words_by_answer(column)) or SAME_DIFFERENT
     names, words = task.answers, tuple(_WORDS[answer] for answer in task.answers)
     if has_scores:
         names, words = ("right", "wrong"), _RIGHT_WRONG
     codes = _all_codes(column, options.codes(task))
-    answer = column.map(lambda text: _answer(text, codes, words), np.int64)
+    answer_index = column.map(lambda text: _answer_index(text, codes, words), np.int64)
 
+    # What makes an answer likelier, by the option that names its code.
+    trends = {"equal_code": -abs(difference), "second_code": difference}
+    if options.has_standard:
+        trends["comparison_code"] = np.where(order.is_first, difference, -difference)
     problem, remedies = "", list[Remedy]()
-    if task_told is None and options.comparison_code is None:
-        # What makes an answer likelier, by the option that names its code.
-        trends = {"equal_code": -abs(difference), "second_code": difference}
-        if options.has_standard:
-            trends["comparison_code"] = np.where(order.is_first, difference, -difference)
+    if stated_task is None and options.comparison_code is None:
         problem, remedies = _unknown_meaning(column, task_column, trends)
     if not problem:
-        problem, remedies = _unknown_texts(column, answer, codes, names)
-    remedies = _three_answers(column, answer, names, options, difference) + remedies
+        problem, remedies = _unknown_texts(column, answer_index, codes, names)
+    remedies = _three_answers(column, answer_index, names, options, trends) + remedies
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
@@ -129,29 +130,38 @@ def responses(
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
             rule += f"; other codes by {', '.join(f'--{name}-code' for name in names)}"
-        table.fault(column, answer == _UNKNOWN, rule)
+        table.fault(column, answer_index == _UNKNOWN, rule)
         table.problems.remedies += remedies
 
-    note: list[object] = ["responses"]
-    for i, name in enumerate(names):  # `answer` has positions among the names
-        is_answer = answer == i
-        note += [f" {_texts_read(column, is_answer, name)} (", is_answer.sum(), ") /"]
-    note[-1] = ")"  # no slash after the last answer
-
-    is_yes, is_answered = answer == _YES, answer != _MISSING
-    is_unscorable = np.zeros(len(answer), bool)
-    if has_scores:  # then `_YES` stands for 'right'
+    note = _reading_note(column, answer_index, names)
+    is_yes, is_answered = answer_index == _YES, answer_index != _MISSING
+    is_unscorable = np.zeros(len(answer_index), bool)
+    if has_scores:  # the first answer is then 'right'
         note[-1] = f"), '{task.yes}' or '{task.no}' by the sign of s2 - s1"
-        right_answer = task.right(difference)  # above 0 where it is the counted one, 0 without one
+        right_answer = task.right(difference)
         is_unscorable = is_answered & (right_answer == 0)
         is_yes = is_yes == (right_answer > 0)
     is_answered &= ~is_unscorable
-    is_second = (answer == THREE_ANSWERS.answers.index("second")) & (task == THREE_ANSWERS)
+    is_second = (answer_index == THREE_ANSWERS.answers.index("second")) & (task == THREE_ANSWERS)
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
 
 
+def _reading_note(column: Column, answer_index: IntArray, names: Texts) -> list[object]:
+    """The parts of a note such as "responses 'j' as second (20) / 'f' as first (20)"."""
+    note: list[object] = ["responses"]
+    for i, name in enumerate(names):
+        is_answer = answer_index == i
+        texts = column.only(is_answer).texts
+        words = join_names(map(quoted, texts or [name]))
+        if any(text.lower() != name for text in texts):
+            words += f" as {name}"
+        note += [f" {words} (", is_answer.sum(), ") /"]
+    note[-1] = ")"  # no slash after the last answer
+    return note
+
+
 def _allowed_texts(codes: Codes, words: Sequence[Texts], names: Texts) -> str:
-    """The texts that stand for all answers, in words."""
+    """The texts that stand for all answers: "'j' (second) or 'f' (first), or empty"."""
     parts = []
     for code, known_words, name in zip(codes, words, names, strict=True):
         texts = ", ".join(known_words) if code is None else quoted(code)
@@ -160,9 +170,9 @@ def _allowed_texts(codes: Codes, words: Sequence[Texts], names: Texts) -> str:
 
 
 def require_task(table: TextTable, task: Task, column: Column | None) -> None:
-    """Refuse a column `task` that tells another task.
+    """Refuse a column `task` that names another task.
 
-    What tells none, such as the name of an experiment, is not looked at.
+    A text that names none, such as that of an experiment, is ignored.
     """
     for text, other_task in _tasks_in(column).items():
         if other_task != task:
@@ -172,23 +182,22 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
             )
 
 
-def _task_told(column: Column, task_column: Column | None, options: ReadOptions) -> Task | None:
+def _stated_task(column: Column, task_column: Column | None, options: ReadOptions) -> Task | None:
     """The task of the options; else the one that all rows name, if a response is a word of it."""
     if options.task is not None or task_column is None:
         return options.task
 
-    task_by_text = _tasks_in(task_column)
-    tasks_of_rows = {task_by_text.get(text) for text in task_column.texts}  # None: names no task
-    if len(tasks_of_rows) != 1:
+    tasks = {task_named(text) for text in task_column.texts}  # None if a text names no task
+    if len(tasks) != 1:
         return None
-    (task,) = tasks_of_rows
+    (task,) = tasks
     if task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
         return None
     return task
 
 
 def _words_by_answer(column: Column) -> dict[str, str]:
-    """The first text of a column that is a word of an answer, by the answer."""
+    """By answer, the first text of a column that is a word of it: {'second': 'zweiter'}."""
     word_by_answer = dict[str, str]()
     for text in column.texts:
         for answer, words in _WORDS.items():
@@ -198,9 +207,7 @@ def _words_by_answer(column: Column) -> dict[str, str]:
 
 
 def _english(word: str) -> str:
-    """The word of a task that a word of another language, or several words, stand for.
-
-    Without one it is the word itself.
+    """The answer that a word of another language, or several words, stand for; else the word.
 
     Examples
     --------
@@ -210,9 +217,9 @@ def _english(word: str) -> str:
     ('first', 'second', 'second lighter')
     """
     plain = without_accents(word)
-    for english, translations in VOCABULARY["responses"].items():
+    for answer, translations in VOCABULARY["responses"].items():
         if plain in translations:
-            return english
+            return answer
     _, places, other_words = named_places(word)
     if len(places) == 1 and other_words and other_words <= {*VOCABULARY["words"]["answer"]}:
         return places[0]
@@ -224,10 +231,11 @@ def blank_missed(
 ) -> tuple[Column, list[str]]:
     """A column of responses whose missed trials are empty, and the texts that say so.
 
-    Texts of other rows, such as units or questions about the subject, are empty, too.
+    Texts that only rows without stimuli have, such as units or the subject's age, become empty too.
     """
     trials = column.only(has_stimuli)
     missed = _missed_texts(trials, options)
+    # Without any stimuli, the columns of the stimuli are the problem, and not the responses.
     answers = {*(trials.texts or column.texts)}.difference(missed)
     texts = [text if text in answers else "" for text in column.texts]
     texts_to_name = [text for text in missed if text.lower() not in MISSING_WORDS]
@@ -237,7 +245,12 @@ def blank_missed(
 def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     """The texts that say that nobody responded.
 
-    -1 is one, as jsPsych has it, beside two texts that are words or given codes.
+    -1 is one, as jsPsych writes it, if two other texts or more are words or given codes.
+
+    Examples
+    --------
+    >>> _missed_texts(Column.from_texts("response", ["first", "-1", "none", "2nd"]), ReadOptions())
+    ['none', '-1']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
     codes = {*map(_plain, filter(None, given_codes))}
@@ -250,23 +263,24 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
         else:
             answers.add(plain)
 
-    other_answers = answers - codes - {"-1"}
-    known_words = {*chain(*(_ALL_WORDS if options.correct is None else _RIGHT_WRONG))}
-    is_known = known_words.issuperset(_english(answer.lower()) for answer in other_answers)
-    if "-1" in answers - codes and len(answers) > 2 and is_known:
+    words_of_answers = _ALL_WORDS if options.correct is None else _RIGHT_WRONG
+    known_words = {*chain(*words_of_answers)}
+    words = answers - codes - {"-1"}
+    has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
+    if "-1" in answers - codes and len(answers) > 2 and has_known_words:
         missed += [text for text in column.texts if _plain(text) == "-1"]
-    return list(dict.fromkeys(missed))
+    return missed
 
 
 def without_missed(
     answers: Responses, column: Column, signs: Sequence[Column], declared: Texts
 ) -> tuple[Responses, list[str]]:
-    """Responses without trials that nobody answered, and what says so.
+    """Responses without trials that nobody answered, and the texts that say so.
 
-    Experiment programs score a missed trial as wrong. Its key, its reaction time or a column such
-    as `timed_out` shows it. `declared` are the texts that the options name.
+    Experiment programs score a missed trial as wrong. The `signs` of one are its key, its reaction
+    time or a column such as `timed_out`. `declared` are texts that the options name.
     """
-    is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES)
+    is_right = column.map(lambda text: _answer_index(text, (None, None), _RIGHT_WRONG) == _YES)
     causes = []
     for sign in signs:
         texts = []
@@ -284,45 +298,59 @@ def without_missed(
 
 
 def cells_of(column: Column, texts: Texts) -> list[str]:
-    """Texts and their column, as a note names them; nothing where there is no text."""
+    """Texts and their column, such as ["'-1', empty in column rt"]; nothing without texts."""
     if not texts:
         return []
-    shown_texts = [quoted(text) if text else "empty" for text in texts]
-    return [f"{join_names(shown_texts)} in {column}"]
+    cells = [quoted(text) if text else "empty" for text in texts]
+    return [f"{join_names(cells)} in {column}"]
 
 
 def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
-    """Whether a text in a column says that nobody responded, and no response beside it is right."""
+    """Whether a text in a column says that nobody responded, and no response beside it is right.
+
+    Examples
+    --------
+    >>> times = Column.from_texts("rt", ["512", "-1", "377"])
+    >>> _shows_missed(times, "-1", np.array([True, False, True]))
+    True
+    """
     word = _plain(text).lower()
     is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
     if is_missed_flag(sign):
         is_sign = word in TRUE_WORDS
-    is_chosen = sign.matches([text])
-    if not is_sign or is_chosen.all() or (is_chosen & is_right).any():
+    has_text = sign.matches([text])
+    if not is_sign or has_text.all() or (has_text & is_right).any():
         return False
     if word == "0":
         return len(sign.texts) > 2  # of two keys, 0 may be one
     if word not in VOCABULARY["missed"]["unclear"]:
         return True
-    # A time of 999 ms may be a reaction, beside others of its size. It is a sign all the same if so
-    # many responses with it would not all be wrong by chance.
+    # A time of 999 ms may be a reaction, if others are longer than a tenth of it. It is a sign all
+    # the same if so many responses with it are all wrong by chance with a probability below .01.
     is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word))
-    share_wrong = 1.0 - is_right[~is_chosen].mean()
-    is_chance = share_wrong ** is_chosen.sum() > 0.01
-    return not (is_chance and (is_as_large & ~is_chosen).any())
+    share_wrong = 1.0 - is_right[~has_text].mean()
+    may_be_chance = share_wrong ** has_text.sum() > 0.01
+    return not (may_be_chance and (is_as_large & ~has_text).any())
 
 
 def _all_codes(column: Column, codes: Codes) -> Codes:
-    """The codes of all responses; if one is missing, it is the only other code of a column."""
-    chosen = {*map(_plain, filter(None, codes))}
+    """The codes of all answers; one that is not given is the only other text of the column.
+
+    Examples
+    --------
+    >>> _all_codes(Column.from_texts("response", ["j", "f"]), ("j", None))
+    ('j', 'f')
+    """
+    given_codes = {*map(_plain, filter(None, codes))}
     texts = {*map(_plain, column.texts)} - {""}
-    other_texts = texts - chosen
+    other_texts = texts - given_codes
     if codes.count(None) != 1 or len(other_texts) != 1:
         return codes
 
     (other,) = other_texts
-    has_words = chosen.isdisjoint(texts) and _words_by_answer(column)
-    if has_words or other.lower() in map(str.lower, chosen):  # a word, or a code in other case
+    # Neither a word instead of a code, nor the given code in another case.
+    has_words = given_codes.isdisjoint(texts) and _words_by_answer(column)
+    if has_words or other.lower() in map(str.lower, given_codes):
         return codes
     return tuple(code or other for code in codes)
 
@@ -330,21 +358,20 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
 def _unknown_meaning(
     column: Column, task_column: Column | None, trends: Mapping[str, FloatArray]
 ) -> Question:
-    """Problems of a column whose words tell no task, or two, with options to type.
-
-    `trends` are what makes an answer likelier, by the option that names its code.
-    """
+    """The problem of a column whose words tell no task, or two; the trends are by option."""
     tasks_by_text = _tasks_in(task_column)
     texts = list(filter(None, column.texts))
     shares = join_names(column.counts(texts), 4)
     words_by_answer = _words_by_answer(column)
-    if words_by_answer and task_with(words_by_answer) is None:
+    if words_by_answer:
+        if task_with(words_by_answer) is not None:
+            return "", []
         words = join_words(list(map(quoted, words_by_answer.values())))
         return _two_tasks(f"found {words}, words of two tasks", task_column)
-    if not words_by_answer and len({*tasks_by_text.values()}) > 1:
+    if len({*tasks_by_text.values()}) > 1:
         tasks = join_words(list(map(quoted, tasks_by_text)))
         return _two_tasks(f"found {shares} of the tasks {tasks}", task_column)
-    if words_by_answer or not texts:
+    if not texts:
         return "", []
 
     counts = _count_remedies(column, texts)
@@ -354,10 +381,10 @@ def _unknown_meaning(
     if len(texts) == 1:
         problem = f"the only code is {shares}. The program does not know what it means."
     remedies = []
-    answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
+    task_answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
     for remedy in _code_remedies(column, texts, trends):
         answer = "equal" if remedy.option == "equal_code" else "second"
-        if not answers or answer in answers:
+        if not task_answers or answer in task_answers:
             remedies.append(remedy)
     return problem, remedies
 
@@ -379,36 +406,38 @@ def _two_tasks(finding: str, task_column: Column | None) -> Question:
         "contrast compares the tasks that --condition COLUMN names"
     )
     remedies = []
-    for text, task in _tasks_in(task_column).items():
-        name = "" if task_column is None else task_column.name
-        remedies.append(Remedy("where", ((name, text),), f"for the task {task.name!r}"))
+    if task_column is not None:
+        for text, task in tasks_named(task_column.texts).items():
+            meaning = f"for the task {task.name!r}"
+            remedies.append(Remedy("where", ((task_column.name, text),), meaning))
     return problem, remedies
 
 
 def _tasks_in(column: Column | None) -> dict[str, Task]:
-    """The tasks that a column `task` tells, by its texts."""
+    """The tasks that a column `task` names, by its texts."""
     return {} if column is None else tasks_named(column.texts)
 
 
 def _unknown_texts(
     column: Column,
-    answer: IntArray,
+    answer_index: IntArray,
     codes: Codes,
     names: Texts,
 ) -> Question:
-    """The problem of several codes of which one is known; what to type for texts of no answer.
+    """The problem of a column with several unknown texts, if the code of one answer is missing.
 
-    One text beside both answers has no problem of its own: it may be a missed trial, or 'equal'.
+    One unknown text beside all answers has only an option to type: it may be a missed trial.
     """
-    unknown = column.only(answer == _UNKNOWN)
-    n_answers = len({*answer.tolist()} - {_MISSING, _UNKNOWN})
-    is_complete = n_answers == len(names)
-    n_unknown, n_answered = len(unknown.codes), np.count_nonzero(answer != _MISSING)
-    if is_complete and len(unknown.texts) == 1 and n_unknown < _MANY * n_answered:
+    unknown = column.only(answer_index == _UNKNOWN)
+    n_answers = len({*answer_index.tolist()} - {_MISSING, _UNKNOWN})
+    has_all_answers = n_answers == len(names)
+    n_unknown, n_answered = len(unknown.codes), np.count_nonzero(answer_index != _MISSING)
+    if has_all_answers and len(unknown.texts) == 1 and n_unknown < _MOST_MISSED * n_answered:
         meaning = f"only if nobody responded in these {plural(n_unknown, 'trial')}; it drops them"
         return "", [Remedy("missed", unknown.texts[0], meaning)]
-    if is_complete or len(unknown.texts) < 2 or codes.count(None) != 1:
+    if has_all_answers or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
+
     other = names[codes.index(None)]
     shares = join_names(unknown.counts(unknown.texts), 4)
     if not n_answers:
@@ -419,26 +448,34 @@ def _unknown_texts(
 
 
 def _three_answers(
-    column: Column, answers: IntArray, names: Texts, options: ReadOptions, difference: FloatArray
+    column: Column,
+    answer_index: IntArray,
+    names: Texts,
+    options: ReadOptions,
+    trends: Mapping[str, FloatArray],
 ) -> list[Remedy]:
     """Options to type if three frequent texts, not all known, are those of three answers."""
     words = _words_by_answer(column)
     is_two_answers = len(names) == 2 and options.correct is None and "different" not in words
-    is_frequent = np.bincount(column.codes) > _RARE * np.count_nonzero(answers != _MISSING)
+    n_answered = np.count_nonzero(answer_index != _MISSING)
+    is_frequent = np.bincount(column.codes) > _MOST_MISTAKES * n_answered
     texts = [_plain(text) for text in compress(column.texts, is_frequent) if text]
-    if len(texts) != 3 or not is_two_answers or _UNKNOWN not in answers:
+    if len(texts) != 3 or not is_two_answers or _UNKNOWN not in answer_index:
         return []
+
     codes = {**words, **options.code_by_answer}
-    replaced = codes.pop("different", None)
-    for answer, trend in (("equal", -abs(difference)), ("second", difference)):
+    different_code = codes.pop("different", None)  # no answer of three
+    for answer in ("equal", "second"):
         if answer not in codes:
-            others = [text for text in texts if text not in codes.values()]
-            codes[answer] = _commonest_with(column, others, trend)[0] or others[0]
+            free_texts = [text for text in texts if text not in codes.values()]
+            likeliest, _ = _commonest_with(column, free_texts, trends[f"{answer}_code"])
+            codes[answer] = likeliest or free_texts[0]
+
     equal, second = codes["equal"], codes["second"]
     meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
-    if replaced is not None:
+    if different_code is not None:
         meaning += ", in place of --different-code"
-    # The second option is typed together with the first one, never alone.
+    # The second option answers a question of its own, so it is typed together with the first one.
     return [
         Remedy("equal_code", equal, meaning),
         Remedy("second_code", second, "", MAX_LINES, step=1),
@@ -448,7 +485,7 @@ def _three_answers(
 def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
     """Options to type if these codes tell no task, the likeliest first."""
     by_word = {text.lower(): text for text in map(_plain, texts)}
-    likely = [*filter(None, map(by_word.get, ("1", "true", "yes"))), texts[0]][0]
+    likely = next(filter(None, map(by_word.get, ("1", "true", "yes"))), texts[0])
     correlations = dict[Remedy, float]()
     for option, trend in trends.items():
         code, correlation = _commonest_with(column, texts, trend)
@@ -456,6 +493,7 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
         remedy = Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}")
         correlations[remedy] = correlation
     remedies = sorted(correlations, key=correlations.__getitem__, reverse=True)
+
     if by_word.keys() <= {*chain(*_RIGHT_WRONG)}:
         meaning = f"if {likely} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
@@ -463,9 +501,9 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
 
 
 def _commonest_with(column: Column, texts: Texts, trend: FloatArray) -> tuple[str, float]:
-    """The code that is commoner the larger a trend is, and its correlation with the trend.
+    """The text with the largest positive correlation with a trend, and this correlation.
 
-    It is empty where no code is, or no stimulus can be read.
+    The text is empty if no correlation is positive, or no stimulus can be read.
     """
     is_number = np.isfinite(trend)
     trend = trend[is_number]
@@ -480,15 +518,18 @@ def _commonest_with(column: Column, texts: Texts, trend: FloatArray) -> tuple[st
 
 
 def _plain(text: str) -> str:
-    """A cell without what spreadsheets do to it: the decimals of 1.0 and 0,0."""
+    """A cell without what spreadsheets add to whole numbers: '1.0' is '1', and '0,0' is '0'."""
     match = re.fullmatch(r"([-+]?\d+)[.,]0*", text)
-    return text if match is None else match[1]
+    return match[1] if match else text
 
 
-def _answer(text: str, given: Codes, words: Sequence[Texts]) -> int:
-    """The answer that a cell stands for: by the given codes, else by words."""
+def _answer_index(text: str, codes: Codes, words: Sequence[Texts]) -> int:
+    """The index of the answer that a cell stands for, or `_MISSING`, or `_UNKNOWN`.
+
+    An answer has a code, or words if its code is None.
+    """
     plain = _plain(text)
-    codes = [code and _plain(code) for code in given]
+    codes = [code and _plain(code) for code in codes]
     if plain in codes:
         return codes.index(plain)
     word = plain.lower()
@@ -496,23 +537,17 @@ def _answer(text: str, given: Codes, words: Sequence[Texts]) -> int:
         return _MISSING
     # Where 'Different' was declared to mean equal, 'different' is not read by default.
     if word not in map(str.lower, filter(None, codes)):
-        for answer, (code, known_words) in enumerate(zip(codes, words, strict=True)):
+        for index, (code, known_words) in enumerate(zip(codes, words, strict=True)):
             if code is None and _english(word) in known_words:
-                return answer
+                return index
     return _UNKNOWN
 
 
-def _texts_read(column: Column, chosen: BoolArray, word: str) -> str:
-    """The texts that were read as an answer, in words."""
-    texts = column.only(chosen).texts
-    shown_texts = join_names(map(quoted, texts or [word]))
-    if any(text.lower() != word for text in texts):
-        shown_texts += f" as {word}"
-    return shown_texts
-
-
 def response_trend(subject: Subject, x: FloatArray) -> tuple[float, float]:
-    """Covariance of the counted response with x, shape (pairs,), and its variance by chance."""
+    """Sum over trials of the counted response times centred x, and its variance by chance.
+
+    `x` has a value for each pair, shape (pairs,).
+    """
     centred = x - np.average(x, weights=subject.n_trials)
     share = subject.fraction_yes
     variance = share * (1.0 - share) * (np.square(centred) @ subject.n_trials)
@@ -524,8 +559,8 @@ def direction(study: Study) -> int:
 
     It is 0 unless the sum over subjects is beyond chance (z of 5), more than half of the subjects
     with both answers have a z of more than 1, and none has the opposite (a z of 3). A study of
-    subjects who guess is called reversed once in three million times. Three reversed subjects of
-    13 are findings of :mod:`bayes_toe.checks.answer_checks`.
+    subjects who guess is called reversed once in three million times. If some subjects of many are
+    reversed, :mod:`bayes_toe.checks.answer_checks` finds them.
     """
     covariances, variances = [], []
     for unit in study:
@@ -537,26 +572,27 @@ def direction(study: Study) -> int:
             covariances.append(covariance)
             variances.append(variance)
     z = np.array(covariances) / np.sqrt(variances)
-    total = sum(covariances) / np.sqrt(sum(variances) or 1.0)
-    for sign in (-1, 1):
-        is_shared = np.count_nonzero(sign * z > 1.0) > 0.5 * len(z)
-        if sign * total > 5.0 and is_shared and (sign * z > -3.0).all():
-            return sign
-    return 0
+    z_of_study = sum(covariances) / np.sqrt(sum(variances) or 1.0)
+    sign = int(np.sign(z_of_study))
+    is_shared = np.count_nonzero(sign * z > 1.0) > 0.5 * len(z)
+    is_clear = abs(z_of_study) > 5.0 and is_shared and (sign * z > -3.0).all()
+    return sign if is_clear else 0
 
 
 def require_direction(
     study: Study, options: ReadOptions, read: Callable[[ReadOptions], Study]
 ) -> None:
-    """Refuse reversed answers, with the options under which `read` finds none."""
+    """Refuse reversed answers, with the options under which a new reading has none."""
     if direction(study) >= 0:
         return
+
     rule = "'second' where the second stimulus was called the stronger"
     if options.correct:
         rule += f"; column {display_name(options.correct)} says right of those"
     elif "n_trials" in study.reading.read:
         rule += f"; {display_name(options.name('n_second'))} counts those"
-    candidates = []
+
+    candidates = []  # remedies that are typed together
     for code, other in permutations(study.reading.codes, 2):
         second = Remedy("second_code", code, f"if {code} is 'second'", 0)
         comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
@@ -565,9 +601,10 @@ def require_direction(
     if options.standard_interval is not None:
         meaning = "if it says the interval of the comparison"
         candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])
+
     remedies = []
     for candidate in candidates:
-        with suppress(InputError):
+        with suppress(InputError):  # the options may not fit the file
             if direction(read(with_remedies(options, candidate))) > 0:
                 remedies += candidate
     raise InputError(

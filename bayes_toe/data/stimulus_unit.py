@@ -41,7 +41,8 @@ LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
 _SMALLEST_PERCENT, _LARGEST_PERCENT = -1000.0 / 11.0, 1000.0
 #: Share of the range of the stimuli that nobody perceives, and that rounding may leave.
 ROUNDED = 1e-6
-_BY_CHANCE = 2  # times that two stimuli are shown which may be near each other by chance
+#: Stimuli that are shown no more often may be near each other by chance.
+_BY_CHANCE = 2
 #: Letters of a unit at most, and those with a meaning in figures and pages.
 _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
 
@@ -51,7 +52,7 @@ ALLOWED_STIMULI = "0, or natural logs from 1e-99 to 1e100 in size"
 
 
 def out_of_range(logs: FloatArray) -> BoolArray:
-    """Whether natural-log intensities are too large, or all too small, to compute with."""
+    """Whether each natural-log intensity is too large to compute with, or all are too small."""
     sizes = np.abs(logs)
     largest = np.nan_to_num(sizes).max(initial=0.0)
     return (sizes > 1e100) | ((sizes > 0.0) & (largest < 1e-99))
@@ -64,9 +65,9 @@ def percent(logs: npt.ArrayLike) -> FloatArray:
 
 
 def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int | None]:
-    """What shows that the stimuli of pairs are no natural logs, and the pair that does.
+    """Why the stimuli of pairs can be no natural logs, and the index of the pair that shows it.
 
-    The text is empty if nothing does; the pair is None if all do.
+    The text is empty if they can; the index is None if all pairs show it.
 
     Examples
     --------
@@ -76,7 +77,7 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     ('', None)
     """
     stimuli = np.concatenate([first, second])
-    low, high = float(stimuli.min()), float(stimuli.max())
+    low, high = stimuli.min(), stimuli.max()
     if low > _LARGEST_LOG and (stimuli % 1.0 == 0.0).all():
         return f"whole numbers from {low:g} to {high:g}", None
     steps = np.abs(second - first)
@@ -89,8 +90,8 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
 def _without_rounding(pairs: FloatArray) -> FloatArray:
     """Pairs of a subject, shape (rows, 2), in which stimuli are equal if they differ by rounding.
 
-    The stimulus that was shown most often stands for its neighbours. If every trial has stimuli of
-    its own, only those of one pair are taken together.
+    The stimulus that was shown most often replaces its neighbours. If every trial has stimuli of
+    its own, only the two stimuli of a pair become equal.
 
     Examples
     --------
@@ -100,11 +101,15 @@ def _without_rounding(pairs: FloatArray) -> FloatArray:
     values, index, n_shown = np.unique(pairs, return_inverse=True, return_counts=True)
     low, high = np.quantile(pairs, (0.05, 0.95))  # without one that was mistyped
     limit = ROUNDED * (high - low)
-    is_near = (np.diff(values) <= limit) & (np.maximum(n_shown[1:], n_shown[:-1]) > _BY_CHANCE)
-    group = np.concatenate([[0], np.cumsum(~is_near)])
-    most_first = np.lexsort([-n_shown, group])
-    _, places = np.unique(group[most_first], return_index=True)
-    first, second = values[most_first][places][group][index].T
+
+    is_repeated = np.maximum(n_shown[1:], n_shown[:-1]) > _BY_CHANCE
+    is_like_previous = (np.diff(values) <= limit) & is_repeated
+    group = np.concatenate([[0], np.cumsum(~is_like_previous)])  # of each value
+    by_group = np.lexsort([-n_shown, group])  # the commonest value of each group is its first
+    _, first_rows = np.unique(group[by_group], return_index=True)
+    commonest = values[by_group][first_rows]  # of each group
+
+    first, second = commonest[group[index]].T
     return np.column_stack([first, np.where(np.abs(second - first) <= limit, first, second)])
 
 
@@ -181,7 +186,7 @@ class StimulusUnit:
         return np.asarray(logs, float) if self.has_log_differences else percent(logs)
 
     def from_percent(self, values: npt.ArrayLike) -> FloatArray:
-        """Differences in per cent of intensity in this unit."""
+        """Differences in this unit, from differences in per cent of intensity."""
         values = np.asarray(values, float)
         if self.of_differences == "%":
             return values
@@ -189,7 +194,7 @@ class StimulusUnit:
             return self.differences(np.log1p(values / 100.0))
 
     def for_percent(self, values: npt.ArrayLike) -> StimulusUnit:
-        """The unit in which such differences in per cent are shown.
+        """The unit that shows these differences in per cent: as logs if one is too large.
 
         Examples
         --------
@@ -222,7 +227,7 @@ class StimulusUnit:
         return StimulusUnit("%", math.log(100.0) - mean)
 
     def numbers(self, logs: npt.ArrayLike, mean: float) -> tuple[list[str], str]:
-        """Stimuli as numbers that differ, and their unit.
+        """Stimuli as texts of numbers, with as many digits as distinguish them, and their unit.
 
         Without a unit they are per cent of a mean natural-log intensity, or natural logs.
 
@@ -234,17 +239,19 @@ class StimulusUnit:
         ((['90', '111'], '% of mean'), (['20', '0'], 'ln'))
         """
         logs = np.asarray(logs, float)
+        form, fewest_digits = "g", 4
         if self.of_stimuli:
-            values, unit, fewest_digits, form = self.stimuli(logs), self.of_stimuli, 4, "g"
+            values, unit = self.stimuli(logs), self.of_stimuli
         elif self.for_percent(percent(logs - mean)).of_differences == "ln":
-            values, unit, fewest_digits, form = logs, "ln", 3, "g"
+            values, unit = logs, "ln"
+            fewest_digits = 3
         else:
-            values = self.or_percent_of(mean).stimuli(logs)
-            unit, fewest_digits, form = "% of mean", 0, "f"
+            values, unit = self.or_percent_of(mean).stimuli(logs), "% of mean"
+            form, fewest_digits = "f", 0
 
         texts = []
-        for digits in range(fewest_digits, 15):
-            texts = [f"{value:.{digits}{form}}" for value in values]
+        for n_digits in range(fewest_digits, 15):  # more digits would show errors of rounding
+            texts = [f"{value:.{n_digits}{form}}" for value in values]
             if len({*texts}) == len({*values.tolist()}):
                 break
         return texts, unit
@@ -261,20 +268,22 @@ def merge_rounded(
 ) -> tuple[FloatArray, list[str]]:
     """Pairs in which stimuli of a subject are equal if they differ by rounding only, and a note.
 
-    `stimuli` are the pairs of all rows, shape (rows, 2); those with a NaN stay as they are.
+    `stimuli` are the pairs of all rows, shape (rows, 2); those with a NaN stay as they are. There
+    is no note if no stimulus changes.
     """
     merged = stimuli.copy()
-    valid = np.flatnonzero(~np.isnan(stimuli).any(axis=1))
-    for rows in subject.rows_by_text(valid).values():
+    valid_rows = np.flatnonzero(~np.isnan(stimuli).any(axis=1))
+    for rows in subject.rows_by_text(valid_rows).values():
         merged[rows] = _without_rounding(stimuli[rows])
 
-    is_changed = merged[valid] != stimuli[valid]
+    is_changed = merged[valid_rows] != stimuli[valid_rows]
     n_changed = is_changed.any(axis=1).sum()
     if not n_changed:
         return merged, []
 
     verb = "differ" if n_changed > 1 else "differs"
-    names = join_names(map(unit.describe, np.unique(merged[valid][is_changed])), 3)
+    changed_stimuli = np.unique(merged[valid_rows][is_changed])
+    names = join_names(map(unit.describe, changed_stimuli), 3)
     note = f"stimuli in {plural(n_changed, 'row')} {verb} by rounding only, and are read as one"
     return merged, [f"{note}: {names}"]
 

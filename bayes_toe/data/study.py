@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: Differences within this share of the smallest one are one step: stimuli may have two digits only.
+#: Differences within this share of the smallest one are equal: stimuli may have two digits only.
 _ROUNDING = 0.35
 
 
@@ -106,24 +106,38 @@ class Subject:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
+
         rows = counted_rows(
             self.name, (self.s1, self.s2), self.n_yes, self.n_trials, self._all_n_second()
         )
-        order = np.lexsort(rows.keys.T[::-1])  # one order whatever the file's: same bits
-        keys, counts = rows.keys[order].T, rows.counts[:, order]
-        problem = _pair_problem(keys, counts[1])
+        s1, s2 = rows.keys.T
+        order = np.lexsort((s2, s1))  # by s1, then by s2: results do not depend on the file's order
+        for name, values in {"s1": s1, "s2": s2, **rows.named_counts}.items():
+            sorted_values = values[order]
+            sorted_values.setflags(write=False)
+            object.__setattr__(self, name, sorted_values)
+        problem = self._pair_problem()
         if problem:
             raise InputError(f"subject {self.name!r}: {problem}")
-        names = ("s1", "s2", "n_yes", "n_trials", "n_second")
-        for name, values in zip(names, (*keys, *counts), strict=False):
-            values = np.array(values)
-            values.setflags(write=False)
-            object.__setattr__(self, name, values)
+
         if self.answers is not None:
             sums = self.answers.sums
-            # In a copy the counts may be others than those of the answers.
-            if not (np.array_equal(sums.keys.T, keys) and np.array_equal(sums.counts, counts)):
+            has_pairs = np.array_equal(sums.keys, rows.keys[order])
+            # A copy with other counts does not keep the answers.
+            if not has_pairs or not np.array_equal(sums.counts, rows.counts[:, order]):
                 object.__setattr__(self, "answers", None)
+
+    def _pair_problem(self) -> str:
+        """What is wrong with the sorted pairs; empty if nothing is."""
+        if not self.n_pairs:
+            return "no answered trial"
+        if not np.isfinite(self.stimuli).all():
+            return "s1 and s2 must be finite numbers"
+        if (self.n_trials < 1).any():
+            return "every pair needs n_trials >= 1"
+        if len(run_starts(self.s1, self.s2)) < self.n_pairs:
+            return "a pair of stimuli is repeated; Subject.from_counts adds repeats up"
+        return ""
 
     def _all_n_second(self) -> npt.ArrayLike | None:
         """The numbers of 'second', which only the task with three answers has."""
@@ -152,7 +166,7 @@ class Subject:
     ) -> Subject:
         """A subject from rows of counts.
 
-        Repeated pairs are added up, pairs never answered are left out.
+        Repeated pairs are added up. Pairs that were never answered are left out.
 
         Examples
         --------
@@ -189,6 +203,7 @@ class Subject:
                 raise InputError(f"subject {name!r}: allowed answers are {', '.join(task.answers)}")
             n_second = (is_yes == "second").astype(np.int64)
             is_yes = is_yes == "equal"
+
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
         # was given.
         if is_yes.dtype.kind not in "biuf" or not np.isin(is_yes, (0, 1)).all():
@@ -221,13 +236,13 @@ class Subject:
         InputError
             If no pair has two different stimuli.
         """
-        own = StimulusScales.from_pairs(self.s1, self.s2, self.n_trials)
-        if own is None:
+        scales = StimulusScales.from_pairs(self.s1, self.s2, self.n_trials)
+        if scales is None:
             raise InputError(
                 f"subject {self.name!r}: no pair has two different stimuli, so no order effect can "
                 "be seen"
             )
-        return (self.shared_scales or own)._replace(first_spread=own.first_spread)
+        return (self.shared_scales or scales)._replace(first_spread=scales.first_spread)
 
     @property
     def subject_name(self) -> str:
@@ -264,41 +279,34 @@ class Subject:
         """
         values, index = np.unique(self.s2 - self.s1, return_inverse=True)
         rounding = _ROUNDING * np.abs(values[values != 0.0]).min(initial=np.inf)
-        step = np.zeros(len(values), np.int64)
-        first_of_step = values[0]
+        group = np.zeros(len(values), np.int64)  # of each value; the values of a group are equal
+        first_of_group = values[0]
         for i in range(1, len(values)):
-            is_next = values[i] - first_of_step > rounding
-            if is_next:
-                first_of_step = values[i]
-            step[i] = step[i - 1] + is_next
-        means = np.bincount(step, values) / np.bincount(step)
-        return means[step][index]
+            is_new_group = values[i] - first_of_group > rounding
+            if is_new_group:
+                first_of_group = values[i]
+            group[i] = group[i - 1] + is_new_group
+        means = np.bincount(group, values) / np.bincount(group)
+        return means[group][index]
 
     @property
     def two_answers(self) -> Subject | None:
-        """The subject; of three answers, 'second' and 'first' as those of 'which is stronger'.
+        """The subject with two answers: itself, or a subject with 'second' and 'first' of three.
 
-        Trials whose answer is 'equal' then count as not answered. None if all trials are.
+        Trials whose answer is 'equal' then count as not answered. None if all answers are 'equal'.
         """
         if self.n_second is None:
             return self
-        n_unequal = self.n_trials - self.n_yes
-        if not n_unequal.any():
+        rows = _rows(self).of_direction
+        if not rows.n_trials.any():
             return None
-        if self.answers is None:
-            subject = Subject.from_counts(
-                self.name, self.s1, self.s2, self.n_second, n_unequal, task=WHICH_STRONGER
-            )
-        else:
-            subject = Subject.from_answers(self.name, self.answers.of_direction, WHICH_STRONGER)
-        return replace(
-            subject, unit=self.unit, condition=self.condition, shared_scales=self.shared_scales
-        )
+        subject = _with_rows(self, rows, WHICH_STRONGER)
+        return replace(subject, shared_scales=self.shared_scales)
 
     @property
     def n_first(self) -> IntArray:
         """How often 'first' was given, of three answers, shape (pairs,)."""
-        assert self.n_second is not None  # of two answers there is none
+        assert self.n_second is not None  # None with two answers
         return self.n_trials - self.n_yes - self.n_second
 
     @property
@@ -307,8 +315,7 @@ class Subject:
         counts = [self.n_yes, self.n_trials - self.n_yes]
         if self.n_second is not None:
             counts = [self.n_yes, self.n_second, self.n_first]
-        is_given = map(np.any, counts)
-        return list(compress(self.task.answers, is_given))
+        return list(compress(self.task.answers, map(np.any, counts)))
 
     @property
     def total_trials(self) -> int:
@@ -372,8 +379,9 @@ class Study:
         repeated = [repr(name) for name in sorted(names) if names[name] > 1]
         if repeated:
             raise InputError(f"subject names must be unique, repeated: {join_names(repeated)}")
-        tasks = {(subject.condition, subject.task) for subject in subjects}
-        if len(tasks) > len(dict(tasks)):  # two tasks at one level
+
+        tasks_at_levels = {(subject.condition, subject.task) for subject in subjects}
+        if len(tasks_at_levels) > len(dict(tasks_at_levels)):  # two tasks at one level
             raise InputError(
                 "every subject of a study must have been asked the same: same or different, which "
                 "is stronger, or three answers"
@@ -393,7 +401,7 @@ class Study:
 
     @property
     def by_task(self) -> tuple[Study, ...]:
-        """A study of the units of each task, such as S01@left; this one where there is one task."""
+        """A study for each task, of the units that did it; itself where there is one task."""
         tasks = dict.fromkeys(subject.task for subject in self)
         if len(tasks) == 1:
             return (self,)
@@ -416,7 +424,7 @@ class Study:
         return iter(self.subjects)
 
     def __getitem__(self, name: str | int) -> Subject:
-        """A subject by name; a whole number stands for its digits, since files are full of them."""
+        """A subject by name, which may be a whole number: 7 means '7'."""
         subject = self._by_name.get(name_from_key(name))
         if subject is None:
             names = join_names(map(repr, self.names))
@@ -428,7 +436,7 @@ class Study:
         return {subject.name: subject for subject in self.subjects}
 
     def select(self, names: Names) -> Study:
-        """The same study with only these subjects, or this one, in the order asked for."""
+        """The study of these subjects, or of this one, in the order of the names."""
         return replace(self, subjects=tuple(self[name] for name in _name_list(names)))
 
     def swap(self, name: Names, blocks: Names = ()) -> Study:
@@ -470,36 +478,42 @@ class Study:
     def _changed(
         self,
         option: str,
-        what: str,
+        description: str,
         names: Names,
         blocks: Names,
         change: Callable[[Answers, BoolArray], Answers],
     ) -> Study:
-        """The study with the responses of subjects changed; notes and `changes` report it."""
-        study, asked = self, _name_list(blocks)
+        """The study after a change of these blocks of subjects, or of all their answers.
+
+        `change` makes new answers from answers and the rows to change. The notes have the
+        description, and `changes` have the option.
+        """
+        study, block_names = self, _name_list(blocks)
         for name in _name_list(names):
             subject = study[name]
-            change_made = f"{option} {cli_argument(name, asked)}"
+            typed_option = f"{option} {cli_argument(name, block_names)}"
             try:
-                changed_subject = _changed_subject(subject, asked, change)
+                changed_subject = _changed_subject(subject, block_names, change)
             except InputError as error:
-                raise InputError(f"{change_made}: {error}") from None
+                raise InputError(f"{typed_option}: {error}") from None
+
             subjects = {**study._by_name, name: changed_subject}
             remaining = tuple(filter(None, subjects.values()))
             if not remaining:
-                raise InputError(f"{change_made}: no subject is left; exclude fewer")
+                raise InputError(f"{typed_option}: no subject is left; exclude fewer")
             conditions = study.conditions
             if conditions is not None:
                 remaining = with_shared_scales(remaining)
                 conditions = conditions.among({unit.condition for unit in remaining})
+
             owner = f"subject {display_name(name)}"
-            if asked:
-                owner += f", block{'s' * (len(asked) > 1)} {join_names(asked)}"
+            if block_names:
+                owner += f", block{'s' * (len(block_names) > 1)} {join_names(block_names)}"
             study = replace(
                 study,
                 subjects=remaining,
-                notes=(*study.notes, f"{owner}: {what}"),
-                changes=(*study.changes, change_made),
+                notes=(*study.notes, f"{owner}: {description}"),
+                changes=(*study.changes, typed_option),
                 conditions=conditions,
             )
         return study
@@ -529,10 +543,10 @@ class Study:
         columns: dict[str, Any] = {"subject": by_subject("subject_name")}
         if self.conditions:
             columns["condition"] = by_subject("condition")
-        keys = {self.task.count: "n_yes", "n_trials": "n_trials"}
+        count_keys = {self.task.count: "n_yes", "n_trials": "n_trials"}
         if self.task == THREE_ANSWERS:
-            keys = {"n_first": "n_first", "n_equal": "n_yes", "n_second": "n_second"}
-        for name, key in {"s1": "s1", "s2": "s2", **keys}.items():
+            count_keys = {"n_first": "n_first", "n_equal": "n_yes", "n_second": "n_second"}
+        for name, key in {"s1": "s1", "s2": "s2", **count_keys}.items():
             columns[name] = np.concatenate([getattr(subject, key) for subject in self])
         if self.synthetic:
             columns["synthetic"] = 1
@@ -553,23 +567,24 @@ class Study:
 
 
 def pooled(units: Sequence[Subject]) -> Subject:
-    """All answers of a subject, whatever the condition."""
-    task, columns = units[0].task, {}
-    for key in ("s1", "s2", *task.counts):
+    """One subject with the answers of all its units, whatever the condition."""
+    first = units[0]
+    columns = {}
+    for key in ("s1", "s2", *first.task.counts):
         columns[key] = np.concatenate([getattr(unit, key) for unit in units])
-    return Subject.from_counts(units[0].subject_name, **columns, task=task, unit=units[0].unit)
+    return Subject.from_counts(first.subject_name, **columns, task=first.task, unit=first.unit)
 
 
 def units_by_subject(units: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]:
     """The units of each subject, by its name."""
-    units_of: dict[str, tuple[Subject, ...]] = {}
+    by_subject: dict[str, tuple[Subject, ...]] = {}
     for unit in units:
-        units_of[unit.subject_name] = (*units_of.get(unit.subject_name, ()), unit)
-    return units_of
+        by_subject[unit.subject_name] = (*by_subject.get(unit.subject_name, ()), unit)
+    return by_subject
 
 
 def with_shared_scales(units: Iterable[Subject]) -> tuple[Subject, ...]:
-    """Units with the location and scales of the stimuli of their subjects."""
+    """Units with the location and scales of all stimuli of their subject, grouped by subject."""
     scaled_units = []
     for subject_units in units_by_subject(units).values():
         scales = common_scales(*(replace(unit, shared_scales=None) for unit in subject_units))
@@ -580,7 +595,7 @@ def with_shared_scales(units: Iterable[Subject]) -> tuple[Subject, ...]:
 def common_scales(*subjects: Subject) -> StimulusScales | None:
     """Location and scales of the stimuli of several subjects together, or of one.
 
-    A unit has those of its subject over all conditions. None without a pair of different stimuli.
+    One unit has those of its subject over all conditions. None without a pair of different stimuli.
     """
     if len(subjects) == 1 and subjects[0].shared_scales is not None:
         return subjects[0].shared_scales
@@ -590,17 +605,14 @@ def common_scales(*subjects: Subject) -> StimulusScales | None:
     return StimulusScales.from_pairs(*columns)
 
 
-def require_study(given: Any, several_tasks: bool = False) -> None:
-    """Refuse what stands in the place of a study, with what makes one; and one of several tasks.
-
-    `several_tasks` allows those.
-    """
+def require_study(study: Any, several_tasks: bool = False) -> None:
+    """Refuse what is no study, and a study of several tasks unless these are allowed."""
     rule = "a Study, such as bt.read_study(path or DataFrame) or bt.Study(subjects)"
-    require_kind("study", given, Study, rule)
-    tasks = [repr(study.task.name) for study in given.by_task]
+    require_kind("study", study, Study, rule)
+    tasks = [repr(task_study.task.name) for task_study in study.by_task]
     if len(tasks) > 1 and not several_tasks:
         raise InputError(
-            f"{given.source}: found the tasks {join_words(tasks)}, allowed: one task, in a file of "
+            f"{study.source}: found the tasks {join_words(tasks)}, allowed: one task, in a file of "
             "its own or in the rows that --where COLUMN=TEXT chooses; contrast compares tasks"
         )
 
@@ -609,30 +621,23 @@ def pairs_in_both_orders(subject: Subject) -> IndexArray:
     """Rows of pairs that were presented in both orders, shape (pairs, 2).
 
     The first column has the row with the weaker stimulus first.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [4, 2, 1], [5, 5, 5])
+    >>> pairs_in_both_orders(subject).tolist()
+    [[1, 2]]
     """
-    row_of = {pair: row for row, pair in enumerate(subject.pairs)}
+    row_by_pair = {pair: row for row, pair in enumerate(subject.pairs)}
     rows = []
-    for (s1, s2), row in row_of.items():
-        if s1 < s2 and (s2, s1) in row_of:
-            rows.append((row, row_of[s2, s1]))
+    for (s1, s2), row in row_by_pair.items():
+        if s1 < s2 and (s2, s1) in row_by_pair:
+            rows.append((row, row_by_pair[s2, s1]))
     return np.array(rows, np.intp).reshape(-1, 2)
 
 
-def _pair_problem(keys: FloatArray, n_trials: IntArray) -> str:
-    """What is wrong with sorted pairs, shape (2, pairs); empty if nothing is."""
-    if not len(n_trials):
-        return "no answered trial"
-    if not np.isfinite(keys).all():
-        return "s1 and s2 must be finite numbers"
-    if (n_trials < 1).any():
-        return "every pair needs n_trials >= 1"
-    if len(run_starts(*keys)) < len(n_trials):
-        return "a pair of stimuli is repeated; Subject.from_counts adds repeats up"
-    return ""
-
-
 def _name_list(names: Names) -> Texts:
-    """Names of one or several; a whole number stands for its digits."""
+    """A list of texts from one name or several; 7 becomes '7'."""
     if isinstance(names, str | int | np.integer):
         names = [names]
     return list(map(name_from_key, names))
@@ -641,15 +646,22 @@ def _name_list(names: Names) -> Texts:
 def _changed_subject(
     subject: Subject, blocks: Texts, change: Callable[[Answers, BoolArray], Answers]
 ) -> Subject | None:
-    """The subject with these blocks changed; None if no answer is left."""
-    answers = subject.answers
-    if answers is None:
-        pairs = (subject.s1, subject.s2)
-        counts = [getattr(subject, name) for name in subject.task.counts]
-        answers = counted_rows(subject.name, pairs, *counts)
-    after = change(answers, answers.rows_of(blocks))
-    if not after.n_trials.any():
-        return None
-    new = Subject.from_answers(subject.name, after, subject.task, subject.unit)
-    kept_answers = None if subject.answers is None else after
-    return replace(new, condition=subject.condition, answers=kept_answers)
+    """The subject after a change of these blocks, or of all its answers; None without answers."""
+    rows = _rows(subject)
+    changed_rows = change(rows, rows.rows_of(blocks))
+    return _with_rows(subject, changed_rows, subject.task) if changed_rows.n_trials.any() else None
+
+
+def _rows(subject: Subject) -> Answers:
+    """The answers of a subject, as they were given if this is known, else a row for each pair."""
+    if subject.answers is not None:
+        return subject.answers
+    counts = [getattr(subject, name) for name in subject.task.counts]
+    return counted_rows(subject.name, (subject.s1, subject.s2), *counts)
+
+
+def _with_rows(subject: Subject, rows: Answers, task: Task) -> Subject:
+    """A subject with other rows, which it keeps only if the given one keeps its answers."""
+    changed = Subject.from_answers(subject.name, rows, task, subject.unit)
+    answers = None if subject.answers is None else rows
+    return replace(changed, condition=subject.condition, answers=answers)

@@ -56,7 +56,7 @@ class Task:
 
     @property
     def count(self) -> str:
-        """The column of files that has how often the first answer was given."""
+        """The column of files with the counts of the answer that is counted, such as 'n_equal'."""
         return f"n_{self.yes}"
 
     @property
@@ -87,7 +87,7 @@ class Task:
     def right(self, difference: FloatArray) -> FloatArray:
         """1 where the counted answer is right, -1 where the other one is, 0 where neither is.
 
-        It depends on the difference s2 - s1.
+        `difference` is s2 - s1, of any shape.
 
         Examples
         --------
@@ -100,7 +100,7 @@ class Task:
     def wrong(self, difference: FloatArray, n_yes: IntArray, n_trials: IntArray) -> IntArray:
         """Numbers of wrong answers, from s2 - s1 and the numbers of the counted answer.
 
-        0 where neither is wrong. Broadcasts.
+        It is 0 where no answer is wrong. The shapes of the arguments are broadcast.
 
         Examples
         --------
@@ -151,26 +151,27 @@ THREE_ANSWERS = Task(
 )
 #: The tasks; one with fewer answers stands before one that has them too.
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER, THREE_ANSWERS)
-_CALLED = {
+#: Names of the tasks, in small letters and digits alone.
+_NAMES = {
     SAME_DIFFERENT: ["samedifferent", "samediff", "equaldifferent", "equality", "sd", "ax"],
     WHICH_STRONGER: ["whichisstronger", "which", "2afc", "2ifc", "secondfirst", "firstsecond"],
     THREE_ANSWERS: ["threeanswers", "ternary", "firstequalsecond"],
 }
 
 
-def task_of(given: Task | str, option: str = "--task") -> Task:
-    """The task, or the one that is called so; an InputError of an option where none is."""
-    if isinstance(given, Task):
-        return given
-    task = task_named(given) if isinstance(given, str) else None
+def task_of(name: Task | str, option: str = "--task") -> Task:
+    """The task with this name, or a task as it is; an InputError that names the option if none."""
+    if isinstance(name, Task):
+        return name
+    task = task_named(str(name))
     if task is None:
-        allowed = f"{SAME_DIFFERENT.name}, 2afc ({WHICH_STRONGER.name}), or ternary"
-        raise InputError(f"{option}: found {given!r}, allowed: {allowed}")
+        rule = f"{SAME_DIFFERENT.name}, 2afc ({WHICH_STRONGER.name}), or ternary"
+        raise InputError(f"{option}: found {name!r}, allowed: {rule}")
     return task
 
 
 def task_counted(columns: Container[Any]) -> Task | None:
-    """The task whose answers these columns count; None where none does."""
+    """The task whose answers these columns count, such as n_equal; None without such columns."""
     return task_with(answer for answer in THREE_ANSWERS.answers if f"n_{answer}" in columns)
 
 
@@ -180,7 +181,7 @@ def are_trials(columns: Container[Any]) -> bool:
 
 
 def task_with(answers: Iterable[str]) -> Task | None:
-    """The first task that has these answers; None where there is no answer, or no such task.
+    """The first task with these answers; None without an answer, or if no task has them all.
 
     Examples
     --------
@@ -188,10 +189,10 @@ def task_with(answers: Iterable[str]) -> Task | None:
     (True, True)
     >>> task_with(["first", "different"])
     """
-    given = {*answers}
-    if not given:
+    answers = {*answers}
+    if not answers:
         return None
-    return next((task for task in TASKS if given <= {*task.answers}), None)
+    return next((task for task in TASKS if answers <= {*task.answers}), None)
 
 
 def tasks_named(texts: Iterable[str]) -> dict[str, Task]:
@@ -211,7 +212,7 @@ def tasks_named(texts: Iterable[str]) -> dict[str, Task]:
 
 
 def task_named(text: str) -> Task | None:
-    """The task that somebody calls so; None where none is.
+    """The task with this name, in any spelling; None if no task has it.
 
     Examples
     --------
@@ -220,4 +221,4 @@ def task_named(text: str) -> Task | None:
     >>> task_named("comparison")
     """
     plain = re.sub("[^a-z0-9]", "", text.lower())
-    return next((task for task, names in _CALLED.items() if plain in names), None)
+    return next((task for task, names in _NAMES.items() if plain in names), None)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import compress, filterfalse, product
+from itertools import compress, filterfalse
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from bayes_toe.errors import InputError, Remedy
 
 #: The condition whose levels are tasks.
 TASK = "task"
-#: From so many trials with a repeated pair on, it is no chance that each pair keeps its level.
+#: With so many repeated trials it is no chance that each pair keeps its level.
 _REPEATED = 10
 #: How many texts of a column may be groups of tasks.
 _MOST_GROUPS = 8
@@ -59,12 +59,12 @@ def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column
         level_names.append(text if math.isnan(value) else level_words([value])[0])
 
     row_codes = np.column_stack([subject.codes, condition.codes])
-    pairs, unit_of_row = np.unique(row_codes, axis=0, return_inverse=True)
-    units = []
-    for subject_code, level_code in pairs.tolist():
+    unit_codes, unit_of_row = np.unique(row_codes, axis=0, return_inverse=True)
+    unit_names = []
+    for subject_code, level_code in unit_codes.tolist():
         name = subject.texts[subject_code]
-        units.append(name and f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}")
-    return Column.from_texts(subject.name, units, unit_of_row.ravel())
+        unit_names.append(name and f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}")
+    return Column.from_texts(subject.name, unit_names, unit_of_row.ravel())
 
 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
@@ -77,7 +77,8 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         be used, or if only some files have the column.
     """
     if study.conditions is not None:
-        return study
+        return study  # the tasks are the conditions
+
     has_options = options.reference is not None or options.categorical
     if "condition" not in study.reading.read:
         if options.condition is not None and options.condition not in options.where:
@@ -91,19 +92,23 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
                 "--condition COLUMN"
             )
         return study
+
     column = options.name("condition")
-    parts = [unit.name.partition(CONDITION_SEPARATOR) for unit in study]
-    names, _, unit_levels = zip(*parts, strict=True)
+    units = []
+    for unit in study:
+        level = unit.name.partition(CONDITION_SEPARATOR)[2]
+        units.append(replace(unit, condition=level))
+    unit_levels = [unit.condition for unit in units]
     if not all(unit_levels):
         raise InputError(
             f"{study.source}: found column {display_name(column)} in some files only, "
             "allowed: in all or in none"
         )
+    names = [unit.subject_name for unit in units]
     if len(set(names)) == len(names):
         return _without_units(study, column, is_option=has_options or options.condition is not None)
+
     order, is_numeric = _level_order(unit_levels, options)
-    pairs = zip(study, unit_levels, strict=True)
-    units = [replace(unit, condition=level) for unit, level in pairs]
     units.sort(key=lambda unit: (names.index(unit.subject_name), order.index(unit.condition)))
     conditions = Conditions(column, tuple(order), is_numeric)
     notes = (*study.notes, f"condition {conditions.about}")
@@ -115,27 +120,32 @@ def studies_by_task(
 ) -> list[Study]:
     """The study in a table; a study for each task, where tasks are the condition.
 
-    A column has the group of each row, and its name or its answers tell the task. Without a column
-    `task`, `--condition task` means that each file has one task.
+    The condition is then a column whose texts name tasks, or whose groups of rows have the answers
+    of different tasks. Without a column `task`, `--condition task` means that each file has one
+    task.
 
     Raises
     ------
     InputError
-        If tasks are not the condition, and the codes of responses are of two tasks.
+        If `read` refuses the table; without a condition, with options that choose one task. Also if
+        codes of responses are of two tasks, and the condition is not the task.
     """
-    column = table.columns.get(options.condition or "")
+    if options.condition is None:
+        try:
+            return [read(options)]
+        except InputError as error:
+            remedies = _task_remedies(table, options, read) or error.remedies
+            raise InputError(error.problems, remedies) from None
+
+    column = table.columns.get(options.condition)
     if options.condition in options.where or (column is None and options.condition == TASK):
         return [read(options.without_condition)]
     if column is not None and len({*tasks_named(column.texts).values()}) > 1:
         return [*_studies_by_group(column, options, read).values()]
     try:
-        if options.condition:
-            replace(options, condition=None)  # refuses codes of two tasks
+        replace(options, condition=None)  # an InputError if the codes are of two tasks
         return [read(options)]
-    except InputError as error:
-        if options.condition is None:
-            remedies = _task_remedies(table, options, read) or error.remedies
-            raise InputError(error.problems, remedies) from None
+    except InputError:
         studies = {} if column is None else _studies_by_group(column, options, read)
         if not studies:
             raise
@@ -145,31 +155,34 @@ def studies_by_task(
 def _studies_by_group(
     column: Column, options: ReadOptions, read: Callable[[ReadOptions], Study]
 ) -> dict[str, Study]:
-    """The studies of the rows with each text in a column that names a task, or answers tell one.
+    """The study of the rows with each text of a column, if the text or the answers tell a task.
 
-    There is none if the studies are of one task.
+    There is none if all these studies are of one task.
     """
     studies = {}
     texts = column.texts[:_MOST_GROUPS]
-    for text in filterfalse(practice_texts(column.name, texts).__contains__, texts):
+    practice = practice_texts(column.name, texts)
+    for text in filterfalse(practice.__contains__, texts):
         rows = {column.name: text}
         named_task = task_named(text)
         if named_task is not None:
             studies[text] = read(options.of_task(named_task, rows))
             continue
-        by_task = {}
+
+        by_task = {}  # the readings of the rows that succeed
         for task in (SAME_DIFFERENT, WHICH_STRONGER):
             with suppress(InputError):
                 study = read(options.of_task(task, rows))
                 by_task[study.task] = study
         if len(by_task) == 1:
             (studies[text],) = by_task.values()
+
     if len({study.task for study in studies.values()}) < 2:
         return {}
     left_out = [quoted(text) for text in column.texts if text not in studies]
     if left_out:
         note = f"{column}: rows with {join_names(left_out)} left out, which tell no task"
-        text, study = studies.popitem()
+        text, study = studies.popitem()  # one study has the note
         studies[text] = replace(study, notes=(*study.notes, note))
     return studies
 
@@ -177,7 +190,7 @@ def _studies_by_group(
 def _task_remedies(
     table: TextTable, options: ReadOptions, read: Callable[[ReadOptions], Study]
 ) -> list[Remedy]:
-    """What chooses one of several tasks, and what compares them; empty where no column does."""
+    """Options that choose one of several tasks or compare them; none if no column has tasks."""
     for column in filter(None, map(table.columns.get, names_like(table.names, "task"))):
         remedies = []
         with suppress(InputError):
@@ -191,7 +204,7 @@ def _task_remedies(
 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
-    """One study, in which a unit is a subject's answers to one task, if there are several."""
+    """One study of several; its units are the answers of a subject to a task, if tasks differ."""
     tasks = dict.fromkeys(study.task for study in studies)
     has_conditions = any("condition" in study.reading.read for study in studies)
     if options.condition is None or len(tasks) == 1 or has_conditions:
@@ -220,7 +233,15 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
 
 
 def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], bool]:
-    """The levels, the reference first, and whether they are numbers."""
+    """The different levels, the reference first, and whether they are numbers.
+
+    Examples
+    --------
+    >>> _level_order(["10", "2", "10"], ReadOptions())
+    (['2', '10'], True)
+    >>> _level_order(["left", "right"], ReadOptions(condition="hand", reference="right"))
+    (['right', 'left'], False)
+    """
     values = [*map(number, unit_levels)]
     is_numeric = not options.categorical and not any(map(math.isnan, values))
     order = level_words(levels(values if is_numeric else unit_levels))
@@ -243,7 +264,7 @@ def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], b
 
 
 def _without_units(study: Study, column: str, *, is_option: bool) -> Study:
-    """The study of subjects, where every subject has one level of the condition."""
+    """The study of subjects, if every subject has one level only; an error of a given option."""
     problem = f"column {display_name(column)}: found every subject at one level of it"
     if is_option:
         raise InputError(
@@ -258,7 +279,7 @@ def _without_units(study: Study, column: str, *, is_option: bool) -> Study:
 
 
 def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
-    """Whether pairs were repeated, and no subject has a pair with one answer at two levels.
+    """Whether pairs were repeated, and no subject gave one answer to one pair at two levels.
 
     Such a condition may be a name of pairs, or of their order, or of the outcome.
     """
@@ -266,10 +287,11 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
     for units in units_of_subjects:
         if len(units) == 1:
             continue
-        outcomes = list[tuple[tuple[float, float], bool]]()
+        outcomes = []  # of each unit: its pairs with the answers that were given
         for unit in units:
-            outcomes += product(compress(unit.pairs, unit.n_yes), [True])
-            outcomes += product(compress(unit.pairs, unit.n_trials - unit.n_yes), [False])
+            n_no = unit.n_trials - unit.n_yes
+            outcomes += [(pair, "yes") for pair in compress(unit.pairs, unit.n_yes)]
+            outcomes += [(pair, "no") for pair in compress(unit.pairs, n_no)]
         n_distinct = len(set(outcomes))
         if n_distinct < len(outcomes):
             return False
@@ -280,7 +302,7 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
 def pooled_conditions(
     columns: Iterable[Column], subject: Column, counts: Counts, pairs: FloatArray
 ) -> list[str]:
-    """The columns that may be a condition by their names, with several levels of a subject.
+    """The names of columns that may be a condition, in which a subject has several levels.
 
     None of them follows from the stimuli and answers, or has about as many texts as trials.
     """
@@ -288,23 +310,23 @@ def pooled_conditions(
     is_yes = (counts["n_yes"] == counts["n_trials"])[answered]
     subject_codes = subject.codes[answered]
     n_subjects = _n_distinct(subject_codes)
-    direction = np.sign(np.diff(pairs[answered]))
-    is_scored = direction[:, 0] != 0.0
+    direction = np.sign(np.diff(pairs[answered]))  # of s2 - s1, shape (rows, 1)
+    is_unequal = direction[:, 0] != 0.0
 
     names = []
     for column in columns:
         if not (looks_like(column.name, "condition") or looks_like(column.name, "isi")):
             continue
-        levels_of_rows = column.codes[answered]
+        row_levels = column.codes[answered]
         follows = False
         for stimuli in (direction, pairs[answered]):
-            # Levels are the same in all rows with the same values, and not by chance.
-            rows = np.column_stack([subject_codes, is_yes, stimuli])[is_scored]
+            # All rows of a group, with the same subject, answer and stimuli, have the same level.
+            rows = np.column_stack([subject_codes, is_yes, stimuli])[is_unequal]
             n_groups = _n_distinct(rows)
-            has_one_level = _n_distinct(rows, levels_of_rows[is_scored]) == n_groups
+            has_one_level = _n_distinct(rows, row_levels[is_unequal]) == n_groups
             follows |= has_one_level and len(rows) - n_groups >= _REPEATED
-        n_levels = _n_distinct(subject_codes, levels_of_rows)
-        if n_subjects < n_levels <= 0.5 * len(answered) and not follows:
+        n_subject_levels = _n_distinct(subject_codes, row_levels)
+        if n_subjects < n_subject_levels <= 0.5 * len(answered) and not follows:
             names.append(column.name)
     return names
 

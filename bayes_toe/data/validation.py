@@ -28,11 +28,12 @@ _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it
 # is not read at all.
 _COUNT = r"\+?0*([0-9]{1,16})(?:\.(?!000$)0*)?"
-# Spaces, apostrophes and narrow spaces between groups of three digits.
+# Spaces, apostrophes and narrow spaces between groups of three digits: '1 360' or "1'360".
 _SPACES = "['\u2019 \u00a0\u2009\u202f]"
 _GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])")
 _ROUNDING = 1e-6  # of a number of trials in double precision
-_RUN = ("=", "+", "-", "@", "\t", "\r")
+#: A spreadsheet runs a cell that begins so as a formula.
+_FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
 
 
 def number(text: str, decimal_comma: bool = False) -> float:
@@ -50,12 +51,12 @@ def number(text: str, decimal_comma: bool = False) -> float:
         plain = re.sub(_SPACES, "", plain)
     if decimal_comma:
         plain = plain.replace(",", ".")
-    value = float(plain) if _NUMBER.fullmatch(plain) is not None else math.nan
+    value = float(plain) if _NUMBER.fullmatch(plain) else math.nan
     return value + 0.0 if math.isfinite(value) else math.nan  # + 0.0 turns -0.0 into 0.0
 
 
 def number_by_sign(text: str, decimal: str) -> float:
-    """The number in a cell, of which the decimal sign is known; the other sign groups thousands.
+    """The number in a cell with this decimal sign; the other sign groups thousands.
 
     Examples
     --------
@@ -63,13 +64,14 @@ def number_by_sign(text: str, decimal: str) -> float:
     (1050.0, 1.05, nan)
     """
     grouping = re.escape("," if decimal == "." else ".")
+    # Groups of three digits at the beginning, and no further sign behind them.
     if re.match(rf"[-+−]?\d{{1,3}}(?:{grouping}\d{{3}})+(?!\d)(?!.*{grouping})", text):
         return number(re.sub(grouping, "", text), decimal_comma=True)
-    return number(text, decimal == ",") if re.search(grouping, text) is None else math.nan
+    return math.nan if re.search(grouping, text) else number(text, decimal == ",")
 
 
 def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
-    """A cell whose point or comma may group thousands or be decimal; empty where none may.
+    """A cell whose sign, a point or a comma, may group thousands or be decimal; empty if none.
 
     '1.050' is a decimal number where another cell shows it: '1.05' or '0.950'.
 
@@ -81,26 +83,35 @@ def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
     ('1.050', '')
     """
     with_sign = [text for column in columns for text in column.texts if sign in text]
-    grouped = re.compile(rf"[-+−]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")
+    grouped = re.compile(rf"[-+−]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")  # '1.050'
     if with_sign and all(map(grouped.fullmatch, with_sign)):
         return with_sign[0]
     return ""
 
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:
-    """The whole number that a cell holds, -1 if it holds none."""
+    """The whole number that a cell holds, -1 if it holds none.
+
+    Examples
+    --------
+    >>> whole_number("5"), whole_number("5.0"), whole_number("5.000"), whole_number("5.5")
+    (5, 5, -1, -1)
+    """
     match = re.fullmatch(_COUNT, text.replace(",", ".") if decimal_comma else text)
-    count = -1 if match is None else int(match[1])
+    count = int(match[1]) if match else -1
     return count if count <= LARGEST_COUNT else -1
 
 
 def is_formula(text: str) -> bool:
-    """Whether a spreadsheet takes a cell for a formula but for its apostrophes.
+    """Whether a spreadsheet would run a cell without its apostrophes; '-1' is only a number.
 
-    A number is none.
+    Examples
+    --------
+    >>> is_formula("=A1"), is_formula("'@left"), is_formula("-1")
+    (True, True, False)
     """
     cell = text.lstrip("'")
-    return cell.startswith(_RUN) and _NUMBER.fullmatch(cell) is None
+    return cell.startswith(_FORMULA_SIGNS) and _NUMBER.fullmatch(cell) is None
 
 
 def bare_names(table: TextTable, column: Column) -> Column:
@@ -108,9 +119,10 @@ def bare_names(table: TextTable, column: Column) -> Column:
 
     They stay as they are where two of them would become one.
     """
+    if table.delimiter == "":
+        return column  # only in a CSV file is the apostrophe a part of the cell
     texts = [text.removeprefix("'") if is_formula(text) else text for text in column.texts]
-    is_csv = table.delimiter != ""
-    return replace(column, texts=texts) if is_csv and len({*texts}) == len(texts) else column
+    return replace(column, texts=texts) if len({*texts}) == len(texts) else column
 
 
 def numbers(table: TextTable, column: Column) -> FloatArray:
@@ -134,33 +146,35 @@ def has_shares(table: TextTable, column: Column) -> bool:
 
 
 def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
-    """How many of n trials the shares in a column stand for; what is none is noted.
+    """The counts that the shares in a column are of n trials; a share of no count is a problem.
 
-    The shares are percentages where one of them is larger than 1. All are rounded to the decimals
-    of the most precise one.
+    The shares are percentages if one of them is larger than 1 or has a sign of per cent. All are
+    rounded to the decimals of the most precise one.
     """
     shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), float)
     has_percent_sign = "%" in "".join(column.texts)
-    whole = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
+    largest_share = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
 
     finite = shares[np.isfinite(shares)]
     n_decimals = 0
     while n_decimals < 16 and (finite.round(n_decimals) != finite).any():
         n_decimals += 1
 
-    largest_error = 0.5 * 10.0**-n_decimals / whole * n
-    exact_counts = shares / whole * n
+    largest_error = 0.5 * 10.0**-n_decimals / largest_share * n
+    exact_counts = shares / largest_share * n
     counts = np.rint(exact_counts)
-    # Beyond one half, another count has the same share.
+    # With an error beyond one half, another count has the same share.
     is_precise = largest_error <= 0.5
     is_near = abs(exact_counts - counts) <= largest_error + _ROUNDING
+    is_count = is_precise & is_near & (counts >= 0) & (counts <= n)
 
-    # A number of trials that cannot be read has a problem of its own.
-    is_count = (n <= 0) | (is_precise & is_near & (counts >= 0) & (counts <= n))
+    has_trials = n > 0  # a number of trials that cannot be read has a problem of its own
     table.fault(
-        column, ~is_count, lambda index: f"a share that makes a whole number of {n[index]} trials"
+        column,
+        has_trials & ~is_count,
+        lambda index: f"a share that makes a whole number of {n[index]} trials",
     )
-    return np.where(is_count & (n > 0), counts, 0.0).astype(np.int64)
+    return np.where(has_trials & is_count, counts, 0.0).astype(np.int64)
 
 
 def empty(column: Column) -> BoolArray:
@@ -171,10 +185,10 @@ def empty(column: Column) -> BoolArray:
 def require_numbers(
     table: TextTable, column: Column, bad: BoolArray, kind: str = "a finite number"
 ) -> None:
-    """Note cells that hold no number of this kind, with the way out where the comma is to blame."""
+    """Add a problem for each `bad` cell, which holds no number of this kind."""
 
     def rule(index: int) -> str:
-        """The number that is allowed in the place of a cell."""
+        """What the cell of a row may hold, with advice on commas."""
         text = column.text(index)
         if table.delimiter == "," and "," in text and not math.isnan(number(text, True)):
             return f"{kind}; decimal commas need ';' or tab between cells"
@@ -188,21 +202,23 @@ def require_numbers(
 def require_texts(
     table: TextTable, column: Column, rows: BoolArray | None = None, *, once: bool = False
 ) -> None:
-    """Note cells that are empty, of these rows or of all.
+    """Add a problem for each empty cell in these rows, or in all.
 
-    If each text may stand `once`, note those that an earlier row has.
+    If each text may stand only `once`, add a problem for each text that an earlier row has.
     """
-    blank = empty(column)
+    is_empty = empty(column)
     rule = "a text that is not empty"
-    if 2 * blank.sum() > len(blank):
+    if 2 * is_empty.sum() > len(is_empty):  # most cells
         rule += "; repeat the text of merged cells in each row"
-    table.fault(column, blank if rows is None else blank & rows, rule)
+    table.fault(column, is_empty if rows is None else is_empty & rows, rule)
     if once:
-        first = np.unique(column.codes, return_index=True)[1][column.codes]
+        _, first_row_of_code = np.unique(column.codes, return_index=True)
+        first_row = first_row_of_code[column.codes]
+        is_repeated = np.arange(len(first_row)) > first_row
         table.fault(
             column,
-            (np.arange(len(first)) > first) & ~blank,
-            lambda index: f"each name once, and row {table.rows[first[index]]} has it",
+            is_repeated & ~is_empty,
+            lambda index: f"each name once, and row {table.rows[first_row[index]]} has it",
         )
 
 
@@ -218,14 +234,13 @@ def read_numbers(
     counts: Texts = (),
     gaps: bool = False,
 ) -> tuple[list[str], dict[str, FloatArray]]:
-    """Columns of finite numbers by name, and one of distinct texts if `key` names it.
+    """The texts of the column `key`, and other columns as numbers by name, shape (rows,) each.
 
-    `source` is a path, or a table with these columns that was read before. `optional` columns
-    are read if the file has them; all others are ignored. `counts` are whole numbers of at
-    least 1. With `gaps` empty cells are NaN. The first value is the texts in the order of the
-    rows; it is empty without `key`. The second value is the columns, shape (rows,) each, in the
-    units of the file. An InputError has a line per problem of the file, ten at most, with row
-    and column.
+    `source` is a path, or a table with these columns that was read before. There are no texts
+    without `key`, and no two rows have the same. Columns in `optional` are read if the file has
+    them; columns with other names are ignored. Numbers are finite; those of `counts` are whole
+    numbers of at least 1. With `gaps` empty cells are NaN. An InputError has a line per problem of
+    the file, ten at most, with row and column.
     """
     required = names if key is None else (key, *names)
     table = _with_columns(source, required, optional)
