@@ -77,9 +77,9 @@ class StandardOrder:
         self.is_first = np.ones(len(table.rows), bool)
         self.is_unknown = np.zeros(len(table.rows), bool)
         if column is not None:
-            is_first = _standard_first_by_text(table, column, options)
-            self.is_first = column.map(lambda text: is_first.get(text) is True)
-            self.is_unknown = column.map(lambda text: is_first.get(text) is None)
+            by_text = _standard_first_by_text(table, column, options)
+            self.is_first = column.map(lambda text: by_text.get(text) is True)
+            self.is_unknown = column.map(lambda text: by_text.get(text) is None)
 
     def in_order(self, stimuli: FloatArray) -> FloatArray:
         """First and second stimulus of every row, from the standard and the comparison."""
@@ -92,7 +92,7 @@ class StandardOrder:
         refused if no response has the code, or there are three codes.
         """
         comparison_code = options.comparison_code
-        texts = list(filter(None, column.texts))
+        texts = list(filter(None, column.texts))  # a missed response is empty
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
             problem = (
                 f"found {join_names(column.counts(texts))}, allowed: {quoted(comparison_code)} for "
@@ -106,6 +106,7 @@ class StandardOrder:
             if comparison_code is not None:
                 meaning = _COMPARISON if text == comparison_code else _STANDARD
             if meaning in (_STANDARD, _COMPARISON):
+                # The comparison was second where the standard was first.
                 is_second = self.is_first == (meaning == _COMPARISON)
                 answers = np.where(is_second, "second", "first")
                 words = np.where(column.matches([text]), answers, words)
@@ -128,8 +129,9 @@ def _standard_first_by_text(
     }
 
     code = options.standard_first_code
+    # A single text that is not the code means that the comparison was always first.
     if code in texts or (code is not None and len(texts) == 1):
-        if len(texts) <= 2:
+        if len(texts) <= 2:  # the other text needs no meaning of its own
             is_first = dict.fromkeys(texts, False)
         return {**is_first, str(code): True}
 
@@ -150,17 +152,21 @@ def _require_certain(
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
         _ask_order(table, column, problem, [*is_first])
 
-    in_first = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
+    # Texts such as '1' or 'first' say the interval, but not of which stimulus.
+    intervals = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
     stimuli, _, _ = named_places(column.name)
-    if in_first and len(stimuli) == 1 and owner not in stimuli:
+    if intervals and len(stimuli) == 1 and owner not in stimuli:
         problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
-        _ask_order(table, column, problem, in_first[:1], stimuli[0])
+        _ask_order(table, column, problem, intervals[:1], stimuli[0])
 
 
 def _ask_order(
     table: TextTable, column: Column, problem: str, texts: Texts, owner: str = ""
 ) -> None:
-    """Refuse a column of which it is not certain what these texts mean."""
+    """Refuse a column, and ask which of these texts means that the standard was first.
+
+    `owner` is the stimulus whose interval the name of the column says.
+    """
     remedies = []
     if owner == "comparison":
         meaning = "if it says the interval of the comparison"
@@ -175,15 +181,17 @@ def _ask_order(
 def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | None:
     """Whether a cell says that the standard came first; None where its meaning is not certain.
 
-    `owner` is the stimulus whose interval a cell such as 1 tells.
+    '1' is the interval of `owner`. 'standard' stands in the first interval, or in the one that the
+    name of the column says. 'SC' and 'standard, comparison' are both stimuli in their order.
     """
     stimuli, places, other_words = named_places(text)
-    if not (stimuli or places) or not other_words <= {*VOCABULARY["words"]["filling"]}:
+    if not (stimuli or places) or other_words.difference(VOCABULARY["words"]["filling"]):
         return None
 
     if len(stimuli) == 1:
         places = places or list(places_of_name)
-    stimulus, interval = [*stimuli, owner][0], [*places, "first"][0]
+    stimulus = (stimuli or [owner])[0]
+    interval = (places or ["first"])[0]
     return (stimulus == "standard") == (interval == "first")
 
 
@@ -220,17 +228,20 @@ def _without_unit(
 ) -> Sequence[Column]:
     """Stimuli without the unit that stands behind every number; the options must give the unit."""
     texts = "\n".join(chain.from_iterable(column.texts for column in columns))
-    signs = {*re.findall(r"(?m)\d *(%|[^\W\d_]{0,16})$", texts)}
-    sign = signs.pop() if len(signs) == 1 else ""
-    if not sign:
+    # Of '7.0%' and '7 um' the '%' and 'um', of '7' an empty text.
+    units = {*re.findall(r"(?m)\d *(%|[^\W\d_]{0,16})$", texts)}
+    unit = units.pop() if len(units) == 1 else ""
+    if not unit:
         return columns
-    remedies = unit_remedies(unit_in(f"1 {sign}") or sign)[:-1]
+
+    remedies = unit_remedies(unit_in(f"1 {unit}") or unit)[:-1]  # natural logs have no unit
     if options.unit not in [remedy.value for remedy in remedies]:
-        table.problems.ask(f"the stimuli have the unit {quoted(sign)}.", remedies)
+        table.problems.ask(f"the stimuli have the unit {quoted(unit)}.", remedies)
         table.problems.refuse()
+
     without_unit = []
     for column in columns:
-        numbers = [text.removesuffix(sign) for text in column.texts]
+        numbers = [text.removesuffix(unit) for text in column.texts]
         without_unit.append(Column.from_texts(column.name, numbers, column.codes))
     return without_unit
 
@@ -244,9 +255,10 @@ def _require_decimal_sign(
     if not text:
         return
 
-    texts = [text for column in stimuli for text in column.texts if sign not in text]
-    if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in texts):
-        return  # no natural log of an intensity is as large as a thousand
+    # '1.050' is no logarithm of 1050, unless other stimuli are large, too, as they may be in cents.
+    others = [text for column in stimuli for text in column.texts if sign not in text]
+    if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in others):
+        return
 
     grouped = text.replace(sign, "")
     decimal = text.replace(sign, ".")
@@ -262,19 +274,19 @@ def _require_decimal_sign(
 def require_logs(
     table: TextTable, columns: Sequence[Column], stimuli: FloatArray, selected: BoolArray
 ) -> None:
-    """Note stimuli of these rows that cannot be natural logs, with the units to type."""
+    """Ask for the unit if the stimuli of these rows cannot be natural logs."""
     rows = np.flatnonzero(selected & ~np.isnan(stimuli).any(axis=1))
     if not len(rows):
         return
 
-    sign, pair = sign_of_intensities(*stimuli[rows].T)
-    if not sign:
+    finding, index = sign_of_intensities(*stimuli[rows].T)
+    if not finding:
         return
 
     names = join_words([display_name(column.name) for column in columns])
-    problem = f"columns {names}: found {sign}, allowed: natural logs"
-    if pair is not None:
-        problem = f"row {table.rows[rows[pair]]}, {problem}"
+    problem = f"columns {names}: found {finding}, allowed: natural logs"
+    if index is not None:
+        problem = f"row {table.rows[rows[index]]}, {problem}"
     if stimuli[rows].min() == 0.0:
         problem += ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
     table.problems.ask(problem, intensity_remedies(stimuli[rows]))
@@ -293,12 +305,12 @@ def pair_regex(pattern: str) -> re.Pattern[str]:
     >>> pair_regex("*{first}_{second}").fullmatch("q_100_112").groups()
     ('100', '112')
     """
-    text = re.escape(pattern).replace(r"\*", ".*?")
-    return re.compile(text.replace(r"\{first\}", _STIMULUS).replace(r"\{second\}", _STIMULUS))
+    regex = re.escape(pattern).replace(r"\*", ".*?")
+    return re.compile(regex.replace(r"\{first\}", _STIMULUS).replace(r"\{second\}", _STIMULUS))
 
 
 def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
-    """The table with columns of the stimuli, which names of columns or the cells of one tell.
+    """The table with columns of the stimuli, which are read from names of columns or from cells.
 
     Raises
     ------
@@ -308,7 +320,8 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     regex = pair_regex(options.wide or "")
     names = list(filter(regex.fullmatch, table.names))
     if names:
-        if "ImportId" in "".join(table.columns[names[0]].texts[1:2]):  # of Qualtrics
+        # The second row of Qualtrics has cells such as '{"ImportId":"QID1"}', the first questions.
+        if "ImportId" in "".join(table.columns[names[0]].texts[1:2]):
             table = table.only(table.rows > table.rows[1], "2 rows of questions left out")
         table = _by_pair(table, names)
         column = table.columns[PAIR]
@@ -335,10 +348,11 @@ def _by_pair(table: TextTable, names: Texts) -> TextTable:
     if repeated:
         table.require(repeated)
 
-    row, pair = np.indices((len(table.rows), len(names))).reshape(2, -1)
+    # The cells of the first row come first, in the order of the names.
+    row, name_code = np.indices((len(table.rows), len(names))).reshape(2, -1)
     cells = np.column_stack([table.columns[name].map(str, object) for name in names])
     long_table = table.only(row)
-    columns = {**long_table.columns, PAIR: Column(PAIR, [*names], pair)}
+    columns = {**long_table.columns, PAIR: Column(PAIR, [*names], name_code)}
     columns[CELL] = Column.from_texts(CELL, cells.ravel())
     for name in names:
         del columns[name]
@@ -347,7 +361,7 @@ def _by_pair(table: TextTable, names: Texts) -> TextTable:
 
 
 def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
-    """The only column whose cells all fit the pattern."""
+    """The only column whose cells all fit the pattern; an InputError if there is not one."""
     columns = table.columns.values()
     fitting = [column for column in columns if all(map(regex.fullmatch, column.texts))]
     if len(fitting) != 1:

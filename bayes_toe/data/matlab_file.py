@@ -33,6 +33,9 @@ _DAMAGED_ALLOWED = "one that MATLAB has saved with '-v7'"
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
 _MOST_MEMORY = 2**32  # bytes
+#: Bytes of one variable, of which the process makes several copies.
+_LARGEST_VARIABLE = 2**29
+#: The program of the reader; its arguments are the parent of the package, and the source.
 _READER = (
     "import sys; sys.path.append(sys.argv[1]); "
     "from bayes_toe.data.matlab_file import write_texts; write_texts(sys.argv[2])"
@@ -45,12 +48,11 @@ def matlab_values(source: str, data: bytes) -> Any:
     Raises
     ------
     InputError
-        If the file is damaged, or holds an object of MATLAB's own.
+        If the file is damaged, too large, or holds an object of MATLAB's own.
     """
     # -P keeps the working folder off the search path.
     package_parent = str(Path(__file__).resolve().parents[2])
     command = [sys.executable, "-P", "-c", _READER, package_parent, source]
-
     try:
         reader = subprocess.run(command, input=data, capture_output=True, timeout=_LONGEST)
     except subprocess.TimeoutExpired:
@@ -78,7 +80,7 @@ def write_texts(source: str) -> None:
         if sys.platform != "win32":
             import resource
 
-            with suppress(OSError, ValueError):  # where the system cannot
+            with suppress(OSError, ValueError):  # some systems have no such limit
                 resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
         variables = _variables(source, sys.stdin.buffer.read())
         sizes = [*_sizes(variables)]
@@ -95,7 +97,7 @@ def write_texts(source: str) -> None:
 
 
 def _variables(source: str, data: bytes) -> Record:
-    """The variables of a file of any version."""
+    """The variables of a file of any version, without those that describe the file."""
     try:
         variables = _loaded(data)
     except MemoryError:
@@ -103,9 +105,9 @@ def _variables(source: str, data: bytes) -> Record:
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
 
-    # Where objects of MATLAB's own leave a mark, in files of both kinds.
+    # A file has one of these if it holds a table or another object of MATLAB's own, whose format is
+    # not documented.
     if {"__function_workspace__", "#subsystem#"} & variables.keys():
-        # MATLAB's own table objects are in no documented format.
         raise InputError(
             f"{source}: found a table or another object of MATLAB's own, allowed: {SAVED}"
         )
@@ -113,14 +115,14 @@ def _variables(source: str, data: bytes) -> Record:
 
 
 def _loaded(data: bytes) -> Record:
-    """All that a file holds; one of version 7.3 is HDF5."""
+    """All that a file holds, by name."""
     import h5py
     from scipy.io import loadmat
 
     try:
         with warnings.catch_warnings(action="ignore"):
             return loadmat(io.BytesIO(data), simplify_cells=True)
-    except NotImplementedError:
+    except NotImplementedError:  # version 7.3, which is HDF5
         with h5py.File(io.BytesIO(data)) as file:
             return {name: _hdf5_value(file, name) for name in file}
 
@@ -129,27 +131,27 @@ def _hdf5_value(group: Any, name: str) -> Any:
     """A variable, a field or a cell: a struct by field, a text, or an array as MATLAB has it."""
     import h5py
 
-    if name.startswith("#"):  # where references to cells and objects lead
+    if name.startswith("#"):  # a folder of the contents of cells and objects
         return None
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-        raise ValueError(f"{name} is a link")
+        raise ValueError(f"{name} is a link")  # perhaps to another file
 
     item = group[name]
-    if isinstance(item, h5py.Group):
+    if isinstance(item, h5py.Group):  # a struct
         return {field: _hdf5_value(item, field) for field in item}
     if item.external:
         raise ValueError(f"{name} is in another file")
-    if item.nbytes > _MOST_MEMORY // 8:
+    if item.nbytes > _LARGEST_VARIABLE:
         raise MemoryError
     if "MATLAB_empty" in item.attrs:
         return ""
 
-    values = item[()].T
+    values = item[()].T  # MATLAB writes the columns of an array as rows
     kind = item.attrs.get("MATLAB_class")
     if kind == b"char":
         texts = ["".join(map(chr, row)) for row in values]
         return texts[0] if len(texts) == 1 else texts
-    if item.dtype == h5py.ref_dtype:
+    if item.dtype == h5py.ref_dtype:  # a cell array, of references such as /#refs#/b
         cells = np.empty(values.size, object)
         for i, reference in enumerate(values.ravel("F")):
             cells[i] = _hdf5_value(item.file["#refs#"], item.file[reference].name.split("/")[-1])
@@ -161,7 +163,7 @@ def _hdf5_value(group: Any, name: str) -> Any:
 
 
 def _sizes(value: Any) -> Iterator[int]:
-    """The size of each array in a variable or in structs."""
+    """The size of an array, or of each array in a struct and in its structs."""
     if not isinstance(value, dict):
         yield np.size(value)
         return
@@ -170,10 +172,7 @@ def _sizes(value: Any) -> Iterator[int]:
 
 
 def _plain(value: Any) -> Any:
-    """A value as JSON has it, with texts for all that is no struct and no array.
-
-    A value without a text is itself in words.
-    """
+    """A struct, a list or a text, as JSON has them; a value without a text is words about it."""
     if isinstance(value, dict):
         return {name: _plain(field) for name, field in value.items()}
     if isinstance(value, np.ndarray | list):

@@ -32,12 +32,13 @@ MOST_ROWS = 20
 
 
 def visible(text: str) -> str:
-    """A text without what a terminal or a browser would obey.
+    r"""A text in which control, bidirectional and invisible characters are escapes, such as '\x1b'.
 
-    Control, bidirectional and invisible characters as their escapes.
+    A terminal or a browser would obey such characters.
     """
     return "".join(
-        character if character.isprintable() else repr(character)[1:-1] for character in text
+        character if character.isprintable() else repr(character)[1:-1]  # without its quotes
+        for character in text
     )
 
 
@@ -46,16 +47,17 @@ def quoted(text: str) -> str:
     whole_text = repr(text)
     if len(whole_text) <= _LONGEST_SHOWN:
         return whole_text
+    # Three points and the closing quote are four characters.
     return f"{whole_text[: _LONGEST_SHOWN - 4]}...{whole_text[-1]}"
 
 
 def display_name(text: str) -> str:
-    """A name as messages show it: bare where that is readable."""
+    """A name as messages show it: quoted if it is empty, long or not printable."""
     return text if text.isprintable() and 0 < len(text) <= _LONGEST_SHOWN else quoted(text)
 
 
 def format_path(path: Path) -> str:
-    """A path as messages show it: on one line."""
+    r"""A path as messages show it: quoted if it is not printable, as with an end of a line."""
     return str(path) if str(path).isprintable() else repr(str(path))
 
 
@@ -81,13 +83,18 @@ def named_counts(counts: Mapping[str, int]) -> Texts:
 class Note(str):
     """A note on a file, which keeps its counts and names apart from its other texts.
 
-    Its parts are texts, numbers with a noun, such as (3, "row"), numbers, and lists of names.
+    Its parts are texts, numbers with a noun, numbers, and lists of names.
+
+    Examples
+    --------
+    >>> Note((2, "row"), " left out: ", ["S01 1", "S02 1"])
+    '2 rows left out: S01 1, S02 1'
     """
 
     parts: Sequence[object]
 
     def __new__(cls, *parts: object) -> Note:
-        """Join the parts."""
+        """The note that joins these parts."""
         words = []
         for part in parts:
             if isinstance(part, tuple):
@@ -99,7 +106,7 @@ class Note(str):
 
 
 def fixed_texts(note: str) -> Texts:
-    """The texts of a note that are no counts and no names."""
+    """The texts of a note that are no counts and no names; all of it if it is no :class:`Note`."""
     return [part for part in getattr(note, "parts", [note]) if isinstance(part, str)]
 
 
@@ -116,9 +123,10 @@ def sum_of_notes(notes: Texts) -> str | None:
     parts = []
     for part, *others in zip(*(getattr(note, "parts", [note]) for note in notes), strict=True):
         if isinstance(part, tuple):
-            part = (part[0] + sum(n for n, _ in others), part[1])
+            n_first, noun = part
+            part = (n_first + sum(n for n, _ in others), noun)
         elif not isinstance(part, str):
-            part = sum(others, part)
+            part = sum(others, part)  # numbers add up, and lists of names are joined
         parts.append(part)
     return Note(*parts)
 
@@ -131,7 +139,9 @@ def join_words(words: Texts) -> str:
     >>> join_words(["2"]), join_words(["2", "4", "6"])
     ('2', '2, 4 and 6')
     """
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def capitalized(text: str) -> str:
@@ -172,7 +182,8 @@ def format_p_value(value: float) -> str:
     """
     if value < 0.001:
         return "< .001"
-    # After rounding, numbers below these limits have one more 0 in front of their two digits.
+    # A number below 0.095 rounds to .09 or less, and one below 0.0095 to .009 or less: each 0 after
+    # the point needs a further decimal.
     digits = 2 + (value < 0.095) + (value < 0.0095)
     return f"{value:.{digits}f}".removeprefix("0")
 
@@ -184,15 +195,15 @@ def describe_p_value(value: float) -> str:
 
 
 def join_few(names: Texts) -> str:
-    """The first four names, and how many there are beyond them."""
+    """The first four names, quoted, and how many there are beyond them."""
     return join_names(map(repr, names), 4)
 
 
 def name_from_key(name: object) -> str:
-    """The name of a subject as somebody says it: a whole number is its digits."""
+    """The name of a subject by which a table is asked; the whole number 7 is the subject '7'."""
     if isinstance(name, str | int | np.integer) and not isinstance(name, bool):
         return str(name)
-    return repr(name)
+    return repr(name)  # no subject, for the message that there is none
 
 
 def cli_argument(name: str, blocks: Texts = ()) -> str:
@@ -201,9 +212,9 @@ def cli_argument(name: str, blocks: Texts = ()) -> str:
 
 
 def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:
-    """A caption and a frame of which the first rows are shown.
+    """The HTML of a caption and the first rows of a frame.
 
-    `rows` says how many there are, where the frame has only the first.
+    `rows` is the number of all rows if the frame has only the first ones.
     """
     count = len(frame) if rows is None else rows
     table = frame.head(MOST_ROWS).to_html(
@@ -214,12 +225,12 @@ def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:
 
 
 def with_policy(page: str, *more_sources: str) -> str:
-    """A page that loads nothing and runs no script but those that stand in it.
+    """An HTML page with a policy: a browser loads nothing, and runs only the scripts in the page.
 
     `more_sources` are what scripts may do besides, such as "'unsafe-eval'".
     """
     hashes = []
-    # Scripts that hold data have another type.
+    # A script with another type holds data, and does not run.
     for script in re.findall(r'<script(?: type="text/javascript")?>((?s:.*?))</script>', page):
         digest = hashlib.sha256(script.encode("utf-8")).digest()
         hashes.append(f"'sha256-{b64encode(digest).decode()}'")

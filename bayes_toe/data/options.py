@@ -24,10 +24,10 @@ from bayes_toe.data.tasks import WHICH_STRONGER, Task, task_with
 from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
-    *("subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response"),
-    *("n_first", "n_equal", "n_second", "n_comparison", "n_correct", "n_trials"),
-    *("session", "block", "trial", "iti", "condition"),
-)
+    "subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response",
+    "n_first", "n_equal", "n_second", "n_comparison", "n_correct", "n_trials",
+    "session", "block", "trial", "iti", "condition",
+)  # fmt: skip
 #: Columns that say which trial came after which. They change no count: checks before answers are
 #: pooled and models of history use them.
 HISTORY_COLUMNS = ("session", "block", "trial", "iti")
@@ -35,10 +35,10 @@ _MAY_BE_IGNORED = ("isi", *HISTORY_COLUMNS, "condition", "practice")
 _ANSWERS = ("equal", "different", "second", "first")
 #: Fields whose texts must not be empty.
 _TEXT_FIELDS = (
-    *("equal_code", "different_code", "second_code", "first_code", "correct", "condition"),
-    *("reference", "unit", "wide", "comparison_code", "standard_interval", "comparison_interval"),
-    *("standard_first_code", "subject_from", "encoding", "sheet"),
-)
+    "equal_code", "different_code", "second_code", "first_code", "correct", "condition",
+    "reference", "unit", "wide", "comparison_code", "standard_interval", "comparison_interval",
+    "standard_first_code", "subject_from", "encoding", "sheet",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -204,24 +204,21 @@ class ReadOptions:
         if self.decimal not in (None, ".", ","):
             yield f"--decimal: found {self.decimal!r}, allowed: '.' or ','"
 
-        columns = {self.standard_interval, self.comparison_interval} - {None}
-        if self.standard_first + len(columns) > 1:
+        interval_columns = {self.standard_interval, self.comparison_interval} - {None}
+        if len(interval_columns) + self.standard_first > 1:
             yield (
                 "--standard-first, --standard-interval, --comparison-interval: found together, "
                 "allowed: one of them"
             )
         for option, code, needed in (
             ("--comparison-code", self.comparison_code, self.has_standard),
-            ("--standard-first-code", self.standard_first_code, columns),
+            ("--standard-first-code", self.standard_first_code, interval_columns),
         ):
             if code is not None and not needed:
                 yield f"{option}: found alone, allowed: with --standard-interval COLUMN"
 
     def _code_problems(self) -> Iterator[str]:
-        """Problems of the codes of responses, a line each.
-
-        Both codes may be one text, and two options may tell the task.
-        """
+        """Problems of the codes of responses: one code of two answers, and codes of two tasks."""
         options = []
         answer_of_code = dict[str, str]()
         for answer, code in self.code_by_answer.items():
@@ -233,11 +230,10 @@ class ReadOptions:
                     "texts"
                 )
 
-        has_one_task = self.task is not None
         if self.correct is not None:
-            has_one_task = not options
             options.append("--correct")
-        if options and not has_one_task:
+        # Scores need no codes. A single code always tells a task.
+        if len(options) > 1 and (self.correct is not None or self.task is None):
             yield f"{', '.join(options)}: found together, allowed: what tells one task in one way"
 
     def _name_problems(self) -> Iterator[str]:
@@ -269,7 +265,7 @@ class ReadOptions:
 
     @property
     def code_by_answer(self) -> dict[str, str]:
-        """The codes of responses that are there."""
+        """The codes of responses that are given, such as {'equal': 'f'}."""
         codes = {}
         for answer in _ANSWERS:
             code = getattr(self, f"{answer}_code")
@@ -279,7 +275,7 @@ class ReadOptions:
 
     @property
     def task(self) -> Task | None:
-        """The task that the options tell, if they do."""
+        """The task that codes or scores tell; None without them."""
         return WHICH_STRONGER if self.correct is not None else task_with(self.code_by_answer)
 
     @property
@@ -288,7 +284,10 @@ class ReadOptions:
         return replace(self, condition=None, ignore=(*self.ignore, "condition"))
 
     def of_task(self, task: Task, rows: Mapping[str, str]) -> ReadOptions:
-        """The options for the rows of one task, where a column has these texts."""
+        """The options for the rows of one task: `rows` has their texts by column, as `where`.
+
+        They have no codes of other tasks, and no condition.
+        """
         foreign = {f"{answer}_code": None for answer in _ANSWERS if answer not in task.answers}
         if task != WHICH_STRONGER:
             foreign["correct"] = None
@@ -296,7 +295,7 @@ class ReadOptions:
         return of_rows.without_condition
 
     def codes(self, task: Task) -> tuple[str | None, ...]:
-        """The text that was given for each answer of a task."""
+        """The code of each answer of a task, in the order of its answers."""
         return tuple(map(self.code_by_answer.get, task.answers))
 
     def name(self, role: str) -> str:
@@ -361,6 +360,7 @@ def parse_columns(text: str) -> dict[str, str]:
     >>> parse_columns("s1=first,response=key (1=first, 2=second)")
     {'s1': 'first', 'response': 'key (1=first, 2=second)'}
     """
+    # At a comma before 's1 =', or at the end.
     entries = re.split(r",(?=\s*[^\W\d]\w*\s*=)|,$", text)
     return parse_pairs("--columns", filter(None, entries), "OURS=NAME")
 
@@ -383,7 +383,8 @@ def parse_pairs(
     pairs = {}
     for entry in entries:
         name, sign, text = map(str.strip, entry.partition("="))
-        if not name or not (text or (sign and may_be_empty)) or name in pairs:
+        has_text = text or (sign and may_be_empty)
+        if not name or not has_text or name in pairs:
             raise InputError(
                 f"{option}: found {quoted(entry.strip())}, allowed: {form}, each name once"
             )
@@ -419,21 +420,22 @@ def _blocks_by_subject(option: str, texts: Iterable[str], study: Study) -> dict[
         for name in units or [subject_name]:
             all_blocks = blocks_of.get(name, []) + blocks
             has_duplicates = len(set(all_blocks)) < len(all_blocks)
-            is_whole_subject = name in blocks_of and not (blocks and blocks_of[name])
-            if has_duplicates or is_whole_subject:
+            # All blocks of a subject are named, now or earlier, and some of them besides.
+            is_whole_twice = name in blocks_of and not (blocks and blocks_of[name])
+            if has_duplicates or is_whole_twice:
                 raise InputError(f"{option} {text}: named twice; name each subject or block once")
             blocks_of[name] = all_blocks
     return blocks_of
 
 
 def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list[str]]:
-    """The subject and the blocks that SUBJECT:BLOCK,BLOCK names; names may have colons.
+    """The subject and the blocks that SUBJECT:BLOCK,BLOCK names; SUBJECT alone has no blocks.
 
-    With conditions it is a subject in one of them, or in all.
+    SUBJECT may be a unit, which is a subject in one condition.
     """
     all_names = {*study.names, *(unit.subject_name for unit in study)}
     names = [name for name in all_names if f"{text}:".startswith(f"{name}:")]
-    name = max(names, key=len, default="")
+    name = max(names, key=len, default="")  # 'S:1' before 'S', as names may have colons
     if not name:
         unknown_name = quoted(text.partition(":")[0])
         raise InputError(
@@ -452,7 +454,7 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
 
 
 def subject_in(path: object, pattern: str) -> str | None:
-    """The subject that a file's name tells; None where it does not fit, and for a data frame.
+    """The subject that the path of a file tells; None if it does not fit, and for a data frame.
 
     Examples
     --------
@@ -465,6 +467,7 @@ def subject_in(path: object, pattern: str) -> str | None:
         return None
     n_folders = pattern.count("/")
     end_of_path = "/".join(Path(path).absolute().parts[-1 - n_folders :])
+    # 'sub-{}_*' becomes 'sub-([^/]+?)_[^/]*'.
     regex = re.escape(pattern).replace(r"\{\}", "([^/]+?)").replace(r"\*", "[^/]*")
     match = re.fullmatch(regex, end_of_path)
     return match and match[1]

@@ -1,9 +1,8 @@
 """Reading of studies: tables of trials or of counts, with problems reported by row.
 
-The bundled studies are here too.
-
 Nothing is guessed in silence: what was detected, dropped or merged is in the study's notes, and
-what cannot be used is refused with all problems of the file at once.
+what cannot be used is refused with all problems of the file at once. The bundled studies are here
+too.
 """
 
 from __future__ import annotations
@@ -204,11 +203,11 @@ def read_study(
     except InputError as error:
         raise with_next_questions(error, options, read) from None
     study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
-    is_chosen = options.categorical or (options.condition, options.reference) != (None, None)
-    condition = None if is_chosen else study.conditions
-    if condition is not None and follows_from_pairs(units_by_subject(study).values()):
+    is_chosen = options.categorical or options.condition or options.reference
+    is_known_by_name = study.conditions is not None and not is_chosen
+    if is_known_by_name and follows_from_pairs(units_by_subject(study).values()):
+        name = display_name(options.name("condition"))
         study = read_study(path, options.without_condition)
-        name = display_name(condition.name)
         note = (
             f"column {name}: found no pair at two of its levels, as where it names pairs or their "
             f"order, so that it is no condition: not used; --condition {name} takes it all the same"
@@ -298,7 +297,7 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
 
 
 def _example(given: Task | str) -> tuple[Path, Texts]:
-    """The files of a task's example and its parameters; an InputError without an example."""
+    """How the paths of an example's files begin, and its parameters; some tasks have no example."""
     task = task_of(given)
     if task not in _EXAMPLES:
         names = join_names([task.name for task in _EXAMPLES])
@@ -313,9 +312,8 @@ def _example(given: Task | str) -> tuple[Path, Texts]:
 class _Rows:
     """Rows that are asked for: columns by our names, and the stimuli of each row.
 
-    `stimuli` are the numbers in the columns of stimuli, shape (rows, 2), NaN where a cell cannot be
-    read: s1 and s2, or the standard and the comparison. `rounding` says which of them differed by
-    rounding only.
+    `stimuli` are natural logs, shape (rows, 2), NaN where a cell cannot be read: s1 and s2, or the
+    standard and the comparison. `rounding` has doubts about those that differed by rounding only.
     """
 
     table: TextTable
@@ -363,24 +361,24 @@ class _Rows:
             names_to_skip.update(names_like(self.table.names, ours))
         return [name for name in dict.fromkeys(self.table.names) if name not in names_to_skip]
 
-    def require_pairs(self, asked: BoolArray) -> None:
-        """Note subjects without a name, and stimuli without a number, in these rows."""
+    def require_pairs(self, rows: BoolArray) -> None:
+        """Note what is wrong with subjects, conditions and stimuli in these rows."""
         for ours in ("subject", "condition"):
             if ours in self.columns:
-                require_texts(self.table, self.columns[ours], asked)
+                require_texts(self.table, self.columns[ours], rows)
         if self.order.column is not None:
-            self.table.fault(self.order.column, asked & self.order.is_unknown, ALLOWED_INTERVALS)
+            self.table.fault(self.order.column, rows & self.order.is_unknown, ALLOWED_INTERVALS)
         for column, values in zip(self.stimulus_columns, self.stimuli.T, strict=True):
             kind = "a positive finite number" if self.options.has_intensities else "a finite number"
-            require_numbers(self.table, column, asked & np.isnan(values), kind)
-            self.table.fault(column, asked & out_of_range(values), ALLOWED_STIMULI)
+            require_numbers(self.table, column, rows & np.isnan(values), kind)
+            self.table.fault(column, rows & out_of_range(values), ALLOWED_STIMULI)
         if self.options.unit is None and not self.options.has_intensities:
-            require_logs(self.table, self.stimulus_columns, self.stimuli, asked)
+            require_logs(self.table, self.stimulus_columns, self.stimuli, rows)
 
     def layout(self, form: str, answers: Iterable[object]) -> list[str]:
-        """Notes of how the table is written and read.
+        """Notes on the form of the table, its rows, and columns with another name or unit.
 
-        They name the form, the rows that were asked for, and columns with another name or unit.
+        `answers` are parts of the first note: 'trial rows, UTF-8, 20 of 40 trials ...'.
         """
         table, options = self.table, self.options
         texts = chain.from_iterable(column.texts for column in self.stimulus_columns)
@@ -392,6 +390,7 @@ class _Rows:
         notes: list[str] = [Note(", ".join([*parts, ""]), *answers), *table.notes]
         for name, text in options.where.items():
             notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
+
         read_as = {}
         for ours, theirs in options.columns.items():
             if theirs != ours and ours in self.columns:
@@ -400,8 +399,8 @@ class _Rows:
         if unit:
             for column in self.stimulus_columns:
                 read_as.setdefault(column.name, []).append(unit)
-        for name, words in read_as.items():
-            notes.append(f"column {display_name(name)} read as {', '.join(words)}")
+        for name, meanings in read_as.items():
+            notes.append(f"column {display_name(name)} read as {', '.join(meanings)}")
         return notes
 
 
@@ -418,6 +417,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     frequency = frequency_column(table, options, roles_read)
     if frequency is not None:
         table = with_row_for_each_trial(table, frequency)
+
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     if frequency is not None:
         columns["n_trials"] = table.columns[frequency.name]
@@ -446,9 +446,10 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
-    """Refuse a table whose names are a row of it: numbers, and no columns of stimuli."""
+    """Refuse a table without a header, whose names are numbers and not those of the stimuli."""
     numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
-    if len(numbers_in_head) > 1 and not {*map(options.name, options.stimuli)} & {*table.names}:
+    has_no_stimuli = {*map(options.name, options.stimuli)}.isdisjoint(table.names)
+    if len(numbers_in_head) > 1 and has_no_stimuli:
         cells = join_names(map(quoted, table.names))
         raise InputError(
             f"{table.source}: has no header: {table.head} holds {cells}; allowed: the "
@@ -457,12 +458,12 @@ def _require_header(table: TextTable, options: ReadOptions) -> None:
 
 
 def _columns_of_file(table: TextTable) -> Columns:
-    """The columns that tell something of the whole file, by our names."""
+    """The columns `synthetic` and `task`, which say something of the whole file."""
     columns = {}
     for name, column in table.columns.items():
         if name == "synthetic":
             columns["synthetic"] = column
-        # Another kind of task, such as the name of a part of the experiment, tells nothing.
+        # Other texts, such as names of parts of the experiment, are no task of ours.
         if looks_like(name, "task") and tasks_named(column.texts):
             columns["task"] = column
     return columns
@@ -474,45 +475,45 @@ def _known_names(names: Texts, options: ReadOptions) -> set[str]:
     if options.wide is not None:
         pairs = list(filter(pair_regex(options.wide).fullmatch, names))
     likely = with_likely_columns(names, options)
-    roles = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
-    return {*roles, "synthetic", *options.where, *pairs} & set(names)
+    names_read = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
+    return {*names_read, "synthetic", *options.where, *pairs} & set(names)
 
 
 def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
-    """The study of valid rows, with the counts of each by their names in :class:`Answers`.
-
-    Answers are kept as they were given where rows are trials or have a block.
-    """
+    """The study of valid rows, with the counts of each by their names in :class:`Answers`."""
     n = counts["n_trials"]
     parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
     answers, missing, doubts = answers_in_order(rows.table, rows.columns, rows.pairs, parts, counts)
-    is_kept = are_trials(rows.columns) or "block" in rows.columns
+    has_order = are_trials(rows.columns) or "block" in rows.columns
     subjects = []
     for name, in_order in answers.items():
         subject = Subject.from_answers(name, in_order, task, rows.options.stimulus_unit)
-        subjects.append(subject if is_kept else replace(subject, answers=None))
-    doubts += rows.rounding
-    if task == THREE_ANSWERS:
-        doubts += _rare_answer_doubts(counts)
-    if task_counted(rows.columns) is not None:
+        subjects.append(subject if has_order else replace(subject, answers=None))
+
+    has_counts = task_counted(rows.columns) is not None
+    if has_counts:
         merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
         if any(merged.values()):
             n_merged = (sum(merged.values()), "repeated row")
             notes.append(Note(n_merged, " merged: ", named_counts(merged)))
-        if len(n) >= 4 and (n == 100).all():
-            doubts.append(
-                "each row has 100 trials, as in a table of percentages. If there were fewer, write "
-                "their number"
-            )
+    is_synthetic, synthetic_notes = _synthetic(rows.columns)
+    notes += missing + synthetic_notes
+
+    doubts += rows.rounding
+    if task == THREE_ANSWERS:
+        doubts += _rare_answer_doubts(counts)
+    if has_counts and len(n) >= 4 and (n == 100).all():
+        doubts.append(
+            "each row has 100 trials, as in a table of percentages. If there were fewer, write "
+            "their number"
+        )
     doubts += nameless_doubts(rows.subject)
     doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
+
     pooled = list[str]()
     if "condition" not in rows.columns:
         columns_not_read = [*filter(None, map(rows.table.columns.get, rows.names_not_read))]
         pooled = pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
-    notes += missing
-    is_synthetic, synthetic_notes = _synthetic(rows.columns)
-    notes += synthetic_notes
     codes = []
     if "response" in rows.columns:
         codes = [*filterfalse(is_no_response, rows.columns["response"].texts)]
@@ -528,7 +529,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
 
 
 def _rare_answer_doubts(counts: Counts) -> Iterator[str]:
-    """A doubt about one of three answers that is rare, as stray words in a study of two answers."""
+    """A doubt about each of three answers that is as rare as stray words in a study of two."""
     n_equal, n_trials, n_second = (counts[name].sum() for name in THREE_ANSWERS.counts)
     numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
     for answer, n_answers in numbers.items():
@@ -540,7 +541,7 @@ def _rare_answer_doubts(counts: Counts) -> Iterator[str]:
 
 
 def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
-    """Whether a column marks every row as synthetic, and what is noted of it."""
+    """Whether a column marks every row as synthetic, and a note if it marks some."""
     texts = columns["synthetic"].texts if "synthetic" in columns else [""]
     is_marked = [text.lower() in TRUE_WORDS for text in texts]
     if all(is_marked):
@@ -556,10 +557,10 @@ def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
 def _trial_study(rows: _Rows) -> Study:
     """The study of a table whose rows are trials."""
     table, options, task_column = rows.table, rows.options, rows.columns.get("task")
-    responses_or_scores = "correct" if options.correct else "response"
+    answer_role = "correct" if options.correct else "response"
     has_digit = re.compile("[0-9]").search
     has_stimuli = np.any([column.map(has_digit) for column in rows.stimulus_columns], axis=0)
-    column, missed_texts = blank_missed(rows.columns[responses_or_scores], options, has_stimuli)
+    column, missed_texts = blank_missed(rows.columns[answer_role], options, has_stimuli)
     if options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, options)
     difference = np.diff(rows.pairs)[:, 0]
@@ -571,10 +572,10 @@ def _trial_study(rows: _Rows) -> Study:
     table.problems.refuse()
     require_task(table, answers.task, task_column)
     if not answers.is_answered.any():
-        meaning = "if another column has the responses"
-        remedies = [Remedy("columns", (("response", "NAME"),), meaning)]
-        if options.correct is not None:
-            remedies = []
+        remedies = []
+        if options.correct is None:
+            meaning = "if another column has the responses"
+            remedies.append(Remedy("columns", (("response", "NAME"),), meaning))
         raise InputError(
             f"{table.source}: {column}: found no response in any of {len(table.rows)} rows, "
             "allowed: at least one answered trial",
@@ -583,13 +584,12 @@ def _trial_study(rows: _Rows) -> Study:
 
     form = "trial" if are_trials(rows.columns) else "frequency"
     notes = rows.layout(form, answers.note)
-    unanswered = ~answers.is_answered & ~answers.is_unscorable
-    is_no_trial = unanswered & ~has_stimuli
-    n_blank = is_no_trial.sum()
+    is_unanswered = ~answers.is_answered & ~answers.is_unscorable
+    n_blank = (is_unanswered & ~has_stimuli).sum()
     if n_blank:
         notes.append(Note((n_blank, "row"), " without stimuli and response left out"))
     causes = missed_texts + missed_signs
-    notes += _dropped_note(rows, unanswered & ~is_no_trial, "without a response", causes)
+    notes += _dropped_note(rows, is_unanswered & has_stimuli, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
     responding = {"", *rows.subject.only(answers.is_answered).texts}
@@ -598,16 +598,16 @@ def _trial_study(rows: _Rows) -> Study:
         subjects = (len(absent), "subject")
         notes.append(Note(subjects, " without any response left out: ", absent))
 
-    # A trial is a count of one, a trial without an answer a count of none.
+    # A trial counts each answer once or not at all. A task of two answers has no third count.
     columns = np.array([answers.is_yes, answers.is_answered, answers.is_second], np.int64)
     counts = dict(zip(answers.task.counts, columns, strict=False))
     return _study(rows, notes, counts, answers.task)
 
 
 def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts = ()) -> Texts:
-    """How many trials of each subject are dropped for a reason; nothing where none is.
+    """A note on how many trials of each subject are dropped for a reason; empty if none are.
 
-    `cells` are the texts that say so, with their columns.
+    `cells` are the texts that mark these trials, with their columns.
     """
     if not is_dropped.any():
         return []
@@ -624,7 +624,10 @@ def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts 
 
 
 def _count_study(rows: _Rows, task: Task) -> Study:
-    """The study of a table of counts of one answer, or of three."""
+    """The study of a table of counts of one answer, or of three.
+
+    Of each row, `n` are its trials, and `k` those with the answer; -1 where a cell has no number.
+    """
     if task == THREE_ANSWERS:
         return _three_count_study(rows)
     table, trials = rows.table, rows.columns["n_trials"]
@@ -639,6 +642,8 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         k = column_counts(table, column)
     rows.require_pairs(np.ones(len(n), bool))
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
+
+    # The counts of the other answer are not read, but must agree with those that are.
     others = {*names_like(table.columns, f"n_{task.no}")}.intersection(rows.names_not_read)
     if len(others) == 1 and not share_notes:
         other = table.columns[others.pop()]
@@ -646,6 +651,8 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         is_wrong = (k >= 0) & (n >= k) & (n_other >= 0) & (k + n_other != n)
         rule = f"the sum of {display_name(column.name)} and {display_name(other.name)}, "
         table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
+
+    # Counts of 'comparison' or of right answers become counts of 'second'.
     if "n_comparison" in rows.columns:
         k = np.where(rows.order.is_first, k, n - k)
     elif "n_correct" in rows.columns:
@@ -674,9 +681,10 @@ def _three_count_study(rows: _Rows) -> Study:
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
     answered: list[object] = [n.sum(), " trials answered"]
+    separator = " "
     for answer, count in counts.items():
-        answered += [" ", count.sum(), f" '{answer}'", ","]
-    del answered[-1]
+        answered += [separator, count.sum(), f" '{answer}'"]
+        separator = ", "
     notes = rows.layout("grouped", answered)
     by_name = {"n_yes": counts["equal"], "n_trials": n, "n_second": counts["second"]}
     return _study(rows, notes, by_name, task)
@@ -685,7 +693,8 @@ def _three_count_study(rows: _Rows) -> Study:
 def _require_counts(rows: _Rows, n: IntArray, task: Task) -> None:
     """Refuse the table if it has problems, or a subject has no trial."""
     subject = rows.subject
-    is_without_trials = (np.bincount(subject.codes, n != 0) == 0)[subject.codes] & ~empty(subject)
+    n_filled_rows = np.bincount(subject.codes, n != 0)  # of each subject
+    is_without_trials = (n_filled_rows == 0)[subject.codes] & ~empty(subject)
     rows.table.fault(subject, is_without_trials, "a subject with at least 1 trial in some row")
     rows.table.problems.refuse()
     require_task(rows.table, task, rows.columns.get("task"))

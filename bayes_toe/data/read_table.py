@@ -58,10 +58,12 @@ from bayes_toe.errors import InputError, Remedy
 #: million.
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 
-#: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists.
+#: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists, as
+#: '[ {'. A byte-order mark may stand in front.
 _JSON_START = rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)"
 _TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
-#: A formula that no program has computed, and the error that stands for it.
+#: A formula that no program has computed, such as '<c r="B2"><f>A1+1</f><v></v></c>', and the error
+#: that stands for it.
 _NOT_COMPUTED = (
     rb"(<c (?![^<>]*\bt=)[^<>]*)>(?:<f[^<>]*/>|<f[^<>]*>[^<>]*</f>)(?:<v ?/>|<v></v>)?</c>"
 )
@@ -116,7 +118,7 @@ def read_table(
     InputError
         If the source cannot be read, is too large or empty, or its head cannot be split.
     """
-    # A lazy frame has no rows, and warns where it is asked for its columns.
+    # A lazy frame of polars has no rows, and warns where it is asked for its columns.
     has_rows = hasattr(source, "iloc") or hasattr(source, "to_series")
     if has_rows and hasattr(source, "columns"):
         library = type(source).__module__.partition(".")[0]
@@ -133,8 +135,8 @@ def read_table(
     require_parquet(path)
     try:
         data = input_bytes(path, largest)
-    except (OSError, ValueError) as error:  # a value where there is a NUL character in the path
-        reason = getattr(error, "strerror", None) or error
+    except (OSError, ValueError) as error:  # a ValueError for a path with a NUL character
+        reason = getattr(error, "strerror", error)
         raise InputError(
             f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
             "may be read"
@@ -149,7 +151,7 @@ def read_table(
 
     if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
-    if _is_json(suffix, data):
+    if suffix in _JSON_SUFFIXES or (suffix in _TEXT_SUFFIXES and re.match(_JSON_START, data)):
         return _read_json(name, data, choice, encoding)
     if suffix == ".parquet":
         return _read_parquet(name, data, choice)
@@ -158,16 +160,10 @@ def read_table(
     return read_csv(name, data, choice, encoding)
 
 
-def _is_json(suffix: str, data: bytes) -> bool:
-    """Whether a file is JSON by its suffix, or a text that begins like it."""
-    begins_like_json = suffix in _TEXT_SUFFIXES and re.match(_JSON_START, data)
-    return suffix in _JSON_SUFFIXES or bool(begins_like_json)
-
-
 def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
     """The content of a file.
 
-    An OSError where it is larger than `largest`, or a pipe or a device, which may have no end.
+    An OSError if it is larger than `largest` bytes, or a pipe or a device, which may have no end.
     """
     status = os.stat(path)
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
@@ -187,12 +183,11 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
     """
     rule = f"allowed: a TOML file with {lines}"
     try:
-        # Windows' editors put a byte-order mark in front.
+        # Windows' editors put a byte-order mark in front. Settings have less than 64 KiB.
         return tomllib.loads(input_bytes(path, 2**16).decode("utf-8-sig"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); {rule}") from error
-    except (ValueError, RecursionError) as error:
-        # The parser's own, Python's on integers of 5,000 digits, thousands of brackets.
+    except (ValueError, RecursionError) as error:  # the latter for thousands of brackets
         message = visible(" ".join(str(error).split()))
         raise InputError(
             f"{path}: found text that is not TOML ({message}), allowed: lines {lines}"
@@ -212,9 +207,10 @@ def _table_of_values(
     choice: Choice,
     notes: Texts = (),
 ) -> TextTable:
-    """The table of values by column; `head` is the place of the names of columns in messages.
+    """The table of values by column, whose numbers of rows are given.
 
-    The first cell without a text is a problem in the columns that are chosen.
+    `head` is the place of the names of columns in messages. The first cell without a text of each
+    chosen column is a problem.
     """
     chosen = choice(names)
     problems = Problems(source)
@@ -243,7 +239,7 @@ def _table_of_frame(
     values = {}
     for name, index in name_places(names).items():
         series = frame.iloc[:, index] if hasattr(frame, "iloc") else frame.to_series(index)
-        # to_list makes doubles: 0.1 would read 0.10000000149.
+        # to_list makes doubles: 0.1 in single precision would read 0.10000000149.
         is_single = str(series.dtype).lower() == "float32"
         values[name] = np.asarray(series, np.float32) if is_single else series.to_list()
     rows = range(first_row, first_row + len(frame))
@@ -254,7 +250,7 @@ def _table_of_frame(
 
 
 def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> TextTable:
-    """The sheet with the table, or the one that is named; rows count as in the sheet."""
+    """The table in the sheet that is named, or in the one with most of our columns."""
     sheets = _excel_sheets(source, data)
     heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
     title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
@@ -264,14 +260,15 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
 
     rows = sheets[title]
     first, names = heads[title]
+    # Rows count from 1, as in the sheet, and indices from 0.
     filled = [row for row in range(first + 2, len(rows) + 1) if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():
         values[name] = [rows[row - 1][index] for row in filled]
 
     notes = []
-    if len(sheets) > 1:
-        other_sheets = [display_name(other) for other in sheets if other != title]
+    other_sheets = [display_name(other) for other in sheets if other != title]
+    if other_sheets:
         notes.append(f"sheet {display_name(title)} read, not {join_names(other_sheets)}")
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
@@ -285,7 +282,10 @@ def _chosen_sheet(
     heads: Mapping[str, tuple[int, list[str]]],
     choice: Choice,
 ) -> str:
-    """The only sheet with most of our columns."""
+    """The title of the sheet with most of our columns; of sheets without any, the longest.
+
+    An InputError if several have most of our columns.
+    """
     if not sheets:
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
     n_names = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
@@ -299,7 +299,7 @@ def _chosen_sheet(
 
 
 def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, list[str]]:
-    """The index of the row that has the names, from 0, and the names."""
+    """The index of the row with the names, from 0, and the names."""
     records = []
     for cells in rows[:MOST_RECORDS]:
         texts = map(value_text, cells)
@@ -333,7 +333,7 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
 
 
 def _without_formats(source: str, data: bytes) -> io.BytesIO:
-    """A workbook without cells that have a format only, of which there may be millions.
+    """A workbook without empty cells that have a format, of which there may be millions.
 
     Formulas without a value become errors.
     """
@@ -348,7 +348,7 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
         for name in book.namelist():
             part = book.read(name)
             if name.startswith("xl/worksheets/"):
-                # A cell, and a row, that have a place and nothing else.
+                # Cells and rows that are empty, such as '<c r="B2" s="1"/>' and '<row r="2"/>'.
                 part = re.sub(rb'<c [^<>]*\br="[^<>]*/>', b"", part)
                 part = re.sub(rb'<row [^<>]*\br="(?:[^<>]*/>|[^<>]*></row>)', b"", part)
                 part = re.sub(_NOT_COMPUTED, _ERROR, part)
@@ -381,7 +381,7 @@ def _sheet_rows(source: str, sheet: Any) -> list[list[Any]]:
 
 
 def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -> TextTable:
-    """The table of a list of trials or of participants with trials, of columns, or of lines.
+    """The table in a JSON text, see :func:`_json_records`, or in lines with a trial each.
 
     Row 1 is the first trial; a key that a trial lacks is an empty cell.
     """
@@ -439,27 +439,31 @@ def _parse_json(source: str, text: str) -> object:
 
 
 def _with_info(value: Any) -> Any:
-    """A record with the single values of its parts, as of `info` beside `trials`.
+    """A record with the fields of parts that have single values only.
 
-    It stays as it is where a name would be there twice.
+    {"info": {"id": 7}, "trials": [...]} becomes {"id": 7, "trials": [...]}. A record stays as it is
+    if a name would be there twice, and so does any other value.
     """
     if not isinstance(value, dict):
         return value
     record = dict[str, Any]()
-    n_names = 0
     for key, item in value.items():
         part = _with_info(item)
         if not isinstance(part, dict) or any(isinstance(cell, _NESTED) for cell in part.values()):
             part = {key: part}
-        n_names += len(part)
+        if not record.keys().isdisjoint(part):
+            return value
         record |= part
-    return record if len(record) == n_names else value
+    return record
 
 
 def _json_records(
     source: str, value: object, shared: dict[str, object]
 ) -> Iterator[dict[str, object]]:
-    """The trials in a value; each has what its participant has."""
+    """The trials in a value: a list of trials, a record of columns, or participants with trials.
+
+    Each trial also has the fields `shared` by all trials of its participant.
+    """
     if isinstance(value, list):
         for item in value:
             yield from _json_records(source, item, shared)
@@ -479,9 +483,9 @@ def _json_records(
         trials = fields.pop(nested[0])
         yield from _json_records(source, trials, fields)
     elif len(lists) > 1 and len(lengths) == 1:  # columns
-        for items in zip(*lists.values(), strict=True):
-            yield {**fields, **dict(zip(lists, items, strict=True))}
-    else:
+        for cells in zip(*lists.values(), strict=True):
+            yield {**fields, **dict(zip(lists, cells, strict=True))}
+    else:  # a trial
         yield fields
 
 
@@ -494,9 +498,10 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     A single value stands in every row.
     """
     records = list(_json_records(source, _with_info(matlab_values(source, data)), {}))
-    no_columns = [name for name, value in records[0].items() if isinstance(value, _NESTED)]
-    if len(records) == 1 and (no_columns or not records[0]):
-        finding = join_names(map(display_name, no_columns)) or "nothing"
+    # Variables that are no columns are left as they are, in a single record.
+    unread = [name for name, value in records[0].items() if isinstance(value, _NESTED)]
+    if len(records) == 1 and (unread or not records[0]):
+        finding = join_names(map(display_name, unread)) or "nothing"
         raise InputError(
             f"{source}: found {finding}, no columns of one length, allowed: {SAVED}; or, in "
             "Python, a pandas data frame that has the columns"
@@ -516,7 +521,7 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
         size = file.metadata
         require_size(source, size.num_columns, size.num_columns * size.num_rows)
         table = file.read()
-        # Metadata may hold an index of pandas, whose columns the frame would lose.
+        # With metadata of pandas, columns that are an index would be lost.
         frame = table.replace_schema_metadata().to_pandas(integer_object_nulls=True)
     except InputError:
         raise
@@ -527,15 +532,12 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
 
 
 def is_parquet(path: StrPath) -> bool:
-    """Whether a file is one by its name."""
+    """Whether a file is Parquet by its suffix."""
     return Path(path).suffix.lower() == ".parquet"
 
 
 def require_parquet(path: StrPath) -> None:
-    """Refuse a Parquet file where there is no pyarrow, with what to install.
-
-    Any other file passes.
-    """
+    """Refuse a Parquet file if pyarrow is not installed; any other file passes."""
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
         raise InputError(
             f"{display_name(Path(path).name)}: found a Parquet file and no pyarrow, allowed: "

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -39,6 +39,8 @@ from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError, Remedy
 
+#: A file, by its name or as a study, and a line about it.
+Line: TypeAlias = tuple[Any, str]
 #: Where the tables of a folder are: those of BIDS, else those in it, else those in subfolders.
 _IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
 #: Where the name of a file or of its folder may have the subject.
@@ -57,32 +59,40 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
     """
     files, notes = [], []
     for path in paths:
-        if not isinstance(path, StrPath) or not os.path.isdir(path):
+        if isinstance(path, StrPath) and os.path.isdir(path):
+            tables, note = _folder_tables(path)
+            files += tables
+            notes.append(note)
+        else:
             files.append(path)
-            continue
-        folder, name = Path(path), display_name(str(path))
-        for pattern in _IN_FOLDER:
-            found = [file.relative_to(folder) for file in folder.glob(pattern)]
-            tables = sorted(filter(_is_table, found))
-            if tables:
-                break
-        counts = Counter(file.suffix.lower() for file in tables)
-        finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
-        if len(counts) != 1:
-            commonest = max(counts, key=counts.__getitem__, default=".csv")
-            example = f"{shlex.quote(format_path(folder))}/{pattern if tables else '*'}"
-            raise InputError(
-                f"{name}: found {finding or 'no table'}, allowed: tables of one suffix, such as "
-                f"{example}{commonest}"
-            )
-        files += map(folder.joinpath, tables)
-        place = " in subfolders" if "/" in pattern else ""
-        notes.append(f"folder {name}: {finding}{place} read")
     return files, notes
 
 
+def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
+    """The tables of a folder, in its first places that have some, and a note on them."""
+    folder, name = Path(path), display_name(str(path))
+    for pattern in _IN_FOLDER:
+        files = [file.relative_to(folder) for file in folder.glob(pattern)]
+        tables = sorted(filter(_is_table, files))
+        if tables:
+            break
+    else:
+        pattern = "*"
+
+    counts = Counter(file.suffix.lower() for file in tables)
+    finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
+    if len(counts) != 1:
+        commonest = max(counts, key=counts.__getitem__, default=".csv")
+        raise InputError(
+            f"{name}: found {finding or 'no table'}, allowed: tables of one suffix, such as "
+            f"{shlex.quote(format_path(folder))}/{pattern}{commonest}"
+        )
+    places = " in subfolders" if "/" in pattern else ""
+    return [*map(folder.joinpath, tables)], f"folder {name}: {finding}{places} read"
+
+
 def _is_table(file: Path) -> bool:
-    """Whether a file of a folder may be a table: not hidden, and not the mark ~$a.xlsx of one."""
+    """Whether a file of a folder may be a table: not hidden, and not a lock of Excel, ~$a.xlsx."""
     is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
     return file.suffix.lower() in TABLE_SUFFIXES and not is_hidden
 
@@ -104,55 +114,67 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     for path, n_times in Counter(absolute_paths).items():
         if n_times > 1:
             raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
-    studies, faulty, lacking = [], [], []
+    studies, errors, missing_names = [], [], []
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
             studies += [replace(study, source=folder + study.source) for study in read(path)]
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
-            faulty.append(InputError(problems, error.remedies))
-            if error.remedies and not error.remedies[0].is_complete:
-                lacking.append(
+            errors.append(InputError(problems, error.remedies))
+            if error.remedies and not error.remedies[0].is_complete:  # it asks for a name
+                missing_names.append(
                     f"{problems[0]} Type the names of the other files, or remove this file."
                 )
-    if 0 < len(lacking) < len(paths):
-        raise InputError(lacking[:MAX_LINES])
-    if faulty:
-        raise _refusal(paths, faulty)
+    if 0 < len(missing_names) < len(paths):  # other files have the names that the options say
+        raise InputError(missing_names[:MAX_LINES])
+    if errors:
+        raise _refusal(paths, errors)
     return studies
 
 
-def _refusal(paths: Sequence[Any], faulty: Sequence[InputError]) -> InputError:
-    """One refusal for several faulty files: problems that are alike are one line."""
+def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
+    """One refusal for the errors of several files: problems that are alike are one line."""
+    lines = []
+    for problem in chain.from_iterable(error.problems for error in errors):
+        file, _, text = problem.partition(": ")
+        lines.append((file, text))
     problems = []
-    lines = chain.from_iterable(error.problems for error in faulty)
-    for alike in _alike(line.partition(": ")[::2] for line in lines):
+    for alike in _alike(lines):
         several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
         problems.append(several + ": ".join(filter(None, alike[0])))
-    if len(faulty) > 1 and len(problems) > MAX_LINES:
+    if len(errors) > 1 and len(problems) > MAX_LINES:
         problems[MAX_LINES:] = ["... and more problems"]
 
-    remedies = list[Remedy]()
-    for remedy in faulty[0].remedies:
-        is_name = remedy.option == "subject_from"
-        remedies += (is_name and _subject_remedies(paths, remedy)) or [remedy]
+    remedies = []
+    for remedy in errors[0].remedies:
+        if remedy.option == "subject_from":
+            remedies += _subject_remedies(paths, remedy)
+        else:
+            remedies.append(remedy)
     return InputError(problems, remedies)
 
 
 def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
-    """A remedy for each part of the names of files and folders by which they differ."""
+    """A remedy for each part of the paths by which files differ; the given one without such parts.
+
+    For a/x.csv and b/x.csv, '{}/*' is such a part.
+    """
     by_subjects = dict[tuple[str, ...], Remedy]()
     for pattern in _SUBJECT_PLACES:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"
+            # Of patterns with the same subjects, the first one is proposed.
             by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
-    return [*by_subjects.values()]
+    return [*by_subjects.values()] or [remedy]
 
 
 def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
-    """The folders that tell a file from those of the same name; empty without such files."""
+    """What tells a file from others of its name, such as 'a/' for a/x.csv beside b/x.csv.
+
+    It is empty without others, and for a data frame.
+    """
     if not isinstance(path, StrPath):
         return ""
     folders = [other.parent for other in paths if other.name == Path(path).name]
@@ -162,18 +184,19 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     return f"{folder.relative_to(os.path.commonpath(folders)).as_posix()}/"
 
 
-def _alike(lines: Iterable[tuple[Any, str]]) -> list[list[tuple[Any, str]]]:
-    """Lines of several files in groups: those of a group differ in numbers or in order only.
+def _alike(lines: Iterable[Line]) -> list[list[Line]]:
+    """Groups of lines that differ in numbers and names only.
 
-    Lines of one file stay apart.
+    A group has at most one line of a file: second lines of a kind are a group of their own.
     """
-    n_of_kind = Counter[tuple[Any, str]]()
-    alike = defaultdict[tuple[str, int], list[tuple[Any, str]]](list)
+    n_of_kind = Counter[Line]()
+    groups = defaultdict[tuple[str, int], list[Line]](list)
     for file, text in lines:
-        kind = "".join(sorted(re.sub(r"[\d,]", "", "".join(fixed_texts(text)))))
+        letters = re.sub(r"[\d,]", "", "".join(fixed_texts(text)))
+        kind = "".join(sorted(letters))  # the same for columns in another order
         n_of_kind[file, kind] += 1
-        alike[kind, n_of_kind[file, kind]].append((file, text))
-    return [*alike.values()]
+        groups[kind, n_of_kind[file, kind]].append((file, text))
+    return [*groups.values()]
 
 
 def together(studies: Sequence[Study]) -> Study:
@@ -202,15 +225,17 @@ def together(studies: Sequence[Study]) -> Study:
         doubts += _copies(name, files)
         if len(files) > 1:
             n_files[name] = len(files)
+
     notes = common_notes(studies)
     if n_files:
-        of_subjects = (len(n_files), "subject")
-        notes.append(Note(of_subjects, " in several files, put together: ", named_counts(n_files)))
-    if len({study.source for study in studies if len(subjects) == 1}) > 1:
-        place = "/*" * first.source.count("/") or ".*"
+        n_subjects = (len(n_files), "subject")
+        notes.append(Note(n_subjects, " in several files, put together: ", named_counts(n_files)))
+    sources = {study.source for study in studies}  # all frames are one source
+    if len(subjects) == 1 and len(sources) > 1:
+        ending = "/*" * first.source.count("/") or ".*"  # of a/x.csv the folder is the subject
         doubts.append(
             f"all {len(studies)} files are of one subject, {display_name(subjects[0].name)}. If "
-            f"they are of several, --subject-from '{{}}{place}' tells them from each other"
+            f"they are of several, --subject-from '{{}}{ending}' tells them from each other"
         )
     reading = replace(reading, doubts=tuple(doubts))
     source = f"{len(studies)} files, {first.source} to {studies[-1].source}"
@@ -219,38 +244,39 @@ def together(studies: Sequence[Study]) -> Study:
 
 
 def reading_of_all(studies: Sequence[Study]) -> Reading:
-    """What all files told."""
-    names = {}
+    """The readings of all studies as one, each entry once."""
+    entries = {}
     for key in ("read", "ignored", "doubts", "pooled", "codes"):
-        of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
-        names[key] = tuple(dict.fromkeys(of_files))
-    return Reading(**names)
+        all_entries = chain.from_iterable(getattr(study.reading, key) for study in studies)
+        entries[key] = tuple(dict.fromkeys(all_entries))
+    return Reading(**entries)
 
 
 def common_notes(studies: Sequence[Study]) -> list[str]:
-    """The notes of all files, each kind of them once: how the files are written comes first.
+    """The notes of all files; those that differ in counts and names only are one note.
 
-    Counts and names are those of all files.
+    Its counts and names are those of all files.
     """
     lines = []
-    for i, study in enumerate(studies):
-        lines += [(i, note) for note in study.notes]
+    for study in studies:
+        lines += [(study, note) for note in study.notes]
     notes = []
-    for alike in _alike(lines):
-        files, notes_alike = zip(*alike, strict=True)
-        source, note = studies[files[0]].source, sum_of_notes(notes_alike)
-        if len(files) == 1:
-            note = f"{source}: {note}"
-        elif note is None:
-            note = f"{len(files)} files, such as {source}: {notes_alike[0]}"
-        elif len(files) < len(studies):
-            note = f"{len(files)} of {len(studies)} files: {note}"
+    for group in _alike(lines):
+        first_study, first_note = group[0]
+        n_files = len(group)
+        note = sum_of_notes([note for _, note in group])
+        if n_files == 1:
+            note = f"{first_study.source}: {note}"
+        elif note is None:  # they differ in the order of their words
+            note = f"{n_files} files, such as {first_study.source}: {first_note}"
+        elif n_files < len(studies):
+            note = f"{n_files} of {len(studies)} files: {note}"
         notes.append(note)
     return notes
 
 
 def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
-    """A subject of one file or several."""
+    """The subject in these studies: its answers in order, or counts if a study has no order."""
     subjects = [study[name] for study in studies]
     if len(subjects) == 1:
         return subjects[0]
@@ -267,12 +293,12 @@ def _copies(name: str, studies: Sequence[Study]) -> Iterator[str]:
 
     20 answers are not the same by chance.
     """
-    first_source: dict[tuple[bytes, bytes], str] = {}
+    first_source = dict[bytes, str]()
     for study in studies:
         answers = study[name].answers
         if answers is None or not answers.has_trial_rows or len(answers.n_yes) < 20:
             continue
-        content = answers.keys.tobytes(), answers.counts.tobytes()
+        content = answers.keys.tobytes() + answers.counts.tobytes()
         earlier = first_source.setdefault(content, study.source)
         if earlier != study.source:
             trials = f"{len(answers.n_yes)} trials of subject {display_name(name)}"
@@ -280,30 +306,30 @@ def _copies(name: str, studies: Sequence[Study]) -> Iterator[str]:
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
-    """Answers in the order of the files.
+    """The answers of a subject in several files, by the names of the files, in their order.
 
-    Files are blocks; a block of a file is one of its own, whose name begins with the file.
+    Each file is a block, or its blocks stay apart and have its name in theirs: 'b.csv: 1'.
     """
     block_names = list[str]()
     next_place = 0
     files = []
-    for source, in_order in answers:
-        block, place = in_order.block, in_order.place
+    for source, of_file in answers:
+        block, place = of_file.block, of_file.place
         names = [source]
         if block is None:
-            block = np.zeros(len(in_order.n_trials), np.int64)
+            block = np.zeros(len(of_file.n_trials), np.int64)
         else:
-            names = [f"{source}: {name}" for name in in_order.blocks]
+            names = [f"{source}: {name}" for name in of_file.blocks]
         if place is not None:
             place = place - place[0] + next_place
             next_place = place[-1] + 2  # the gap starts a session
-        files.append(replace(in_order, block=block + len(block_names), place=place))
+        files.append(replace(of_file, block=block + len(block_names), place=place))
         block_names += names
 
     columns = dict[str, Any]()
     for key in ("keys", "n_yes", "n_trials", "n_second", "iti", "block", "place"):
-        parts = [getattr(file, key) for file in files]
-        if not any(part is None for part in parts):
-            columns[key] = np.concatenate(parts)
+        arrays = [getattr(file, key) for file in files]
+        if not any(array is None for array in arrays):
+            columns[key] = np.concatenate(arrays)
     has_trial_rows = all(file.has_trial_rows for file in files)
     return Answers(**columns, blocks=tuple(block_names), has_trial_rows=has_trial_rows)

@@ -31,6 +31,7 @@ _LONGEST_STEM = 60
 _HASH_DIGITS = 8
 _PLAIN = r"[A-Za-z0-9_-](?:[A-Za-z0-9._-]*[A-Za-z0-9_-])?"  # no dot at either end
 _CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f]"  # but no tab and no end of a line
+#: Names of devices under Windows, also with a suffix: 'con', 'com1.csv'.
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 
 
@@ -53,14 +54,14 @@ class Table(ABC, Generic[Row]):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        # Where a dataclass finds one, it makes none that lists everything.
+        # A dataclass that has one gets no other, which would list all rows.
         cls.__repr__ = Table.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
         names = list(dict.fromkeys(str(getattr(row, "subject", "")) for row in self.rows))
         of_subjects = f" of {join_few(names)}" if any(names) else ""
-        size = f"{len(self.rows):,} rows{of_subjects}"
-        return f"<{type(self).__name__}: {size}; frame() gives them to pandas>"
+        name = type(self).__name__
+        return f"<{name}: {len(self):,} rows{of_subjects}; frame() gives them to pandas>"
 
     def _repr_html_(self) -> str:
         return as_html(type(self).__name__, self.frame())
@@ -99,7 +100,7 @@ class Table(ABC, Generic[Row]):
 
 
 def frame_of(rows: Iterable[object], columns: Texts) -> pd.DataFrame:
-    """A frame of what rows have under the names of its columns."""
+    """A frame with a column for each of these attributes of the rows."""
     import pandas as pd
 
     return pd.DataFrame(list(map(attrgetter(*columns), rows)), columns=list(columns))
@@ -109,7 +110,7 @@ def frame_of(rows: Iterable[object], columns: Texts) -> pd.DataFrame:
 class SubjectTable(Table[Row]):
     """A table with one row for each subject, looked up by the subject's name.
 
-    An InputError where there is none of that name.
+    An unknown name is an InputError.
     """
 
     def __getitem__(self, name: str | int) -> Row:
@@ -121,7 +122,8 @@ class SubjectTable(Table[Row]):
 
     @cached_property
     def _by_name(self) -> dict[str, Row]:
-        return {row.subject: row for row in reversed(self.rows)}  # the first of equals
+        # Of rows with one name, the first is read last and stays.
+        return {row.subject: row for row in reversed(self.rows)}
 
 
 def write_table(
@@ -151,7 +153,7 @@ def write_table(
     target = Path(path)
     require_parquet(target)
     if units:
-        parts = frame["subject"].str.partition(CONDITION_SEPARATOR)
+        parts = frame["subject"].str.partition(CONDITION_SEPARATOR)  # subject, @, condition
         frame = frame.assign(subject=parts[0])
         frame.insert([*frame].index("subject") + 1, "condition", parts[2])
 
@@ -169,9 +171,10 @@ def write_table(
 
 
 def _inert(value: object) -> object:
-    """A cell that neither a spreadsheet nor a terminal obeys."""
+    """A cell that neither a spreadsheet nor a terminal obeys: '=1+1' -> "'=1+1"."""
     if not isinstance(value, str):
         return value
+    # A control character becomes its escape, without the quotes around it.
     text = re.sub(_CONTROL, lambda match: repr(match[0])[1:-1], value)
     return f"'{text}" if is_formula(text) else text
 
@@ -193,15 +196,16 @@ def file_stems(names: Texts) -> dict[str, str]:
     for name in names:
         is_short = len(name) <= _LONGEST_STEM
         is_safe = is_short and re.fullmatch(_PLAIN, name) and not _RESERVED.fullmatch(name)
-        stems[name] = name if is_safe and n_alike[name.lower()] == 1 else _marked(name)
-    if len({stem.lower() for stem in stems.values()}) < len(stems):  # one looks like a mark
-        stems = {name: _marked(name) for name in names}
+        stems[name] = name if is_safe and n_alike[name.lower()] == 1 else _with_hash(name)
+    # A safe name may be the stem of another name, hash included.
+    if len({stem.lower() for stem in stems.values()}) < len(stems):
+        stems = {name: _with_hash(name) for name in names}
     return stems
 
 
-def _marked(name: str) -> str:
+def _with_hash(name: str) -> str:
     """The characters of a name that every system accepts, and its hash."""
-    clean = re.sub(r"[^A-Za-z0-9._-]+", "_", name).lstrip(".")
+    clean = re.sub(r"[^A-Za-z0-9._-]+", "_", name).lstrip(".")  # a dot in front hides a file
     stem = f"_{clean}" if clean == "" or _RESERVED.fullmatch(clean) else clean
     digits = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
     return f"{stem[: _LONGEST_STEM - _HASH_DIGITS - 1]}-{digits}"

@@ -31,8 +31,10 @@ from bayes_toe.errors import InputError, Remedy
 Frame: TypeAlias = Any
 #: Which columns are read, of the names in a header.
 Choice: TypeAlias = Callable[[Texts], Collection[str]]
-#: The first row and the cells of a record, or why it cannot be split.
-Record: TypeAlias = tuple[int, list[str] | csv.Error]
+#: The cells of a record, or why it cannot be split.
+Cells: TypeAlias = list[str] | csv.Error
+#: The first row of a record, and its cells.
+Record: TypeAlias = tuple[int, Cells]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
 #: Of a table whose columns are pairs: the name of the column of each cell, and the cells.
@@ -41,7 +43,7 @@ DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "spa
 
 #: Of a table; Excel has as many columns. More would fill the memory.
 _MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
-#: Programs that write logs, with what is read of them, and how these begin.
+#: How logs begin in which trials are no rows, by the program and what is read of it.
 _LOGS = {
     "E-Prime, allowed: its trials as CSV, which E-DataAid exports": "*** Header Start ***",
     "Presentation, allowed: its trials as CSV": "Scenario - ",
@@ -77,11 +79,11 @@ class Column:
 
     @classmethod
     def from_texts(cls, name: str, texts: Iterable[str], codes: IntArray | None = None) -> Column:
-        """The column whose texts have space around them, so that some may be the same.
+        """The column of texts without the space around them, which may make some of them equal.
 
-        Without codes, each row has a text.
+        `codes` are the index of the text of each row; without them, each row has its own text.
         """
-        code_of_text: dict[str, int] = {}
+        code_of_text: dict[str, int] = {}  # a new text has the next code
         new_codes = np.array(
             [code_of_text.setdefault(text.strip(), len(code_of_text)) for text in texts], np.int64
         )
@@ -104,13 +106,14 @@ class Column:
         """The column of these rows, without the texts that only others have."""
         codes = self.codes[rows]
         is_used = np.bincount(codes, minlength=len(self.texts)) > 0
-        new_codes = np.cumsum(is_used) - 1
+        new_codes = np.cumsum(is_used) - 1  # by old code
         return Column(self.name, [*itertools.compress(self.texts, is_used)], new_codes[codes])
 
     def rows_by_text(self, rows: IndexArray) -> dict[str, IndexArray]:
-        """These rows for each text that one of them has."""
-        rows = rows[np.argsort(self.codes[rows], kind="stable")]
-        parts = np.split(rows, run_starts(self.codes[rows])[1:])
+        """The rows with each text, of these rows; texts that none of them has are left out."""
+        sorted_rows = rows[np.argsort(self.codes[rows], kind="stable")]
+        # A split needs the starts of all parts but the first; of no rows it makes an empty part.
+        parts = np.split(sorted_rows, run_starts(self.codes[sorted_rows])[1:])
         return {self.text(part[0]): part for part in parts if len(part)}
 
     def text(self, index: int) -> str:
@@ -118,7 +121,7 @@ class Column:
         return self.texts[int(self.codes[index])]
 
     def counts(self, texts: Iterable[str]) -> Texts:
-        """Texts with their counts, as messages show them."""
+        """Texts with the number of their rows, as messages show them: "'j' (40)"."""
         counts = np.bincount(self.codes, minlength=len(self.texts)).tolist()
         return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
 
@@ -149,7 +152,7 @@ def value_text(value: object) -> str | NoValue:
         return ""
 
     if isinstance(plain, str | int | float | Decimal):
-        if plain != plain:
+        if plain != plain:  # NaN
             return ""
         if isinstance(plain, bool) or (isinstance(plain, float) and plain.is_integer()):
             plain = int(plain)
@@ -182,6 +185,7 @@ class Problems:
 
     def ask(self, question: str, remedies: Iterable[Remedy]) -> None:
         """Add a problem of the whole table, with options that solve it."""
+        # Questions come before the problems of rows. A remedy may have one of its own, the last.
         index = sum(row == _HEAD_ROW for row, _ in self._shown)
         for remedy in remedies:
             self.remedies.append(remedy._replace(question=max(index, remedy.question)))
@@ -243,25 +247,26 @@ class TextTable:
         """The sign that may group thousands where the other one is decimal; empty if none may."""
         if self.form == EXCEL:
             return ","
+        # Programs in languages with a decimal comma separate cells by semicolons.
         return {";": ".", "\t": ",", " ": ","}.get(self.delimiter, "")
 
-    def only(self, kept: BoolArray | IndexArray, *notes: str) -> TextTable:
+    def only(self, rows: BoolArray | IndexArray, *notes: str) -> TextTable:
         """The table of these rows, with more notes; a row may come more than once."""
-        columns = {name: column.only(kept) for name, column in self.columns.items()}
+        columns = {name: column.only(rows) for name, column in self.columns.items()}
         all_notes = (*self.notes, *notes)
-        return replace(self, rows=self.rows[kept], columns=columns, notes=all_notes)
+        return replace(self, rows=self.rows[rows], columns=columns, notes=all_notes)
 
     def require(self, lines: Texts, remedies: Iterable[Remedy] = ()) -> None:
         """Refuse a head with problems, a table without rows, and cells without a value.
 
-        `lines` are the problems of the head, and remedies solve the last one. Rows that cannot be
-        split are reported together with them.
+        `lines` are the problems of the head, and remedies solve the last one.
         """
         for line in lines:
             separator = ", " if line.startswith("column") else ": "
             options = remedies if line == lines[-1] else ()
             self.problems.ask(f"{self.head}{separator}{line}", options)
 
+        # Rows of a CSV file that cannot be split are reported with the problems of its cells.
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
@@ -272,24 +277,25 @@ class TextTable:
     def fault(self, column: Column, bad: BoolArray, rule: str | Callable[[int], str]) -> None:
         """Note the distinct cells of a column that are bad, with their count and first row.
 
-        `rule` says what would have been right, of the index of a record where it differs.
+        `rule` says what is allowed; it is a function if this depends on the index of the record.
         """
-        places_of = column.rows_by_text(np.flatnonzero(bad))
+        records_of_text = column.rows_by_text(np.flatnonzero(bad))
         lines = []
-        for places in sorted(places_of.values(), key=itemgetter(0))[:MAX_LINES]:
-            index = int(places[0])
+        for records in sorted(records_of_text.values(), key=itemgetter(0))[:MAX_LINES]:
+            index = int(records[0])
             row = int(self.rows[index])
-            right = rule if isinstance(rule, str) else rule(index)
+            allowed = rule if isinstance(rule, str) else rule(index)
             finding = quoted(column.text(index))
             location = str(column)
             if column.name == CELL and PAIR in self.columns:
+                # The file has the cell in a column that is named after the pair.
                 location = f"column {display_name(self.columns[PAIR].text(index))}"
-            if len(places) > 1:
-                finding += f" in {len(places):,} rows, the first is row {row}"
+            if len(records) > 1:
+                finding += f" in {len(records):,} rows, the first is row {row}"
             else:
                 location = f"row {row}, {location}"
-            lines.append((row, f"{location}: found {finding}, allowed: {right}"))
-        self.problems.add(lines, len(places_of))
+            lines.append((row, f"{location}: found {finding}, allowed: {allowed}"))
+        self.problems.add(lines, len(records_of_text))
 
 
 def require_size(source: str, n_columns: int, n_cells: int) -> None:
@@ -319,7 +325,7 @@ def name_places(names: Texts) -> dict[str, int]:
 
 
 def n_chosen(names: Texts, choice: Choice) -> int:
-    """How many of the distinct names are chosen."""
+    """How many distinct names the choice has among these."""
     return len(set(names).intersection(choice(names)))
 
 
@@ -332,100 +338,115 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     Lines above the names are left out if the names are among the first ten records.
     """
     text, label = decoded(source, data, encoding)
-    _require_no_log(source, text)
-    # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
-    # are.
+    for program, start in _LOGS.items():
+        if text.startswith(start):
+            raise InputError(f"{source}: found a log of {program}")
+    # Spreadsheets name the delimiter in a first line, such as 'sep=;'. It becomes an empty line, so
+    # that rows keep their numbers.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
 
-    delimiter, place = _layout(text, choice)
+    delimiter, place, has_row_names = _layout(text, choice)
     records = itertools.islice(_records(text, delimiter), place, None)
     first_row, head = next(records, (0, []))
-    if not head:
-        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
-    if isinstance(head, csv.Error):
-        raise InputError(f"{source}: {_broken(first_row, head, 0)}")
-
-    names = _names(head)
-    n_names = len(names)
-    require_size(source, n_names, n_names)
-    next_record = next(records, (0, []))
-    has_row_names = len(_names(next_record[1])) == n_names + 1
+    names = _header_names(source, first_row, head)
     if has_row_names:
-        names = ["", *names]  # R writes row names without a name of their own
+        names = ["", *names]
 
     problems = Problems(source)
-    chosen = {*choice(names), ""}
-    places = name_places(names)
-    rows = array("q")
-    texts = {name: list[str]() for name in places}
-    for row, cells in itertools.chain([next_record] * bool(next_record[1]), records):
-        if isinstance(cells, csv.Error) or len(cells) != len(names):
-            _note_broken(problems, row, cells, len(names))
-            continue
-        rows.append(row)
-        for name, index in places.items():
-            texts[name].append(intern(cells[index]))  # most texts are there many times
-
+    rows, texts = _texts_by_name(records, names, problems)
     if has_row_names and texts[""] != [*map(str, range(1, len(rows) + 1))]:
         raise InputError(
-            f"{source}: row {next_record[0]}: found {n_names + 1} cells below {n_names} "
+            f"{source}: row {rows[0]}: found {len(names)} cells below {len(names) - 1} "
             "names, allowed: a name for each column"
         )
 
+    chosen = {*choice(names), ""}
     columns = {}
-    for name in places:
-        column = Column.from_texts(name, texts.pop(name))
+    for name in [*texts]:
+        column = Column.from_texts(name, texts.pop(name))  # a large file fits into memory once
         if name in chosen or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
 
     notes = (f"rows above row {first_row} left out",) if place else ()
-    row_numbers = np.array(rows, np.int64)
-    head_row = f"row {first_row}"
-    return TextTable(label, delimiter, head_row, names, columns, row_numbers, problems, notes)
+    return TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
 
 
-def _layout(text: str, choice: Choice) -> tuple[str, int]:
-    """The delimiter, and the index of the record with the names."""
-    best, best_fit = ("", 0), (-1, -1)
+def _header_names(source: str, row: int, cells: Cells) -> list[str]:
+    """The names in a header; an InputError if it cannot be split or has no cells."""
+    if not cells:
+        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+    if isinstance(cells, csv.Error):
+        raise InputError(f"{source}: {_broken(row, cells, 0)}")
+    require_size(source, len(cells), len(cells))
+    return _names(cells)
+
+
+def _texts_by_name(
+    records: Iterable[Record], names: Texts, problems: Problems
+) -> tuple[IntArray, dict[str, list[str]]]:
+    """The row of each record, and the texts in the first column of each name.
+
+    Records that cannot be split into as many cells are problems.
+    """
+    index_of_name = name_places(names)
+    texts = {name: list[str]() for name in index_of_name}
+    rows = array("q")
+    lines = []
+    n_broken = 0
+    for row, cells in records:
+        if isinstance(cells, csv.Error) or len(cells) != len(names):
+            if n_broken < MAX_LINES:
+                lines.append((row, _broken(row, cells, len(names))))
+            n_broken += 1
+            continue
+
+        rows.append(row)
+        for name, index in index_of_name.items():
+            texts[name].append(intern(cells[index]))  # most texts are there many times
+    problems.add(lines, n_broken)
+    return np.array(rows, np.int64), texts
+
+
+def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
+    """The delimiter, the index of the record with the names, and whether R wrote names of rows.
+
+    Under this delimiter most names are chosen; of several such ones, it makes most cells. Names of
+    rows have no name of their own, so that the next record has one cell more.
+    """
+    best, best_fit = ("", 0, False), (-1, -1)
     for delimiter in DELIMITERS:
-        records = itertools.islice(_records(text, delimiter), MOST_RECORDS)
-        names = [_names(cells) for _, cells in records]
-        place = header_place(names, choice)
-        head = names[place] if names else []
-        n_cells = 0 if delimiter == " " else len(head)  # names may have spaces
-        fit = n_chosen(head, choice), n_cells
+        records = itertools.islice(_records(text, delimiter), MOST_RECORDS + 1)
+        names_of_records = [_names(cells) for _, cells in records]
+        place = header_place(names_of_records[:MOST_RECORDS], choice)
+        names = names_of_records[place] if names_of_records else []
+        next_widths = [*map(len, names_of_records[place + 1 : place + 2])]  # one, or none
+        has_row_names = next_widths == [len(names) + 1]
+        n_cells = 0 if delimiter == " " else len(names)  # names may have spaces
+        fit = n_chosen(names, choice), n_cells
         if fit > best_fit:
-            best, best_fit = (delimiter, place), fit
+            best, best_fit = (delimiter, place, has_row_names), fit
     return best
 
 
-def _require_no_log(source: str, text: str) -> None:
-    """Refuse a log of a program, in which trials are no rows."""
-    for program, start in _LOGS.items():
-        if text.startswith(start):
-            raise InputError(f"{source}: found a log of {program}")
-
-
-def _names(cells: list[str] | csv.Error) -> list[str]:
+def _names(cells: Cells) -> list[str]:
     """The cells of a record as names of columns; none where it cannot be split."""
     return [] if isinstance(cells, csv.Error) else [cell.strip() for cell in cells]
 
 
-def header_place(names: Sequence[Texts], choice: Choice) -> int:
-    """The index of the record with the names: the first, unless a later one is clearer.
-
-    Where the first is a line of a title, it is the first one with several names and no number.
-    """
-    counts = [n_chosen(record, choice) for record in names]
+def header_place(records: Sequence[Texts], choice: Choice) -> int:
+    """The index of the record with the names: the first one, unless a later one is clearer."""
+    counts = [n_chosen(record, choice) for record in records]
     if not counts or counts[0] > 1:
         return 0
-    if max(counts) >= counts[0] + 2:
+    if max(counts) >= counts[0] + 2:  # a title may have the word of one column
         return counts.index(max(counts))
 
-    for index, record in enumerate(names):
-        filled = [name for name in record if name]
+    # Below lines of one cell, such as a title, the names are the first record of several cells. If
+    # this has a number, it is a row of the table.
+    for index, record in enumerate(records):
+        filled = [cell for cell in record if cell]
         if len(filled) > 1:
-            has_number = any(re.fullmatch(r"[-\d.,]+", name) for name in filled)
+            has_number = any(re.fullmatch(r"[-\d.,]+", cell) for cell in filled)
             return 0 if has_number else index
     return 0
 
@@ -466,13 +487,13 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
 
 
 def _encoding_of(data: bytes) -> tuple[str, str]:
-    """Codec and name of an encoding that the bytes tell."""
+    """The codec of the bytes, and the name of the encoding in messages."""
     if data.startswith(codecs.BOM_UTF8):
         return "utf-8-sig", "UTF-8"
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16", "UTF-16"
 
-    # Of Latin letters at the start, every other byte is NUL.
+    # In UTF-16, every other byte of Latin letters is NUL.
     for codec, zeros in (("utf-16-le", data[1:8:2]), ("utf-16-be", data[:8:2])):
         if zeros == bytes(4):
             return codec, "UTF-16"
@@ -515,21 +536,13 @@ def _records(text: str, delimiter: str) -> Iterator[Record]:
             yield row, cells
 
 
-def _note_broken(problems: Problems, row: int, cells: list[str] | csv.Error, width: int) -> None:
-    """Count a record that cannot be split, with a line while lines are shown."""
-    lines = []
-    if problems.count < MAX_LINES:
-        lines.append((row, _broken(row, cells, width)))
-    problems.add(lines)
-
-
-def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
+def _broken(row: int, cells: Cells, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
-    if not isinstance(record, csv.Error):
-        n_cells = plural(len(record), "cell")
+    if not isinstance(cells, csv.Error):
+        n_cells = plural(len(cells), "cell")
         return f"row {row}: found {n_cells}, allowed: {plural(width, 'cell')} as in the header"
 
-    finding = str(record)
+    finding = str(cells)
     for part, words in _SPLIT_ERRORS.items():
         if part in finding:
             finding = words

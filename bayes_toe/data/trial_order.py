@@ -17,8 +17,7 @@ from bayes_toe.data.tasks import are_trials
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
-#: Runs in which numbers of trials may begin anew, the shortest first; memory does so at each of the
-#: longest kind that there is.
+#: Columns of runs in which numbers of trials may begin anew, the shortest run first.
 _RUNS = ("block", "session")
 
 
@@ -29,20 +28,22 @@ def answers_in_order(
     parts: Mapping[str, IndexArray],
     counts: Counts,
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
-    """The answers of each subject in order, with notes and doubts.
+    """The answers of each unit in order, with notes and doubts.
 
-    Notes say what is missing. Doubts name trials that the file has twice.
+    A unit is a subject, or a subject in one condition. Notes say what is missing. Doubts name
+    trials that the file has twice.
 
     `columns` has the columns by our names. `pairs` are the stimuli of every row, NaN where a cell
-    cannot be read. `parts` has the rows with answers of every subject. `counts` are the answers of
+    cannot be read. `parts` has the rows with answers of every unit. `counts` are the answers of
     each row by their names in :class:`Answers`; n_trials is 0 where nobody answered a trial.
     """
     is_trials = are_trials(columns)
-    subject, owner = columns["subject"], _without_conditions(columns)
-    rows_with_pair = owner.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
+    unit, subject = columns["subject"], _without_conditions(columns)
+    rows_with_pair = subject.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
 
     runs = {name: _ranked(table, columns[name]) for name in filter(columns.__contains__, _RUNS)}
     blocks, block_rank = runs.get("block", ((), None))
+    # Shape (rows, 1 and kinds of runs): all rows are one run, which has blocks and sessions.
     ranks = np.column_stack([np.zeros(len(pairs), np.int64), *(rank for _, rank in runs.values())])
     trial = times = np.full(len(pairs), np.nan)
     is_numbered = is_trials and "trial" in columns
@@ -59,21 +60,23 @@ def answers_in_order(
     for name, answered_rows in parts.items():
         rows, place, iti = answered_rows, None, None
         if is_numbered:
-            owner_name = owner.text(answered_rows[0])
-            # Rows without an answer may be no trials.
-            ordered = _ordered((rows_with_pair[owner_name], answered_rows), trial, ranks)
+            subject_name = subject.text(answered_rows[0])
+            # Trials without an answer, and in other conditions, are part of the order. But rows
+            # without an answer may be no trials, and have no order.
+            ordered = _ordered((rows_with_pair[subject_name], answered_rows), trial, ranks)
             if ordered is None:
                 unordered.append(display_name(name))
             else:
                 rows = ordered
+                # Memory ends where a run of the longest kind ends.
                 place, n_absent = _places(trial[rows], ranks[rows, -1])
                 if n_absent:
-                    n_missing[owner_name] = n_absent
+                    n_missing[subject_name] = n_absent
                 if "iti" in columns:
                     iti = times[rows]
 
-        # Rows of the same subject in other conditions stay in the sequence, without answers.
-        is_own_row = subject.codes[rows] == subject.codes[answered_rows[0]]
+        # Trials of other units have no answers here.
+        is_own_row = unit.codes[rows] == unit.codes[answered_rows[0]]
         in_order = Answers(
             keys=pairs[rows],
             **{key: np.where(is_own_row, values[rows], 0) for key, values in counts.items()},
@@ -89,11 +92,11 @@ def answers_in_order(
         answers[name] = in_order.with_own_blocks()
 
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
-    return answers, notes, _repeated(table, columns, pairs, counts, unordered)
+    return answers, notes, _repeat_doubts(table, columns, pairs, counts, unordered)
 
 
 def _without_conditions(columns: Columns) -> Column:
-    """The subject of each row, also of a unit, which is a subject in a condition."""
+    """The subject of each row, whose name may be that of a unit: 'S01@left' is of 'S01'."""
     subject = columns["subject"]
     if "condition" not in columns:
         return subject
@@ -128,7 +131,8 @@ def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray
     if not np.isnan(values).any():
         order = np.argsort(values, kind="stable")
     names = tuple(np.array(column.texts, object)[order])
-    return names, np.argsort(order)[column.codes]
+    index_of_code = np.argsort(order)  # the inverse of the order
+    return names, index_of_code[column.codes]
 
 
 def _ordered(
@@ -136,13 +140,13 @@ def _ordered(
 ) -> IndexArray | None:
     """The first choice of rows whose order is known, in this order; None if there is none.
 
-    The order is that of the numbers of trials. Where these are not unique, block and session count
-    first.
+    The order is that of the numbers of trials; where these are not unique, that of blocks and the
+    numbers in them; else that of sessions, blocks and numbers.
     """
     for rows in choices:
         for n_ranks in range(1, ranks.shape[1] + 1):
             keys = (trial[rows], *ranks[rows, :n_ranks].T)
-            order = np.lexsort(keys)
+            order = np.lexsort(keys)  # the last key counts first
             is_unique = len(run_starts(*(key[order] for key in keys))) == len(rows)
             if is_unique and not np.isnan(trial[rows]).any():
                 return rows[order]
@@ -150,27 +154,27 @@ def _ordered(
 
 
 def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
-    """Places of trials in their order, and how many numbers are left out within runs.
+    """Places of trials in their order, and how many of their numbers are missing within runs.
 
-    There is a gap between places where another run begins.
+    A place is left out where another run begins: trials 1, 2, 4 of run 0 and 1 of run 1 have the
+    places 0, 1, 2, 4, and a number is missing.
     """
     is_new_run = np.diff(run) != 0
-    missing = 0
+    n_missing = 0
     if (trial % 1 == 0).all():
         steps = np.diff(trial)[~is_new_run]
-        missing = int((steps[steps > 1] - 1).sum())
-    return np.arange(len(trial)) + np.r_[0, np.cumsum(is_new_run)], missing
+        n_missing = int((steps[steps > 1] - 1).sum())
+    return np.arange(len(trial)) + np.r_[0, np.cumsum(is_new_run)], n_missing
 
 
-def _repeated(
+def _repeat_doubts(
     table: TextTable, columns: Columns, pairs: FloatArray, counts: Counts, unordered: Texts
 ) -> list[str]:
     """A doubt about answered trials that repeat the number and all else of an earlier row.
 
-    There is none where a row with a number that is there twice is another trial: numbers may begin
-    anew. No trial is there twice where the order is known.
+    There is none if other rows repeat a number and differ: numbers may begin anew.
     """
-    if not unordered:
+    if not unordered:  # no number is there twice
         return []
     import pandas as pd  # slow to load, and seldom needed
 
@@ -181,7 +185,8 @@ def _repeated(
     rows = rows[rows["n_trials"] > 0].dropna(subset="trial")
     is_repeat = rows.duplicated()
     n_repeats = int(is_repeat.sum())
-    if not n_repeats or rows.duplicated([*numbered_by, "trial"]).sum() > n_repeats:
+    n_repeated_numbers = rows.duplicated([*numbered_by, "trial"]).sum()
+    if not n_repeats or n_repeated_numbers > n_repeats:
         return []
 
     later = rows.index[is_repeat][0]

@@ -47,7 +47,7 @@ _MOST_TRIALS = 10_000_000
 
 
 def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
-    """The table of the rows that are trials, or counts of trials.
+    """The table without rows of practice, and without unfilled rows below the trials of a subject.
 
     `roles_read` are our names of the columns that are read.
     """
@@ -60,10 +60,10 @@ def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> Tex
 
 
 def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
-    """The rows that have in all columns of `options.where` the text that is asked for.
+    """The rows that have the texts of `options.where`, and the options for them.
 
-    Columns that are empty in these rows have no name and no role. A table that lacks one of the
-    columns stays as it is.
+    Columns that are empty in these rows lose their names and their roles. A table that lacks a
+    column of `options.where` stays as it is.
 
     Raises
     ------
@@ -90,17 +90,17 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
 
     table = table.only(is_chosen_row)
     others = table.columns.keys() - where.keys()
-    empty = [name for name in others if table.columns[name].texts == [""]]
-    columns = {ours: name for ours, name in options.columns.items() if name not in empty}
-    names = [*filterfalse(empty.__contains__, table.names)]
+    empty_names = [name for name in others if table.columns[name].texts == [""]]
+    columns = {ours: name for ours, name in options.columns.items() if name not in empty_names}
+    names = [*filterfalse(empty_names.__contains__, table.names)]
     return replace(table, names=names), replace(options, columns=columns)
 
 
 def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) -> Column | None:
     """The column that says for how many trials each row stands; None where rows are trials.
 
-    It is the only one with a name such as `Freq` and has whole numbers, not all 0 or 1, or options
-    name it.
+    Options name it, or it is the only one with a name such as `Freq`, has whole numbers, not all of
+    them 0 or 1, and rows differ as those of frequencies do.
 
     Raises
     ------
@@ -118,12 +118,12 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     candidates = names_like(table.names, "frequency")
     column = table.columns.get(candidates[0]) if len(candidates) == 1 else None
     if column is not None and column.name not in names_read:
-        counts = column.map(whole_number, np.int64)
+        counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
         # A column that is not read may describe trials, or split those of a pair, as a day does.
         all_others = [name for name in table.columns if name != column.name]
         keys = (names_read, all_others)
-        if has_counts and any(_are_unique(table, key, answers) for key in keys):
+        if has_counts and any(_is_cross_table(table, key, answers) for key in keys):
             return column
 
     if "n_trials" in roles_read:
@@ -136,26 +136,26 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     return None
 
 
-def _are_unique(table: TextTable, key: Texts, answers: Texts) -> bool:
-    """Whether no two rows are alike in these columns, and pairs have a row for each response.
+def _is_cross_table(table: TextTable, key: Texts, answers: Texts) -> bool:
+    """Whether rows are cells of a cross table of the `key`: a pair has a row for each response.
 
-    A pair with several responses may be a chance, but not five such pairs, or most rows.
+    A few pairs with rows of several responses may be a chance, but not five, or most rows.
     """
-    n_alike = _numbers_of_rows(table, key)
-    n_responses = _numbers_of_rows(table, [name for name in key if name not in answers])
-    n_several = n_responses[n_responses > 1]
-    has_several = len(n_several) >= 5 or n_several.sum() > 0.5 * len(table.rows)
-    return bool(n_alike.max() == 1 and has_several)
+    n_in_cell = _row_counts(table, key)
+    n_of_pair = _row_counts(table, [name for name in key if name not in answers])
+    n_of_several = n_of_pair[n_of_pair > 1]
+    has_several = len(n_of_several) >= 5 or n_of_several.sum() > 0.5 * len(table.rows)
+    return bool(n_in_cell.max() == 1 and has_several)
 
 
-def _numbers_of_rows(table: TextTable, names: Texts) -> IntArray:
+def _row_counts(table: TextTable, names: Texts) -> IntArray:
     """How many rows have each combination of texts in these columns."""
     codes = np.column_stack([table.columns[name].codes for name in names])
     return np.unique(codes, axis=0, return_counts=True)[1]
 
 
 def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
-    """The table with as many equal rows as a column says, for each of its rows."""
+    """The table in which each row is there as often as its frequency says."""
     counts = column_counts(table, frequency)
     table.problems.refuse()
     n_trials = counts.sum()
@@ -171,10 +171,10 @@ def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
 def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
     """The table without rows that a column marks as practice.
 
-    Columns of subjects, stimuli, responses and conditions mark none. Nor does a column that says
-    the same of all stimuli of each subject: it names groups, such as trained subjects.
+    Columns of subjects, stimuli, responses and conditions mark none. Nor does a column in which no
+    subject has both marked and other trials: it names groups, such as trained subjects.
     """
-    # A column of sessions, blocks or trials may name those that are practice.
+    # Names of sessions, blocks or trials may say that these are practice.
     roles = {*roles_read} - {"session", "block", "trial"}
     names_to_skip = {*options.where, *map(options.name, (*roles, "condition"))}
     for name in table.columns:
@@ -202,7 +202,7 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
 def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> TextTable:
     """The table without the last rows of a subject that are zero in stimuli and response.
 
-    A session that was stopped leaves such rows in a matrix of zeros that was made before it.
+    A session that was stopped leaves such rows if a matrix of zeros was made for all its trials.
     """
     stimuli = [table.columns[options.name(role)] for role in options.stimuli]
     is_zero = np.ones(len(table.rows), bool)
@@ -219,7 +219,7 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     for name, rows in subject.rows_by_text(np.arange(len(is_zero))).items():
         n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
         if number(name) == 0 and is_zero[rows].all() and not is_zero.all():
-            n_unfilled = len(rows)  # in a matrix the subject is zero, too
+            n_unfilled = len(rows)  # unfilled rows have the subject 0, too
         is_unfilled[rows[len(rows) - n_unfilled :]] = True
         counts[name or table.source] = n_unfilled
 
@@ -231,23 +231,24 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
 
 
 def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
-    """How many of the last rows of a subject are zeros that are no trials.
+    """How many of the last rows of a subject, shape (rows,) and (rows, 2), are zeros but no trials.
 
     Two stimuli of zero may be a pair like others. Their run at the end is unfilled if it is
     improbable by how often a pair follows itself in the rows before. Rows that are sorted by pair
     stay.
     """
-    n_filled = int(np.flatnonzero(~is_zero).max(initial=-1)) + 1
+    n_filled = int(np.flatnonzero(~is_zero).max(initial=-1)) + 1  # up to the last one with a value
     n_zero = len(is_zero) - n_filled
 
-    # The first row of the run follows another pair; each further one repeats the pair before.
     is_repeat = (np.diff(pair[:n_filled], axis=0) == 0).all(axis=1)
-    share_repeated = (is_repeat.sum() + 1) / (n_filled + 1)
-    return n_zero if share_repeated ** (n_zero - 1.0) < _RUN_BY_CHANCE else 0
+    share_repeated = (is_repeat.sum() + 1) / (n_filled + 1)  # above 0 without a repeat, too
+    # The first row of the run follows another pair; each further one repeats the pair before.
+    probability = share_repeated ** (n_zero - 1.0)
+    return n_zero if probability < _RUN_BY_CHANCE else 0
 
 
 def nameless_doubts(subject: Column) -> Texts:
-    """A doubt for each subject whose name may say that there is none."""
+    """A doubt for each subject with a name such as 'NA', which may say that there is none."""
     doubts = []
     for code, text in enumerate(subject.texts):
         name = text.partition(CONDITION_SEPARATOR)[0]
@@ -261,9 +262,10 @@ def nameless_doubts(subject: Column) -> Texts:
 
 
 def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
-    """A doubt for each column of blocks or conditions, or not read, that says what does not count.
+    """A doubt for each column with texts, such as 'aborted', that say that a trial does not count.
 
-    The rows of the table are counted.
+    Columns of blocks, of conditions, and those that are not read may have them. The doubt says how
+    many rows of the table have such a text.
     """
     doubts = []
     for name, column in table.columns.items():
@@ -286,7 +288,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
 
 
 def _subjects(table: TextTable, options: ReadOptions) -> Column:
-    """The subject of each row; one without a name where the name of the file tells it."""
+    """The subject of each row; one subject without a name if the name of the file tells it."""
     if options.subject_from is not None:
         return Column("", [""], np.zeros(len(table.rows), np.int64))
     return table.columns[options.name("subject")]

@@ -45,7 +45,7 @@ def whole_file(path: StrPath, *, overwrite: bool = False) -> Iterator[Path]:
         with reporting(target.parent, hidden=new), reporting(target):
             yield temporary
             _flush(temporary)
-        _refuse_taken(target, overwrite)
+        _refuse_taken(target, overwrite)  # it may exist by now
         _put_in_place(temporary, target)
 
 
@@ -87,7 +87,7 @@ def whole_folder(path: StrPath, names: Texts, *, overwrite: bool = False) -> Ite
     with unfinished(target if target.is_dir() else target.parent) as new:
         with reporting(target, hidden=new):
             yield new
-            new.stat()
+            new.stat()  # an OSError if the folder was deleted meanwhile
             produced = [file for file in sorted(new.rglob("*")) if file.is_file()]
             for file in produced:
                 _flush(file)
@@ -97,7 +97,7 @@ def whole_folder(path: StrPath, names: Texts, *, overwrite: bool = False) -> Ite
             return
 
         names_produced = [file.relative_to(new).as_posix() for file in produced]
-        # What cannot be placed is refused before the first file moves.
+        # All files are checked before the first one moves.
         for name in names_produced:
             _refuse_taken(target / name, overwrite)
         for name in names_produced:
@@ -120,6 +120,7 @@ def require_folder(path: StrPath, names: Texts, *, overwrite: bool) -> None:
 
 def refuse_impossible(target: Path) -> None:
     """Refuse names that no file can have here, such as a name that is too long."""
+    # The system says so when it looks for the file, which need not exist.
     with reporting(target), suppress(FileNotFoundError):
         os.lstat(target)
 
@@ -166,9 +167,9 @@ def _flush(file: Path) -> None:
 
 
 def _remove(folder: Path, name: str) -> None:
-    """Remove what an earlier run produced, and its subfolder where nothing else is in it."""
+    """Remove a file of an earlier run, and its subfolder where nothing else is in it."""
     file = folder / name
-    # Not through a link into another folder.
+    # A subfolder may be a link to a folder elsewhere.
     is_inside = file.parent.resolve().is_relative_to(folder.resolve())
     if is_inside and file.is_file() and not file.is_symlink():
         with reporting(file):
@@ -181,16 +182,16 @@ def _remove(folder: Path, name: str) -> None:
 
 @contextmanager
 def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
-    """Turn an error of the operating system into one line with the path and what to do.
+    """Turn an error of the operating system into an OutputError: path, reason and what to do.
 
-    A hidden path in the line becomes the path of the target.
+    A hidden path in its message becomes the path of the target.
     """
     try:
         yield
     except OSError as error:
         reason = error.strerror or error
         message = f"{format_path(target)}: cannot be written ({reason}), choose another place"
-        if isinstance(error, OutputError):
+        if isinstance(error, OutputError):  # it has such a message, as from an inner block
             message = str(error)
         if hidden is not None:
             message = message.replace(format_path(hidden), format_path(target))
@@ -205,15 +206,15 @@ def remove_empty(folder: Path) -> None:
 
 @contextmanager
 def unfinished(home: Path) -> Iterator[Path]:
-    """A new hidden folder in another one, which is made where it is missing.
+    """A new hidden folder in `home`, which is made, with its parents, where it is missing.
 
-    Both vanish in the end, the outer one only if nothing is in it. Entering the block shows whether
-    anything can be written there.
+    In the end the hidden folder vanishes, and so do the folders made if nothing is in them.
+    Entering the block shows whether anything can be written there.
     """
-    with ExitStack() as cleanup:  # left in reverse order
-        for part in reversed((home, *home.parents)):
-            if not os.path.lexists(part):
-                cleanup.callback(remove_empty, part)
+    with ExitStack() as cleanup:  # it removes what is added last first: inner folders before outer
+        for outer in reversed((home, *home.parents)):
+            if not os.path.lexists(outer):
+                cleanup.callback(remove_empty, outer)
         with reporting(home):
             home.mkdir(parents=True, exist_ok=True)
             hidden = TemporaryDirectory(prefix=HIDDEN, dir=home, ignore_cleanup_errors=True)
@@ -232,12 +233,12 @@ class Standing(NamedTuple):
     taken: int
 
 
-#: By folder of results; a signal handler reports it.
+#: The work of the running command by folder of results; a signal handler reports it.
 under_way: dict[Path, Standing] = {}
 
 
 def describe_stored() -> str:
-    """The stored results that another call need not compute again; empty if there are none."""
+    """How many subjects are saved that `--resume` need not compute again; empty if none are."""
     parts = []
     for folder, standing in under_way.items():
         n_stored = sum(map(os.path.exists, standing.files))
