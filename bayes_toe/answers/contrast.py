@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, combinations
+from itertools import combinations
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -74,11 +74,13 @@ QUANTITIES = {
     "contraction": (CONTRACTION, "contraction"),
     "JND": (NOISE, "jnd"),
 }
-#: The choices of parameters that differ, the empty one first.
-CHOICES: tuple[tuple[Parameter, ...], ...] = tuple(
-    chain.from_iterable(
-        map(partial(combinations, (CONSTANT_ERROR, CONTRACTION, NOISE)), range(4)),
-    )
+_DIFFERING = (CONSTANT_ERROR, CONTRACTION, NOISE)
+#: The sets of parameters that may differ, from none to all three.
+CHOICES: tuple[tuple[Parameter, ...], ...] = (
+    (),
+    *combinations(_DIFFERING, 1),
+    *combinations(_DIFFERING, 2),
+    _DIFFERING,
 )
 ORDER_EFFECT = "order effect"
 _PARAMETERS_OF = {
@@ -88,7 +90,8 @@ _PARAMETERS_OF = {
     ORDER_EFFECT: {CONSTANT_ERROR, CONTRACTION},
 }
 #: Bayes factors from which a difference, or none, is probable, and from which it is stated.
-PROBABLY, SURELY = 3.0, 20.0
+PROBABLY = 3.0
+SURELY = 20.0
 WORDS = (
     "differs",
     "probably differs",
@@ -152,11 +155,11 @@ class Difference(NamedTuple):
 
     @property
     def short_word(self) -> str:
-        """The word of screens."""
+        """The word of screens: 'yes' for 'differs', as in answers."""
         return str([*Word][WORDS.index(self.word)])
 
     def interval(self, unit: StimulusUnit) -> Size:
-        """The median and 95 % interval; those of an intensity in the unit of differences."""
+        """The median and 95 % interval, in the unit of differences unless it is a contraction."""
         quantiles = [self.q025, self.q50, self.q975]
         if self.quantity != "contraction":
             quantiles = unit.differences(quantiles).tolist()
@@ -191,6 +194,7 @@ def word_of(log_bf: float) -> str:
     >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1)]
     ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference']
     """
+    # The words are in the order of falling evidence: each limit above it leads to the next word.
     limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
     return WORDS[int((log_bf < limits).sum())]
 
@@ -243,18 +247,16 @@ class ContrastTable(Table[Difference]):
         return tuple(_PARAMETERS_OF)
 
     def sentences(self) -> list[str]:
-        """The conditions, and in how many subjects each quantity differs; each counts once."""
-        column, _, levels = self.conditions.about.partition(": ")
-        lines = [f"Condition {column}: {levels}."]
+        """Sentences on the conditions, and in how many subjects each quantity differs."""
+        lines = [f"Condition {self.conditions.about}."]
         for quantity in self.quantities:
-            first: dict[str, Difference] = {}
-            for row in self.select(quantity):
-                first.setdefault(row.subject, row)
-            words = map(attrgetter("short_word"), first.values())
-            counts = count_words(words, f" of {plural(len(first), 'subject')}")
+            # All comparisons of a subject have one word, and a subject counts once.
+            by_subject = {row.subject: row for row in self.select(quantity)}
+            words = [row.short_word for row in by_subject.values()]
+            counts = count_words(words, f" of {plural(len(by_subject), 'subject')}")
             if self.answers:
-                factor = format_bayes_factor(sum(row.log_bf_differs for row in first.values()))
-                counts += f"; product of the Bayes factors {factor}"
+                log_factor = sum(row.log_bf_differs for row in by_subject.values())
+                counts += f"; product of the Bayes factors {format_bayes_factor(log_factor)}"
             lines.append(f"{capitalized(quantity)} differs: {counts}.")
         return lines
 
@@ -306,9 +308,10 @@ def contrast(
         raise InputError(f"{study.source}: found no condition within subjects, allowed: {choices}")
 
     compared, left_out = _compared_subjects(study, conditions)
-    root, numbers = resumed_seed(seed, keep), prior_for(study, prior).observer
+    root = resumed_seed(seed, keep)
+    observer_prior = prior_for(study, prior).observer
     results = run_stored(
-        partial(_contrasts, conditions=conditions, prior=numbers, seed=root),
+        partial(_contrasts, conditions=conditions, prior=observer_prior, seed=root),
         list(compared.values()),
         list(compared),
         seed=root,
@@ -316,17 +319,19 @@ def contrast(
         workers=workers,
         progress=progress,
     )
-    by_subject, failed = without_failed(compared, results)
-    rows, answers = list[Difference](), list[OrderEffect]()
-    for differences, answer in by_subject:
+    contrasts, failed = without_failed(compared, results)
+    rows = list[Difference]()
+    answers = list[OrderEffect]()
+    for differences, answer in contrasts:
         rows += differences
         if answer is not None:
             answers.append(answer.in_study(len(compared)))
     return ContrastTable(
         tuple(rows),
         conditions,
-        numbers,
+        observer_prior,
         root,
+        # The description of the prior has the criterion if any task has one.
         task=max(map(attrgetter("task"), study), key=attrgetter("has_criterion")),
         unit=study.unit,
         left_out=left_out,
@@ -339,9 +344,11 @@ def _compared_subjects(
     study: Study, conditions: Conditions
 ) -> tuple[dict[str, tuple[Subject, ...]], dict[str, str]]:
     """The units of each subject who met two levels that are compared; why others are left out."""
-    compared, left_out = {}, {}
+    compared = {}
+    left_out = {}
     for name, units in units_by_subject(study).items():
         levels = [unit.condition for unit in units]
+        # Whether the subject met both levels of a comparison.
         if any(map(set(levels).issuperset, conditions.comparisons)):
             compared[name] = units
         else:
@@ -365,6 +372,7 @@ SubjectContrasts: TypeAlias = tuple[list[Difference], OrderEffect | None]
 def _contrasts(
     subjects: Sequence[Sequence[Subject]], conditions: Conditions, prior: ObserverPrior, seed: int
 ) -> list[SubjectContrasts | NumericalError]:
+    """The differences of some subjects, whose units are given, or why there are none."""
     results = list[SubjectContrasts | NumericalError]()
     for units in subjects:
         answer = None
@@ -373,7 +381,7 @@ def _contrasts(
             if isinstance(evidence, NumericalError):
                 results.append(evidence)
                 continue
-            # One task may tell what another one cannot.
+            # The observer's answer has the questions of the task that can show most.
             identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
             answer = order_effect(evidence, identification)
         results.append((subject_contrast(units, conditions, prior, seed), answer))
@@ -396,10 +404,7 @@ def one_observer(
 def subject_contrast(
     units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
 ) -> list[Difference]:
-    """The differences of one subject between its conditions.
-
-    Random streams are keyed by seed, subject and what differs.
-    """
+    """The differences of one subject between its conditions, a row for quantity and comparison."""
     name = units[0].subject_name
     levels = tuple(unit.condition for unit in units)
     models = ConditionModels(tuple(units), conditions.design(levels), prior)
@@ -408,17 +413,20 @@ def subject_contrast(
 
     rows = []
     for quantity, parameters in _PARAMETERS_OF.items():
+        # The models in which the quantity differs.
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
         log_bf = evidence.log_bayes_factor(differs)
+        error = evidence.bayes_factor_error(differs)
         is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs))
-        answer = log_bf, evidence.bayes_factor_error(differs), "yes" if is_robust else "no"
+        robust = "yes" if is_robust else "no"
         values = models.quantities(evidence.averaged(differs).resampled(rng, 4000))
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
                 pair = levels.index(level), levels.index(reference)
                 summary = _difference(quantity, values, *pair, models.shared.scales)
                 comparison = f"{level} - {reference}"
-                rows.append(Difference._make((name, quantity, comparison, *summary, *answer)))
+                row = (name, quantity, comparison, *summary, log_bf, error, robust)
+                rows.append(Difference._make(row))
     return rows
 
 
@@ -429,11 +437,15 @@ def _difference(
     reference: int,
     scales: StimulusScales,
 ) -> tuple[Any, ...]:
-    """Mean, standard deviation, quantiles and direction of a difference between two conditions."""
+    """Mean, standard deviation, quantiles and direction of a difference between two conditions.
+
+    `values` has draws of each quantity of the observer, shape (conditions, draws); `level` and
+    `reference` are rows of them.
+    """
     change = {key: draws[level] - draws[reference] for key, draws in values.items()}
     p_direction = None
     if quantity == ORDER_EFFECT:
-        # The shift is c - p (s1 - sbar).
+        # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
         of_contraction = change["contraction"] * scales.first_spread
         difference = np.hypot(change["constant_error"], of_contraction)
     else:
@@ -444,23 +456,26 @@ def _difference(
 
 
 def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, ModelSet]:
-    """The models of :data:`CHOICES`.
+    """The models of :data:`CHOICES`, and those in which lapses differ too.
 
-    And the same where the lapse rate and, of same or different, the peak differ too.
+    Lapses are the lapse rate and, in 'same or different', the peak.
     """
     may_differ = {LAPSE_RATE, PEAK}.intersection(models.differing)
     lapses = [parameter for parameter in models.parameters if parameter in may_differ]
-    all_choices = [*CHOICES, *((*choice, *lapses) for choice in CHOICES)]
+    with_lapses = [(*choice, *lapses) for choice in CHOICES]
+    all_choices = [*CHOICES, *with_lapses]
     array = models.array(all_choices)
 
-    # The search starts where nothing differs, which is the first choice. Maxima that are 10 nats
-    # below the best one are left out.
-    (shared,) = observer_maxima(array.part(np.zeros(1, np.intp)))
+    # Each search starts at the maxima of the first choice, in which nothing differs, but not at
+    # those that are 10 nats below the best one.
+    first = np.zeros(1, np.intp)
+    (shared,) = observer_maxima(array.part(first))
     starts = shared.x[shared.value > shared.value.max() - 10.0]
     owners = np.repeat(np.arange(len(array)), len(starts))
     searches = ascend_from(array, owners, np.tile(starts, (len(array), 1)))
 
-    mixtures, generators = [], []
+    mixtures = []
+    generators = []
     for i, choice in enumerate(all_choices):
         mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
         names = [parameter.name for parameter in choice]
@@ -469,6 +484,7 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
     _, draws = fitted_draws(array, mixtures, generators, family, precision)
 
-    n, prior_probabilities = len(CHOICES), np.full(len(CHOICES), 1.0 / len(CHOICES))
+    n = len(CHOICES)
+    prior_probabilities = np.full(n, 1.0 / n)
     without_lapses = ModelSet.from_draws(draws[:n], prior_probabilities)
     return without_lapses, ModelSet.from_draws(draws[n:], prior_probabilities)

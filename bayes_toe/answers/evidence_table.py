@@ -100,7 +100,7 @@ class SubjectEvidence:
 
     @property
     def log_bayes_factor_laplace(self) -> float | None:
-        """The same by Laplace's approximation on both sides, as in Appendix C."""
+        """The log Bayes factor of H1 over H0 by Laplace's approximation of both, Appendix C."""
         laplace = self.log_evidence_h1_laplace
         return None if laplace is None else laplace - self.log_evidence_h0_laplace
 
@@ -145,6 +145,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         rows = [row.cells for row in self.rows]
         rows += [{"subject": name} for name in self.failed]
         frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS)).assign(prior=prior)
+        # Counts with missing ones would be written as 400.0.
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
 
     @property
@@ -156,9 +157,12 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -> SubjectEvidence:
     """The row of one subject in the evidence table, from the fit of H1."""
     estimate = cast(Evidence, result.evidence)
-    subject, fitted = result.subject, result.fitted
+    subject = result.subject
+    fitted = result.fitted
+    # H1 and H0 both have this part, which H1 says nothing of.
     of_direction = direction_evidence(subject)
-    by_laplace = float(laplace(fitted.target.array, [fitted.maxima])[1][0])
+    _, laplace_evidence = laplace(fitted.target.array, [fitted.maxima])
+    by_laplace = float(laplace_evidence[0])
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -187,8 +191,8 @@ def frequency_evidence(subject: Subject) -> float:
 def direction_evidence(subject: Subject) -> float:
     """Exact log evidence of one free frequency of 'second' per pair, where it is not 'equal', nats.
 
-    H1 says nothing of it. H0 and H1 have this frequency, so that they predict all three answers. It
-    is 0 of two answers.
+    Both H0 and H1 include it, so that they predict all three answers: H1 alone says nothing of
+    'first' and 'second'. With two answers it is 0.
     """
     if subject.n_second is None:
         return 0.0
@@ -201,8 +205,11 @@ def frequency_evidence_laplace(subject: Subject) -> float:
     It is the sum over pairs of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi)/2.
     qhat is the Laplace estimator, and sigmahat_q^2 = qhat (1 - qhat)/(n + 3) (Eq. e:2b).
     """
-    k, n = subject.n_yes.astype(np.float64), subject.n_trials.astype(np.float64)
-    log_q, log_rest = np.log(k + 1.0) - np.log(n + 2.0), np.log(n - k + 1.0) - np.log(n + 2.0)
-    log_sigma = 0.5 * (log_q + log_rest - np.log(n + 3.0))
-    of_counted = float((k * log_q + (n - k) * log_rest + log_sigma + 0.5 * LOG_2PI).sum())
+    k = subject.n_yes.astype(np.float64)
+    n = subject.n_trials.astype(np.float64)
+    log_q = np.log(k + 1.0) - np.log(n + 2.0)
+    log_complement = np.log(n - k + 1.0) - np.log(n + 2.0)
+    log_sigma = 0.5 * (log_q + log_complement - np.log(n + 3.0))
+    log_likelihood = k * log_q + (n - k) * log_complement
+    of_counted = float((log_likelihood + log_sigma + 0.5 * LOG_2PI).sum())
     return of_counted + direction_evidence(subject)

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -45,7 +45,10 @@ TextTable = tuple[str, list[str], list[list[str]]]
 
 
 def parameter_row(result: PopulationResult, name: str) -> list[str]:
-    """Name, mean, SD between subjects, Bayes factor and word of a parameter."""
+    """Name, mean, SD between subjects, Bayes factor and word of a parameter.
+
+    Name and reason only if it cannot be told.
+    """
     label = _ROW_LABELS[name]
     if name not in result.identified:
         return [label, "cannot be told: no subject has pairs that can show it"]
@@ -56,7 +59,8 @@ def parameter_row(result: PopulationResult, name: str) -> list[str]:
 
 
 def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") -> str:
-    """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
+    """Median and 95 % interval of a mean, or of a new subject, in the unit of the study."""
+    # The row in the units of screens, if the table has one beside that of the parameter.
     row = result.table.row(quantity, COMPUTED.get(name, name))
     if name in _SHARES:
         return format_share(row.interval)
@@ -65,8 +69,13 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
 
 
 def log_factor_of_mean(result: PopulationResult, name: str) -> float:
-    """The log Bayes factor of a mean that is not 0."""
-    return -(result.table.row("mean", name).ln_bf_zero or 0.0)
+    """The log Bayes factor of a mean that is not 0, nats, for one of :data:`EFFECTS`."""
+    return _log_factor(result.table.row("mean", name))
+
+
+def _log_factor(row: PopulationRow) -> float:
+    """The log Bayes factor of a value that is not 0; the row has that of 0."""
+    return -cast(float, row.ln_bf_zero)
 
 
 def _factor_and_word(log_factor: float) -> list[str]:
@@ -75,12 +84,15 @@ def _factor_and_word(log_factor: float) -> list[str]:
 
 
 def _spread(result: PopulationResult, name: str) -> str:
-    """The SD between subjects with its interval; one that may be 0 as a bound."""
-    unit, j = result.shown_unit(name), result.index(name)
-    mean, sd = result.draws.mean[..., j], result.draws.sd[..., j]
-    # The SD is half the difference of subjects one SD above and one SD below the mean.
-    above, below = (result.in_units(name, point, unit) for point in (mean + sd, mean - sd))
-    with np.errstate(invalid="ignore"):
+    """The SD between subjects with its interval; one that may be 0 as 'at most 4 %'."""
+    unit = result.shown_unit(name)
+    j = result.index(name)
+    mean = result.draws.mean[..., j]
+    sd = result.draws.sd[..., j]
+    # In the unit shown: half the difference of subjects one SD above and one SD below the mean.
+    above = result.in_units(name, mean + sd, unit)
+    below = result.in_units(name, mean - sd, unit)
+    with np.errstate(invalid="ignore"):  # both may be infinite
         spread = 0.5 * (above - below)
     *interval, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
 
@@ -98,25 +110,26 @@ def _spread(result: PopulationResult, name: str) -> str:
 
 
 def group_answer(result: PopulationResult) -> list[str]:
-    """Mean, SD between subjects and Bayes factor of both effects; differences of conditions."""
+    """Sentences on the means of both effects, and on the differences between conditions."""
     badge = "" if result.is_reliable else "NOT RELIABLE: "
-    first_effect, second_effect = (_describe_effect(result, name) for name in EFFECTS)
+    constant_error, contraction = (_describe_effect(result, name) for name in EFFECTS)
     heading = f"In the group of {len(result.subjects)}{_reference(result)}"
-    lines = [f"{badge}{heading}, {first_effect} {capitalized(second_effect)}"]
+    lines = [f"{badge}{heading}, {constant_error} {capitalized(contraction)}"]
 
-    differences: dict[str, list[str]] = {}
-    for level, label, difference, factor, word in _comparison_rows(result, "difference"):
-        differences.setdefault(level, []).append(f"{label} {difference} ({word}, BF {factor})")
-    for level, texts in differences.items():
-        lines.append(f"{badge}Difference {level} in the group: {'; '.join(texts)}.")
+    differences: dict[str, list[str]] = {}  # by the two conditions
+    for comparison, label, difference, factor, word in _comparison_rows(result, "difference"):
+        text = f"{label} {difference} ({word}, BF {factor})"
+        differences.setdefault(comparison, []).append(text)
+    for comparison, texts in differences.items():
+        lines.append(f"{badge}Difference {comparison} in the group: {'; '.join(texts)}.")
     return lines
 
 
 def _describe_effect(result: PopulationResult, name: str) -> str:
-    """Mean and SD of an effect, and whether the mean differs from 0."""
+    """Sentences on mean and SD of an effect, and on whether the mean differs from 0."""
     if name not in result.identified:
         return f"the {_ROW_LABELS[name]} cannot be told."
-    sd, *_ = _spread(result, name).partition(" [")
+    sd, *_ = _spread(result, name).partition(" [")  # without its interval
     text = f"the mean {LABELS[name]} is {group_estimate(result, name)}, and the SD between subjects"
     log_factor = log_factor_of_mean(result, name)
     text += f" is {sd}. {capitalized(_differs_from_0(log_factor, 'this mean'))}."
@@ -133,13 +146,22 @@ def _differs_from_0(log_factor: float, noun: str) -> str:
     return f"{text} (BF {format_bayes_factor(log_factor)})"
 
 
-def good_fits_answer(group: PopulationResult, of_good_fits: PopulationResult | None) -> list[str]:
-    """Words for the means that are others without the subjects whom the model does not fit."""
+def good_fits_answer(group: PopulationResult, good_fits: PopulationResult | None) -> list[str]:
+    """A sentence on the means whose word changes without the subjects whom the model does not fit.
+
+    Parameters
+    ----------
+    group : PopulationResult
+    good_fits : PopulationResult or None
+        The group without these subjects; None if there is none.
+    """
+    if good_fits is None:
+        return []
     changes = []
     for name in EFFECTS:
-        if of_good_fits is None or name not in group.identified:
+        if name not in group.identified:
             continue
-        log_factor = log_factor_of_mean(of_good_fits, name)
+        log_factor = log_factor_of_mean(good_fits, name)
         word = word_of_bayes_factor(log_factor)
         if word != word_of_bayes_factor(log_factor_of_mean(group, name)):
             changes.append(_differs_from_0(log_factor, f"the mean {LABELS[name]}"))
@@ -149,8 +171,8 @@ def good_fits_answer(group: PopulationResult, of_good_fits: PopulationResult | N
 
 
 def _reference(result: PopulationResult) -> str:
-    """The covariates for which the means hold."""
-    levels = {}
+    """The values of covariates for which the means hold, as in ' (age mean, sex f)'."""
+    levels = {}  # a covariate with several levels has a column for each
     for column in result.regressors.columns:
         levels[column.covariate] = f"{column.covariate} {column.reference or 'mean'}"
     return f" ({', '.join(levels.values())})" if levels else ""
@@ -160,16 +182,16 @@ def _reference(result: PopulationResult) -> str:
 
 
 def comparison_tables(result: PopulationResult) -> list[TextTable]:
-    """The effects of covariates and of conditions, if any."""
+    """The tables of differences between conditions and of effects of covariates, if any."""
     covariates = "; ".join(column.meaning for column in result.regressors.columns)
     tables = []
-    for quantity, title, first in (
+    for quantity, title, heading in (
         ("difference", "Differences between conditions", "conditions"),
         ("effect", f"Effects of covariates ({covariates})", "covariate"),
     ):
         rows = _comparison_rows(result, quantity)
         if rows:
-            tables.append((title, [first, "of the", "median [95 % interval]", "BF", ""], rows))
+            tables.append((title, [heading, "of the", "median [95 % interval]", "BF", ""], rows))
     return tables
 
 
@@ -178,22 +200,24 @@ def _comparison_rows(result: PopulationResult, quantity: str) -> list[list[str]]
     rows = []
     for row in result.table.select(quantity):
         if row.parameter in result.identified:
-            words = _factor_and_word(-(row.ln_bf_zero or 0.0))
-            label, difference = _DIFFERENCE_LABELS[row.parameter], _format_difference(result, row)
-            rows.append([row.level, label, difference, *words])
+            label = _DIFFERENCE_LABELS[row.parameter]
+            difference = _format_difference(result, row)
+            rows.append([row.level, label, difference, *_factor_and_word(_log_factor(row))])
     return rows
 
 
 def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     """An effect on a mean: a shift of the PSE, p, the ratio of JNDs, or a logit."""
-    values, sign = row.interval, "+"
+    values = row.interval
+    sign = "+"
     if row.parameter == CONSTANT_ERROR.name:
         shift = result.in_units(row.parameter, values)
         return format_difference(shift, result.study.unit)
     if row.parameter == CONTRACTION.name:
         return format_share(values)
-    if row.parameter == NOISE.name:
-        values, sign = np.exp(values), ""
+    if row.parameter == NOISE.name:  # a difference of logs is the log of a ratio
+        values = np.exp(values)
+        sign = ""
     return format_estimate(*map(f"{{:{sign}.2f}}".format, values))
 
 
@@ -203,7 +227,7 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
     for name in result.names:
         cells = parameter_row(result, name)
         if name in result.identified:
-            cells.insert(3, group_estimate(result, name, "new_subject"))
+            cells.insert(3, group_estimate(result, name, "new_subject"))  # behind the SD
             cells += _convergence(result, name)
         rows.append(cells)
     headings = [

@@ -86,7 +86,15 @@ ANSWER_COLUMNS = (
 _Numbers = Mapping[str, float]
 #: Nats below the best within which a model's error matters.
 COUNTS_WITHIN = 5.0
+#: Decimals that any number may have; more would show the error of rounding.
 _MOST_DECIMALS = 15
+#: Flags that are not about the responses alone.
+MISFIT_FLAG = "the model does not fit"
+PRIOR_FLAG = "depends on the prior"
+PREVIOUS_TRIAL_FLAG = "responses depend on the previous trial"
+WANDERING_FLAG = "the preference for a response wanders"
+OUTSIDE_FLAG = "the PSE lies outside the pairs shown, so its size rests on the prior"
+ROVING_FLAG = "the size of the contraction rests on the prior"
 
 
 class Size(NamedTuple):
@@ -262,7 +270,7 @@ class OrderEffect:
 
     @property
     def first_is_overestimated(self) -> bool | None:
-        """The direction of a constant error; None where its interval holds 0."""
+        """Whether the first stimulus seems stronger than it is; None if the interval holds 0."""
         size = self.sizes["pse_shift_percent"]
         if size.q025 <= 0.0 <= size.q975:
             return None
@@ -286,12 +294,13 @@ class OrderEffect:
             elif word is Word.CANNOT_BE_TOLD:
                 lines[question] = Line(name, str(word), reason=self.reasons.get(question, ""))
             else:
-                size = ""
+                size = ""  # an effect that is denied has none
                 if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
                     size = self.format_size(SIZE_OF[question])
                 probability = format_probability(self.probabilities[question])
                 factor = format_bayes_factor(self.log_bayes_factors[question])
                 marks = " !" if self.fits is False else ""
+                # The flag names the questions that depend on the prior.
                 if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
                     marks += " ?"
                 lines[question] = Line(name, self.word(question), marks, size, probability, factor)
@@ -309,9 +318,10 @@ class OrderEffect:
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """Each word with the mark or the size, by the headings of a short table."""
+        """A row of a short table by its headings: each word with its size, or with the mark."""
         texts = {"subject": self.subject}
         for question, line in self.lines.items():
+            # An order effect has no size of its own.
             addition = line.size if question in SIZE_OF else self.mark
             texts[line.question] = f"{self.words[question]} {addition}".rstrip()
         return texts
@@ -320,9 +330,10 @@ class OrderEffect:
     def cells(self) -> Mapping[str, object]:
         """The entries of :data:`ANSWER_COLUMNS`, in their order; None where one is empty."""
         sizes = []
-        for size, quantile in product(SIZES, QUANTILES):
-            number = getattr(self.sizes.get(size), quantile, np.nan)
-            sizes.append(number if np.isfinite(number) else None)
+        for name in SIZES:
+            for number in self.sizes.get(name, [np.nan] * 3):
+                sizes.append(number if np.isfinite(number) else None)
+        # All numbers of the first model, then those of the next one.
         of_models = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
         entries = (
             self.subject,
@@ -349,7 +360,10 @@ class OrderEffect:
         return " ".join(sentences)
 
     def _describe_line(self, question: str, line: Line) -> str:
-        """Word, probability, and size or bound of one question."""
+        """Word, probability, and size or bound of one question.
+
+        As in 'Constant error: yes (P > .99), PSE shift +12 % [+8, +16].'
+        """
         text = f"{capitalized(line.question)}: {short_direction(line.word)}"
         if line.reason:
             return f"{text}, because {line.reason}."
@@ -361,15 +375,6 @@ class OrderEffect:
         elif line.probability and bound > 0.0:
             text += f". With 95 % probability, the effect is at most {format_number(bound)} JND"
         return f"{text}."
-
-
-#: Flags that are not about the responses alone.
-MISFIT_FLAG = "the model does not fit"
-PRIOR_FLAG = "depends on the prior"
-PREVIOUS_TRIAL_FLAG = "responses depend on the previous trial"
-WANDERING_FLAG = "the preference for a response wanders"
-OUTSIDE_FLAG = "the PSE lies outside the pairs shown, so its size rests on the prior"
-ROVING_FLAG = "the size of the contraction rests on the prior"
 
 
 def short_direction(word: str) -> str:
@@ -399,9 +404,9 @@ def format_probability(probability: float) -> str:
 
 
 def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -> str:
-    """A signed difference in per cent of intensity with its 95 % interval, in the unit to show.
+    """A difference in per cent of intensity, written in a unit with its 95 % interval.
 
-    With `sign` '', only negative numbers have a sign.
+    `sign` '+' gives positive numbers a sign too.
 
     Examples
     --------
@@ -415,10 +420,10 @@ def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -
 
 
 def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:
-    """A signed size with its unit and 95 % interval, two digits of the largest number.
+    """A size with its unit and 95 % interval, two digits of the largest number.
 
-    The interval has more digits if its ends would look equal. A number that is not 0 has as many
-    as it needs not to look like 0.
+    There are more digits if the ends would look equal. A number that is not 0 has as many as it
+    needs not to look like 0. `sign` '+' gives positive numbers a sign too.
 
     Examples
     --------
@@ -427,37 +432,39 @@ def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:
     >>> format_signed(Size(2e-5, 3e-5, 4e-5), "%"), format_signed(Size(5.601, 5.61, 5.62))
     ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
-    finite = filter(np.isfinite, size)
-    return _format_interval(size, unit, decimals_of(max(map(abs, finite), default=0.0)), sign)
+    largest = max(map(abs, filter(np.isfinite, size)), default=0.0)
+    return _format_interval(size, unit, decimals_of(largest), sign)
 
 
-def _format_interval(size: ThreeNumbers, unit: str, digits: int, sign: str = "") -> str:
+def _format_interval(size: ThreeNumbers, unit: str, decimals: int, sign: str = "") -> str:
     """A size with its unit and interval: so many decimals, or more if its ends would look equal."""
     low, _, high = size
-    while low < high and digits < _MOST_DECIMALS and round(low, digits) >= round(high, digits):
-        digits += 1
-    low_text, median_text, high_text = (_format_finite(value, digits, sign) for value in size)
+    if low < high:
+        while decimals < _MOST_DECIMALS and round(low, decimals) >= round(high, decimals):
+            decimals += 1
+    low_text, median_text, high_text = (_format_value(value, decimals, sign) for value in size)
     return format_estimate(low_text, median_text, high_text, unit)
 
 
 def decimals_of(value: float) -> int:
-    """Decimals that show two significant digits of a number."""
+    """Decimals that show two significant digits of a positive number: 0.031 has 3, 110 has 0."""
     if not np.isfinite(value) or value <= 0.0:
         return 0
-    return int(min(max(1 - np.floor(np.log10(float(f"{value:.2g}"))), 0), _MOST_DECIMALS))
+    printed = float(f"{value:.2g}")  # 0.0996 is 0.10
+    return int(min(max(1 - np.floor(np.log10(printed)), 0), _MOST_DECIMALS))
 
 
-def _format_finite(value: float, digits: int, sign: str = "") -> str:
+def _format_value(value: float, decimals: int, sign: str = "") -> str:
     """A number with its decimals, or with one digit if it would look like 0 and is not.
 
-    A log or decibels of a percentage that is none are a bound: beyond a natural log of 700 a
-    percentage is infinite, and below -30 it is -100.
+    An infinite number comes from a percentage that is too large, or is -100, and becomes a bound:
+    per cents are finite up to a natural log of 700, and are above -100 down to -30.
     """
     if np.isinf(value):
         return "> 700" if value > 0.0 else "< -30"
-    if round(value, digits) == 0.0:
-        digits = max(digits, decimals_of(abs(value)) - 1)
-    return f"{value + 0.0:{sign}.{digits}f}"
+    if round(value, decimals) == 0.0:
+        decimals = max(decimals, decimals_of(abs(value)) - 1)
+    return f"{value + 0.0:{sign}.{decimals}f}"  # + 0.0 makes 0 of -0
 
 
 def format_number(value: float) -> str:
@@ -468,13 +475,13 @@ def format_number(value: float) -> str:
     >>> format_number(112.4), format_number(8.0), format_number(-0.0312), format_number(0.0)
     ('110', '8.0', '-0.031', '0')
     """
-    return _format_finite(float(f"{value:.2g}"), decimals_of(abs(value)))
+    return _format_value(float(f"{value:.2g}"), decimals_of(abs(value)))
 
 
 def format_share(size: ThreeNumbers, sign: str = "") -> str:
     """A share with its 95 % interval, in per cent; a contraction is a share of the way to the mean.
 
-    `sign` '+' shows the sign always.
+    `sign` '+' gives positive numbers a sign too.
 
     Examples
     --------
@@ -499,10 +506,12 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
     quantiles = np.quantile(draws, PROBABILITIES)
     error = float(quantile_errors(draws, PROBABILITIES, n_effective).max())
     decimals = most_decimals
-    if 0.0 < error < np.inf:  # 0.0096 is 0.01 as it is printed with one digit
+    if 0.0 < error < np.inf:
+        # The exponent of the error with one digit: 0.0096 is 1e-02, and leaves two decimals.
         decimals = min(decimals, -int(f"{error:.0e}".partition("e")[2]))
-    if decimals < 0:
-        quantiles, decimals = np.round(quantiles, decimals), 0
+    if decimals < 0:  # tens or hundreds
+        quantiles = np.round(quantiles, decimals)
+        decimals = 0
     return _format_interval(quantiles.tolist(), unit, decimals)
 
 
@@ -514,7 +523,7 @@ def format_decimals(value: float) -> str:
     >>> format_decimals(-0.047), format_decimals(-0.001), format_decimals(1.0)
     ('-.05', '-.001', '1.00')
     """
-    text = _format_finite(value, 2)
+    text = _format_value(value, 2)
     return text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text
 
 
@@ -572,7 +581,8 @@ def format_bayes_factor(log_bayes_factor: float) -> str:
         return "> 100"
     if log_bayes_factor < -np.log(100.0):
         return "< 1/100"
-    return f"{float(f'{np.exp(log_bayes_factor):.2g}'):g}"  # no exponent
+    two_digits = f"{np.exp(log_bayes_factor):.2g}"
+    return f"{float(two_digits):g}"  # 100, not 1e+02
 
 
 def word_of_bayes_factor(log_bayes_factor: float) -> Word:
@@ -592,7 +602,7 @@ def word_of_bayes_factor(log_bayes_factor: float) -> Word:
 def order_effect(
     evidence: OrderEvidence,
     identification: Identification,
-    flags: Sequence[Finding] = (),
+    findings: Sequence[Finding] = (),
     fit: GoodnessOfFit | None = None,
     screen: SerialScreen | None = None,
 ) -> OrderEffect:
@@ -603,28 +613,34 @@ def order_effect(
     evidence : OrderEvidence
     identification : Identification
         Which questions the design can answer.
-    flags : sequence
-        Findings about the responses.
+    findings : sequence of Finding
+        Problems in the responses.
     fit : GoodnessOfFit, optional
         Goodness of fit of the best model.
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
+    # If a contraction looks like a constant error, an order effect is what looks like that.
     has_effects = dict(QUESTIONS)
     if identification.contraction_adds_to_error:
         has_effects["order_effect"] = HAS_ERROR
-    probabilities, log_bayes_factors = _questions(evidence, has_effects)
+    probabilities, log_bayes_factors = _support(evidence, has_effects)
     sizes, upper_bounds, size_flags = _sizes(evidence)
-    is_interpretable = all(flag.is_interpretable for flag in flags)
-    questions = [question for question in QUESTIONS if question not in identification.reasons]
+
+    is_interpretable = all(finding.is_interpretable for finding in findings)
+    answerable = [question for question in QUESTIONS if question not in identification.reasons]
     words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
     if is_interpretable:
-        words = _words(questions, probabilities, log_bayes_factors)
-    worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
-    problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
-    problems |= _prior_problems(evidence, words, questions, has_effects)
-    for flag_words in (*size_flags, *_error_flags(evidence)):
-        problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
+        words = _words(answerable, probabilities, log_bayes_factors)
+
+    # Findings that forbid an interpretation come first.
+    problems = {}
+    for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
+        problems[finding.words] = Problem(finding.message, finding.option)
+    problems |= _prior_problems(evidence, words, answerable, has_effects)
+    for flag in (*size_flags, *_error_flags(evidence)):
+        problems[flag] = Problem(f"{capitalized(flag)}.")
+
     best = int(np.argmax(evidence.log_evidence))
     screen = screen or SerialScreen()
     return OrderEffect(
@@ -652,24 +668,29 @@ def order_effect(
 
 
 def _words(
-    questions: Sequence[str], probabilities: _Numbers, log_bayes_factors: _Numbers
+    answerable: Sequence[str], probabilities: _Numbers, log_bayes_factors: _Numbers
 ) -> dict[str, Word]:
-    """The word for each question; the questions that the design can answer are given."""
+    """The word for each question; `answerable` has those that the design can answer."""
     words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
-    for question in questions:
+    for question in answerable:
         words[question] = word_for(probabilities[question], log_bayes_factors[question])
     return words
 
 
 def _by_model(values: FloatArray) -> dict[str, float]:
+    """Values of the four models by their names."""
     return dict(zip(MODEL_NAMES, values.tolist(), strict=True))
 
 
-def _questions(
+def _support(
     models: ModelSet, has_effects: Mapping[str, BoolArray]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Posterior probability and log Bayes factor of each question."""
-    probabilities, log_bayes_factors = {}, {}
+    """Posterior probabilities and log Bayes factors by question.
+
+    `has_effects` has, for each question, which models say yes to it.
+    """
+    probabilities = {}
+    log_bayes_factors = {}
     for question, has_effect in has_effects.items():
         probabilities[question] = models.probability(has_effect)
         log_bayes_factors[question] = models.log_bayes_factor(has_effect)
@@ -677,11 +698,12 @@ def _questions(
 
 
 def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], list[str]]:
-    """Sizes, upper bounds in JND, and what must be said of them."""
+    """Sizes, upper bounds in JND, and flags of sizes that rest on the prior."""
     all_models = evidence.averaged()
     with_error = evidence.averaged(HAS_ERROR)
     with_contraction = evidence.averaged(HAS_CONTRACTION)
-    shift, jnd = with_error.quantities["constant_error"], all_models.quantities["jnd"]
+    shift = with_error.quantities["constant_error"]
+    jnd = all_models.quantities["jnd"]
     sizes = {
         "pse_shift_percent": _size(with_error, percent(shift)),
         "pse_shift_jnd": _size(with_error, shift / with_error.quantities["jnd"]),
@@ -698,11 +720,14 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
 
 def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> dict[str, float]:
     """The 95 % quantile of each question's size, in JND."""
-    subject, scales = evidence.subject, evidence.subject.scales
-    constant_error, p = draws.quantities["constant_error"], draws.quantities["contraction"]
-    # The mean first stimulus of one condition is not that of all conditions.
+    subject = evidence.subject
+    scales = subject.scales
+    constant_error = draws.quantities["constant_error"]
+    p = draws.quantities["contraction"]
+    # The scales belong to all conditions, whose mean first stimulus differs from this subject's.
     mean_first = np.average(subject.s1, weights=subject.n_trials)
     mean_shift = constant_error - p * (mean_first - scales.sbar)
+    # The order effect is the root mean square of the shift over the first stimuli.
     sizes = {
         "order_effect": np.hypot(mean_shift, p * scales.first_spread),
         "constant_error": np.abs(constant_error),
@@ -717,25 +742,30 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> dict[str, float
 def _size_flags(
     evidence: OrderEvidence, with_error: OrderDraws, with_contraction: OrderDraws
 ) -> list[str]:
-    """Flags of sizes that rest on the prior."""
+    """Flags of sizes that rest on the prior, since they lie beyond the pairs shown."""
     flags = []
-    subject, scales = evidence.subject, evidence.subject.scales
-    error, contraction = with_error.quantities, with_contraction.quantities
-    median_error = _size(with_error, np.abs(error["constant_error"])).q50
-    if median_error > np.abs(subject.s2 - subject.s1).max():
+    subject = evidence.subject
+    scales = subject.scales
+    size_of_error = np.abs(with_error.quantities["constant_error"])
+    if _size(with_error, size_of_error).q50 > np.abs(subject.s2 - subject.s1).max():
         flags.append(OUTSIDE_FLAG)
-    roving = np.abs(contraction["contraction"]) * scales.first_spread
-    if _size(with_contraction, roving).q50 > 3.0 * scales.step:
+    # The stimuli of a pair are about a step apart, so a shift of three steps lies beyond them.
+    roving_shift = np.abs(with_contraction.quantities["contraction"]) * scales.first_spread
+    if _size(with_contraction, roving_shift).q50 > 3.0 * scales.step:
         flags.append(ROVING_FLAG)
     return flags
 
 
 def _size(draws: OrderDraws, values: FloatArray) -> Size:
+    """The median and 95 % interval of values at weighted draws."""
     return Size(*draws.quantiles(values, PROBABILITIES))
 
 
 def _error_flags(evidence: OrderEvidence) -> list[str]:
-    """A flag if the evidence of a model that counts has a standard error above 0.1."""
+    """A flag if a model near the best has evidence with a standard error above 0.1 nats.
+
+    Such an error changes a Bayes factor by 10 %.
+    """
     is_near = evidence.log_evidence > evidence.log_evidence.max() - COUNTS_WITHIN
     largest = float(evidence.standard_error[is_near].max())
     if largest <= 0.1:
@@ -749,30 +779,34 @@ def _error_flags(evidence: OrderEvidence) -> list[str]:
 def _prior_problems(
     evidence: OrderEvidence,
     words: Mapping[str, Word],
-    questions: Sequence[str],
+    answerable: Sequence[str],
     has_effects: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
-    """The flag of questions whose `yes` or `no` another prior scale leaves undecided."""
-    changes: dict[str, list[str]] = {}
+    """The flag of questions whose `yes` or `no` another prior scale leaves undecided.
+
+    Empty without such a question.
+    """
     rescaled_words = []
-    for effect, (width, factor) in product(
-        (CONSTANT_ERROR, CONTRACTION), (("half", 0.5), ("twice", 2.0))
-    ):
-        models = evidence.with_prior_scale(effect, factor)
-        rescaled_words.append((width, _words(questions, *_questions(models, has_effects))))
-    for question in questions:
+    for effect in (CONSTANT_ERROR, CONTRACTION):
+        for width, factor in (("half", 0.5), ("twice", 2.0)):
+            models = evidence.with_prior_scale(effect, factor)
+            rescaled_words.append((width, _words(answerable, *_support(models, has_effects))))
+
+    # The first change of each question; questions with the same change share a sentence.
+    questions_by_change: dict[str, list[str]] = {}
+    for question in answerable:
         word = words[question]
         for width, rescaled in rescaled_words:
             if not remains(word, rescaled[question]):
                 change = (
                     f"A prior {width} as wide changes {{}} from '{word}' to '{rescaled[question]}'."
                 )
-                changes.setdefault(change, []).append(question.replace("_", " "))
+                questions_by_change.setdefault(change, []).append(question.replace("_", " "))
                 break
-    if not changes:
+    if not questions_by_change:
         return {}
-    sentences = [change.format(join_words(names)) for change, names in changes.items()]
-    dependent = ", ".join(chain(*changes.values()))
+    sentences = [change.format(join_words(names)) for change, names in questions_by_change.items()]
+    dependent = ", ".join(chain(*questions_by_change.values()))
     return {f"{PRIOR_FLAG}: {dependent}": Problem(" ".join(sentences))}
 
 
@@ -796,17 +830,19 @@ def answer_subject(
 
 
 def answer_evidence(
-    evidence: OrderEvidence, seed: int, flags: Sequence[Finding] = ()
+    evidence: OrderEvidence, seed: int, findings: Sequence[Finding] = ()
 ) -> OrderEffect:
-    """The answer of the subject whose evidences are known."""
-    fit, screen = best_model_fit(evidence, seed), subject_screen(evidence)
-    return order_effect(evidence, identify(evidence.subject), flags, fit, screen)
+    """The answer of a subject from its evidences, with tests of fit and of the trial before."""
+    fit = best_model_fit(evidence, seed)
+    screen = subject_screen(evidence)
+    return order_effect(evidence, identify(evidence.subject), findings, fit, screen)
 
 
 def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     """Goodness of fit of the model with the highest evidence."""
     best = int(np.argmax(evidence.log_evidence))
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
+    # Points and modes have all coordinates of 'both'; the model has the free ones.
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
     points = evidence.averaged(is_best).resampled(rng, 1000)[:, posterior.is_free]

@@ -69,8 +69,10 @@ HISTORY_COLUMNS = (
     "moving_criterion_p",
     "note",
 )
-#: Draws from the posterior without history with which a mixture begins, and those of figures.
-_CLOUD, _FIGURE_DRAWS = 500, 300
+#: Points from which a mixture is made.
+_CLOUD = 500
+#: Draws of a subject for the figure.
+_FIGURE_DRAWS = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,7 @@ class SubjectDependence:
 
     @property
     def has_result(self) -> bool:
-        """Whether there is a result."""
+        """Whether the evidences of all four models are known."""
         return not self.note
 
     @property
@@ -139,9 +141,10 @@ class SubjectDependence:
         return format_estimate(*map(format_decimals, quantiles)) if quantiles else ""
 
     def history(self, name: str) -> TrialHistory:
-        """The model behind one of :data:`HISTORIES`."""
+        """The model with one of :data:`HISTORIES` and the model of order that goes with it."""
         has_carry_over = "carry_over" in name
-        order = OrderModel(self.order_models[has_carry_over])
+        without_carry_over, with_carry_over = self.order_models
+        order = OrderModel(with_carry_over if has_carry_over else without_carry_over)
         return TrialHistory(order, "previous_response" in name, has_carry_over)
 
     @property
@@ -165,7 +168,8 @@ class SubjectDependence:
             cells[f"p_{effect}"] = self.probability(effect)
             cells[f"ln_bf_{effect}"] = self.log_bayes_factor(effect)
         for i, quantile in enumerate(QUANTILES):
-            cells[f"rho_{quantile}"], cells[f"kappa_{quantile}"] = self.rho[i], self.kappa[i]
+            cells[f"rho_{quantile}"] = self.rho[i]
+            cells[f"kappa_{quantile}"] = self.kappa[i]
         for i, column in enumerate(_EVIDENCES):
             cells[column] = float(self.log_evidence[i])
             cells[f"{column}_se"] = float(self.standard_error[i])
@@ -217,9 +221,10 @@ def serial_dependence(
     require_study(study)
     for subject in study:
         require_order(subject)
-    chosen, root = prior_for(study, prior), resumed_seed(seed, keep)
+    chosen_prior = prior_for(study, prior)
+    root = resumed_seed(seed, keep)
     results = run_stored(
-        partial(_dependences, seed=root, prior=chosen.observer),
+        partial(_dependences, seed=root, prior=chosen_prior.observer),
         study.subjects,
         study.names,
         seed=root,
@@ -234,13 +239,13 @@ def serial_dependence(
             rows.append(SubjectDependence(name, note=str(result)))
         else:
             rows.append(result)
-    return SerialDependence(tuple(rows), study, root, chosen)
+    return SerialDependence(tuple(rows), study, root, chosen_prior)
 
 
 def _dependences(
     subjects: Sequence[Subject], seed: int, prior: ObserverPrior
 ) -> list[SubjectDependence | NumericalError]:
-    """The serial dependence of some subjects, whose four models of order are one array."""
+    """The serial dependence of some subjects, whose models of order are analysed together."""
     results = list[SubjectDependence | NumericalError]()
     for evidence in try_order_evidence(subjects, seed, prior):
         if isinstance(evidence, NumericalError):
@@ -252,11 +257,14 @@ def _dependences(
 
 def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     """The serial dependence of one subject from the evidences of the four models of order."""
-    subject, prior = evidence.subject, evidence.prior
+    subject = evidence.subject
+    prior = evidence.prior
     screen = subject_screen(evidence)
     row = SubjectDependence(subject.name, _order_models(evidence), screen=screen)
+    # The first history is the model of order itself, whose draws are known.
     static = evidence.draws[MODEL_NAMES.index(row.order_models[0])]
-    histories, draws = [], [static]
+    histories = []
+    draws = [static]
     for name in HISTORIES[1:]:
         history = TrialHistoryPosterior(subject, row.history(name), prior)
         histories.append(history)
@@ -267,9 +275,10 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
 
     models = ModelSet.from_draws(draws, _EQUAL)
     rng = generator(seed, subject.name, "history draws")
-    static_draws = best_draws = static.resampled(rng, _FIGURE_DRAWS)
+    static_draws = static.resampled(rng, _FIGURE_DRAWS)
+    best_draws = static_draws
     best = int(np.argmax(models.log_evidence))
-    if best:
+    if best > 0:
         best_draws = draws[best].resampled(rng, _FIGURE_DRAWS)
     return replace(
         row,
@@ -289,18 +298,18 @@ def _order_models(evidence: OrderEvidence) -> tuple[str, str]:
 
 
 def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int) -> WeightedDraws:
-    """Fresh draws of a fixed mixture.
+    """Weighted draws from the posterior of a model with history.
 
-    The mixture begins with draws of the model without history, and rho and kappa about the middle
-    of their prior, with 0.7 of its standard deviation.
+    The mixture that proposes them is made from draws of the same model of order without history.
     """
     rng = generator(seed, posterior.subject.name, posterior.model.name, "history")
     order_index = MODEL_NAMES.index(posterior.model.order.name)
-    of_order = evidence.draws[order_index].resampled(rng, _CLOUD)
-    n_history = len(posterior.model.effects)
-    of_history = 0.7 * rng.standard_normal((_CLOUD, n_history))
-    cloud = np.concatenate([of_order, of_history], axis=1)
-    mixture = mixture_of_points(cloud, posterior.array.is_free[0])
+    order_points = evidence.draws[order_index].resampled(rng, _CLOUD)
+    # The prior of rho and kappa is standard normal here, and the posterior is narrower.
+    n_effects = len(posterior.model.effects)
+    history_points = 0.7 * rng.standard_normal((_CLOUD, n_effects))
+    points = np.concatenate([order_points, history_points], axis=1)
+    mixture = mixture_of_points(points, posterior.array.is_free[0])
     family = np.zeros(1, np.intp)
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)
     _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], family, precision)
@@ -310,9 +319,13 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
 def _quantiles(
     effect: str, models: ModelSet, histories: Sequence[TrialHistoryPosterior]
 ) -> tuple[float, ...]:
-    """Quantiles of rho or kappa over the models that have it, weighted by their evidence."""
-    has_effect, values = EFFECT_MODELS[effect], []
-    for i in np.flatnonzero(has_effect).tolist():  # the first model, without history, has neither
+    """Quantiles of rho or kappa over the models that have it, weighted by their evidence.
+
+    `histories` lacks the first model, which has no history.
+    """
+    has_effect = EFFECT_MODELS[effect]
+    values = []
+    for i in np.flatnonzero(has_effect).tolist():
         values.append(histories[i - 1].quantities(models.draws[i].x)[effect])
     weights = models.weights(has_effect)
     return tuple(weighted_quantiles(np.concatenate(values), weights, PROBABILITIES))

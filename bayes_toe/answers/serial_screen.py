@@ -41,7 +41,7 @@ from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
 from bayes_toe.model.trial_history import TrialSequence
 from bayes_toe.seeds import generator
 
-#: Columns of the regressors.
+#: Positions of the regressors: the answer and the two stimuli of the trial before.
 _ANSWER, _FIRST, _SECOND = range(3)
 
 
@@ -84,22 +84,23 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
         Its maximum.
     """
     subject = posterior.subject
-    asked = subject.two_answers
-    if asked is None:
+    # Of three answers: the trials with 'first' or 'second'.
+    tested = subject.two_answers
+    if tested is None:
         return SerialScreen()
     try:
-        trials = TrialSequence.from_subject(asked)
+        trials = TrialSequence.from_subject(tested)
     except InputError:  # the order of the trials is not known
         return SerialScreen()
     slopes = logit_slopes(posterior, mode)
-    if subject.task.has_three_answers:
+    if subject.task.has_three_answers:  # without the pairs that were always 'equal'
         slopes = slopes[subject.n_trials > subject.n_yes]
-    scores, variance = _scores(asked, trials, slopes)
+    scores, variance = _scores(tested, trials, slopes)
     return SerialScreen(
         joint_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND),
         answer_p=_p_value(scores, variance, _FIRST, _SECOND, _ANSWER, n_adjusted=2),
         stimuli_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND, n_adjusted=1),
-        moving_criterion_p=_moving_criterion_p(asked, trials),
+        moving_criterion_p=_moving_criterion_p(tested, trials),
     )
 
 
@@ -109,25 +110,30 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     A constant error shifts s2 - s1 the other way, so that its slope is this one turned round. Of
     three answers, P is that of 'second' where the answer is not 'equal'.
     """
+    # Slopes of both log P have the shape (1, 1, coordinates, rows). The last rows are the pairs:
+    # before them, three answers have the pairs by 'equal'.
     _, yes_slopes, no_slopes = posterior.rows.answer_slopes(posterior.full_points(point))
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
     in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate, -posterior.subject.n_pairs :]
+    # The coordinate of a constant error is (c / D) / scale.
     return -in_constant_error / posterior.prior.constant_error_scale
 
 
 def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> ArrayPair:
-    """U and V of all three regressors."""
+    """U, shape (3,), and V, shape (3, 3), of the regressors."""
+    # The tested trials, each with a trial before, which may be without an answer.
     previous = trials.previous
     rows = np.flatnonzero(trials.is_answered & (previous >= 0))
-    previous, pair = previous[rows], trials.pair[rows]
+    previous = previous[rows]
+    pair = trials.pair[rows]
     is_yes = 0.5 * (trials.answer[rows] + 1.0)
 
+    # Trials and counted answers of each pair; a pair may have no tested trial, or one.
     n_pairs = subject.n_pairs
     n = np.bincount(pair, minlength=n_pairs).astype(np.float64)
     k = np.bincount(pair, is_yes, n_pairs)
     n_safe = np.maximum(n, 1.0)
     pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))
-    correction = 2.0 * pair_variance / n_safe
 
     mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
     regressors = np.stack(
@@ -137,15 +143,18 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
             slopes[pair] * (trials.second[previous] - mean_stimulus),
         ]
     )
-    is_tested = np.zeros(len(trials.pair), np.bool_)
-    is_tested[rows] = True
-    is_same_pair = is_tested[previous] & (trials.pair[previous] == pair)
-
+    # Each pair's mean is subtracted.
     residual = is_yes - (k / n_safe)[pair]
     for regressor in regressors:
         regressor -= (np.bincount(pair, regressor, n_pairs) / n_safe)[pair]
     variance = (regressors * pair_variance[pair]) @ regressors.T
     scores = regressors @ residual
+
+    # Two tested trials of one pair that follow each other are not independent.
+    is_tested = np.zeros(len(trials.pair), np.bool_)
+    is_tested[rows] = True
+    is_same_pair = is_tested[previous] & (trials.pair[previous] == pair)
+    correction = 2.0 * pair_variance / n_safe
     scores[_ANSWER] += correction[pair[is_same_pair]].sum()
     return scores, variance
 
@@ -153,22 +162,21 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
 def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None:
     """P-value of a criterion that wanders; None if every pair has one answer only.
 
-    Two trials that are at least two apart add the product of their residuals, divided by the root
-    of their distance. The Fourier transform computes this sum. Under the null hypothesis, the
-    answers to a pair are in random order.
+    The statistic is T in the module's docstring, times a constant.
     """
-    rows = np.flatnonzero(trials.is_answered)
+    answered = np.flatnonzero(trials.is_answered)
 
-    residual = np.zeros(len(rows))
-    rows_of_pairs = []
+    residual = np.zeros(len(answered))
+    positions = []  # of the trials of each pair among the answered ones
     for i in range(subject.n_pairs):
-        of_pair = np.flatnonzero(trials.pair[rows] == i)
-        is_yes = trials.answer[rows[of_pair]] > 0.0
+        of_pair = np.flatnonzero(trials.pair[answered] == i)
+        is_yes = trials.answer[answered[of_pair]] > 0.0
         residual[of_pair] = is_yes - is_yes.mean()
-        rows_of_pairs.append(of_pair)
+        positions.append(of_pair)
     if not residual.any():
         return None
 
+    # A sum of products over trials is one of the power spectrum times that of the weights.
     n_trials = len(trials.pair)
     n_padded = 2 * n_trials  # so that the last trial is no neighbour of the first
     kernel = np.zeros(n_padded)
@@ -180,14 +188,16 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     rng = generator(0, subject.name, "moving criterion")
 
     def statistic(residuals: FloatArray) -> FloatArray:
+        """The statistic of sequences of residuals, shape (sequences, answered trials)."""
         sequences = np.zeros((len(residuals), n_trials))
-        sequences[:, rows] = residuals
+        sequences[:, answered] = residuals
         power = np.square(np.abs(np.fft.rfft(sequences, n_padded)))
         return np.asarray(power @ weights)
 
     def simulate(size: int) -> FloatArray:
+        """Statistics of so many sequences with the answers to each pair in random order."""
         shuffled = np.tile(residual, (size, 1))
-        for of_pair in rows_of_pairs:
+        for of_pair in positions:
             shuffled[:, of_pair] = rng.permuted(shuffled[:, of_pair], axis=1)
         return statistic(shuffled)
 
@@ -195,25 +205,29 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
 
 
 def _p_value(
-    scores: FloatArray, variance: FloatArray, *columns: int, n_adjusted: int = 0
+    scores: FloatArray, variance: FloatArray, *regressors: int, n_adjusted: int = 0
 ) -> float | None:
-    """p-value of regressors given the first ones; None where they say nothing beyond those.
+    """p-value of regressors given the first `n_adjusted` of them.
 
-    U' V^-1 U has a term for each regressor given those before it. A regressor with less than 1e-9
-    of its variance left says nothing of its own. The degrees of freedom are the rank of V.
+    It is None if the others say nothing beyond these. U' V^-1 U has a term for each regressor given
+    those before it. A regressor with less than 1e-9 of its variance left says nothing of its own.
     """
-    statistics, remaining = [0.0], variance
-    n_free = 0
-    for position, i in enumerate(columns):
-        own_variance, own_score = remaining[i, i], scores[i]
+    statistics = [0.0]  # U' V^-1 U of the first regressors: none, one, two, ...
+    remaining = variance
+    degrees_of_freedom = 0
+    for position, i in enumerate(regressors):
+        own_variance = remaining[i, i]
+        own_score = scores[i]
         statistic = statistics[-1]
         if own_variance > 1e-9 * variance[i, i]:
             statistic += own_score**2 / own_variance
-            n_free += position >= n_adjusted
+            degrees_of_freedom += position >= n_adjusted
+            # What is left of the others, given this regressor.
             slope = remaining[:, i] / own_variance
             scores = scores - slope * own_score
             remaining = remaining - np.outer(slope, remaining[i])
         statistics.append(statistic)
-    if not n_free:
+    if not degrees_of_freedom:
         return None
-    return float(chdtrc(n_free, max(statistics[-1] - statistics[n_adjusted], 0.0)))
+    difference = statistics[-1] - statistics[n_adjusted]
+    return float(chdtrc(degrees_of_freedom, max(difference, 0.0)))  # rounding may go below 0

@@ -49,26 +49,28 @@ def study_lines(
     units : bool
         Whether each is a subject in one condition.
     """
-    noun = "condition" if units else "subject"
-    meaning = describe_meaning(answers, group, noun)
-    counted_answers = [answer for answer in answers if answer.is_interpretable]
+    meaning = describe_meaning(answers, group, "condition" if units else "subject")
+    interpretable = [answer for answer in answers if answer.is_interpretable]
     if len(answers) == 1:
-        text = f"{answers[0].subject}: {answers[0].describe()}"
-        lines = [f"{answers[0].subject}: {meaning}", text] if counted_answers else [text]
+        name = answers[0].subject
+        lines = [f"{name}: {answers[0].describe()}"]
+        if interpretable:
+            lines.insert(0, f"{name}: {meaning}")
         return lines + misfit_lines(answers)
-    if not counted_answers:
+    if not interpretable:
         return [meaning]
-    noun = "synthetic subject" if synthetic else "subject"
-    of_total = f" of {count_all(counted_answers, noun, units)}"
+
     lines = [meaning]
+    noun = "synthetic subject" if synthetic else "subject"
+    of_total = f" of {count_all(interpretable, noun, units)}"
     for question in QUESTIONS:
-        words = [answer.word(question) for answer in counted_answers]
+        words = [answer.word(question) for answer in interpretable]
         text = count_words(words, of_total)
         if set(words) == {Word.CANNOT_BE_TOLD}:
             text = f"{Word.CANNOT_BE_TOLD} in any subject"
         lines.append(f"{capitalized(question.replace('_', ' '))}: {text}.")
-        of_total = ""
-    return lines + misfit_lines(counted_answers)
+        of_total = ""  # only the first line has the total
+    return lines + misfit_lines(interpretable)
 
 
 # --- What the answer means ------------------------------------------------------------------------
@@ -104,8 +106,10 @@ def describe_meaning(
     if not interpretable:
         return f"No {noun} can be interpreted."
     if len(interpretable) == 1:
+        # Among others, the subject is named.
         name = f"{interpretable[0].subject}: " if len(answers) > 1 else ""
         return name + _describe_subject(interpretable[0])
+
     sentences = _order_sentences(interpretable, noun)
     for effect in _DIRECTIONS:
         sentences += _direction_sentences(interpretable, effect, noun, group)
@@ -113,7 +117,10 @@ def describe_meaning(
 
 
 def _describe_subject(answer: OrderEffect) -> str:
-    """The meaning of one answer: whether the order matters, and how the first stimulus seems."""
+    """The meaning of one answer: whether the order matters, and how the first stimulus seems.
+
+    As in 'The order changes the response: the first stimulus is overestimated.'
+    """
     word = answer.words["order_effect"]
     text = capitalized(claim(word, "the order", "change", "the response"))
     if not word.is_positive:
@@ -130,18 +137,24 @@ def _describe_subject(answer: OrderEffect) -> str:
 
 
 def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
-    """How many subjects the order matters for, and what holds for most of the others."""
+    """How many subjects the order matters for, and what holds for most of the others.
+
+    If some subjects have an effect, another word is only said of more than half of all subjects.
+    """
     counts = Counter(answer.words["order_effect"] for answer in answers)
-    n_total, sentences = len(answers), list[str]()
+    n_total = len(answers)
+    sentences = list[str]()
     # One sentence for 'no' and 'probably not', by the less sure word.
     if counts[Word.PROBABLY_NOT]:
         counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
-    has_effects = bool(counts[Word.YES] or counts[Word.PROBABLY])
-    for word in Word:
+    has_effects = counts[Word.YES] + counts[Word.PROBABLY] > 0
+    for word in Word:  # 'yes' and 'probably' come first
         count = counts[word]
-        if count and word is Word.PROBABLY and counts[Word.YES]:
+        if not count:
+            continue
+        if word is Word.PROBABLY and counts[Word.YES]:
             sentences[0] += f", and probably in {count} more"
-        elif count and (word.is_positive or not has_effects or count > n_total / 2):
+        elif word.is_positive or not has_effects or count > n_total / 2:
             text = claim(word, "the order", "change", "the response")
             sentences.append(f"{_in_subjects(count, n_total, noun)} {text}")
     return [*map("{}.".format, sentences)]
@@ -166,11 +179,11 @@ def _direction(answer: OrderEffect, effect: str) -> str:
     """How the first stimulus seems by an effect; empty without one or without a direction."""
     if not answer.words[effect].is_positive:
         return ""
-    is_positive = answer.first_is_overestimated
+    has_positive_sign = answer.first_is_overestimated
     if effect == CONTRACTION.name:
-        is_positive = answer.direction == "contraction"
+        has_positive_sign = answer.direction == "contraction"
     positive, negative = _DIRECTIONS[effect]
-    return {True: positive, False: negative, None: ""}[is_positive]
+    return {True: positive, False: negative, None: ""}[has_positive_sign]
 
 
 def _direction_sentences(
@@ -179,42 +192,45 @@ def _direction_sentences(
     noun: str,
     group: PopulationResult | None,
 ) -> list[str]:
-    """How many subjects have which direction, and whether that explains a mean near 0.
+    """How many subjects have which direction of an effect, and whether that explains a mean near 0.
 
-    The subjects with a 'yes', or with a 'probably' if there is no 'yes'. Directions explain it if a
-    sixth of the subjects have the rarer one, and the other one is at most twice as frequent.
+    As in 'The first stimulus is overestimated in 3 subjects and underestimated in 2.' It counts the
+    subjects with a 'yes', or with a 'probably' if there is no 'yes'.
     """
     words = [answer.words[effect] for answer in answers]
     word = Word.YES if Word.YES in words else Word.PROBABLY
-    directions = Counter[str]()
+    counts = Counter[str]()
     for answer in answers:
         if answer.words[effect] is word:
-            directions[_direction(answer, effect)] += 1
-    parts = list[str]()
+            counts[_direction(answer, effect)] += 1
+
+    texts = list[str]()
     for direction in _DIRECTIONS[effect]:
-        count = directions[direction]
-        if count and not parts:
-            parts.append(f"{direction} in {plural(count, noun)}")
+        count = counts[direction]
+        if count and not texts:
+            texts.append(f"{direction} in {plural(count, noun)}")
         elif count:
-            parts.append(f"{direction.removeprefix('remembered ')} in {count}")
-    if not parts:
+            texts.append(f"{direction.removeprefix('remembered ')} in {count}")
+    if not texts:
         return []
     probably = "probably " if word is Word.PROBABLY else ""
-    sentences = [f"The first stimulus is {probably}{' and '.join(parts)}."]
-    fewest, most = sorted(directions[direction] for direction in _DIRECTIONS[effect])
+    sentences = [f"The first stimulus is {probably}{' and '.join(texts)}."]
+
+    # Directions explain a mean near 0 if at least a sixth of the subjects have the rarer one, and
+    # the other one is at most twice as frequent.
+    fewest, most = sorted(counts[direction] for direction in _DIRECTIONS[effect])
     is_mixed = fewest >= max(len(answers) / 6, 0.5 * most)
-    claim_of_mean = _near_0(group, effect)
-    if is_mixed and claim_of_mean:
-        mean = f"the mean {LABELS[effect]}"
-        sentences.append(f"These directions differ, so {mean} {claim_of_mean}.")
+    near_0 = _near_0(group, effect)
+    if is_mixed and near_0:
+        sentences.append(f"These directions differ, so the mean {LABELS[effect]} {near_0}.")
     return sentences
 
 
 def _near_0(group: PopulationResult | None, effect: str) -> str:
-    """What the interval of a group mean says of 0; empty if the mean may well differ from 0.
+    """What the interval of a group mean says of 0, as in 'is near 0'.
 
-    The interval of a mean that is near 0 lies within half an SD between subjects. A wide interval
-    does not show that the mean is small.
+    It is empty if the mean may well differ from 0. The interval of a mean that is near 0 lies
+    within half an SD between subjects: a wide interval does not show that the mean is small.
     """
     if group is None or effect not in group.identified:
         return ""
@@ -228,8 +244,9 @@ def _near_0(group: PopulationResult | None, effect: str) -> str:
 
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
-    """The subjects whom the model does not fit, and the effects that are fewer without them."""
-    misfits, good_fits = [], []
+    """The names of the subjects whom the model does not fit, and how many effects others have."""
+    misfits = []
+    good_fits = []
     for answer in answers:
         if answer.fits is False:
             misfits.append(answer)
@@ -240,6 +257,7 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     subjects = plural(len(misfits), "subject")
     names = join_names([answer.subject for answer in misfits], 5)
     lines = [f"The model does not fit {subjects}: {names}. {FALSE_ALARMS}"]
+    # Questions to which no poor fit says yes have the same count without them.
     counts = []
     for question in QUESTIONS:
         if good_fits and _count_positive(misfits, question):
@@ -251,7 +269,7 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
 
 
 def with_article(question: str) -> str:
-    """A question with its indefinite article."""
+    """A question with its indefinite article, as in 'an order effect'."""
     name = question.replace("_", " ")
     return f"an {name}" if name.startswith("o") else f"a {name}"
 
@@ -267,7 +285,7 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     Parameters
     ----------
     words : iterable of str
-        A word may have its direction in brackets.
+        Each is a :class:`Word`, perhaps with its direction in brackets.
     of_total : str
         Follows the first count, as in ' of 7 subjects'.
 
@@ -277,12 +295,13 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     >>> count_words(words, " of 4 subjects")
     '3 of 4 subjects yes (2 contraction, 1 repulsion), 1 no'
     """
-    directions = dict[str, list[str]]()
+    directions = dict[str, list[str]]()  # of each word; '' where it has none
     for text in sorted(words):
         word, _, direction = text.removesuffix(")").partition(" (")
         directions.setdefault(word, []).append(direction)
-    parts = []
-    for word in dict.fromkeys([*map(str, Word), *directions]):
+
+    texts = []
+    for word in Word:
         if word not in directions:
             continue
         text = f"{len(directions[word])}{of_total} {word}"
@@ -291,15 +310,16 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
             text += f" ({', '.join(counts)})"
         elif counts:
             text += f" ({', '.join(f'{count} {name}' for name, count in counts.items())})"
-        parts.append(text)
-        of_total = ""
-    return ", ".join(parts)
+        texts.append(text)
+        of_total = ""  # only the first count has the total
+    return ", ".join(texts)
 
 
 def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
     """All that count, as in '12 subjects' or '24 conditions of 12 subjects'."""
     if not units:
         return plural(len(answers), noun)
+    # The name of a unit is that of its subject and of its condition, as in 'S01@left'.
     n_subjects = len({answer.subject.rpartition(CONDITION_SEPARATOR)[0] for answer in answers})
     return f"{plural(len(answers), 'condition')} of {plural(n_subjects, noun)}"
 
@@ -315,7 +335,8 @@ def describe_pair(pair: PairResidual, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
     >>> describe_pair(PairResidual(3.688879, 3.296837, 0.95, 0.7))
     "For (s1, s2) = (3.69, 3.3), 95 % of the responses are 'equal', and the model expects 70 %."
     """
-    observed, expected = 100.0 * pair.observed, 100.0 * pair.expected
+    observed = 100.0 * pair.observed
+    expected = 100.0 * pair.expected
     response = f"{observed:.0f} % of the responses are {pair.answer!r}"
     stimuli = f"({unit.describe(pair.s1)}, {unit.describe(pair.s2)})"
     return f"For (s1, s2) = {stimuli}, {response}, and the model expects {expected:.0f} %."

@@ -23,8 +23,10 @@ class Word(StrEnum):
 
 
 #: Probabilities from which, and up to which, a word holds.
-YES_FROM, PROBABLY_FROM = 0.95, 0.75
-PROBABLY_NOT_UP_TO, NO_UP_TO = 0.25, 0.05
+YES_FROM = 0.95
+PROBABLY_FROM = 0.75
+PROBABLY_NOT_UP_TO = 0.25
+NO_UP_TO = 0.05
 #: The largest log Bayes factor of 'probably not'. The prior probability of an effect may be 1/3,
 #: and hardly any evidence takes it to 0.25. Only much evidence takes it to 0.05: 'no' needs none.
 PROBABLY_NOT_LOG_BAYES_FACTOR = -1.0

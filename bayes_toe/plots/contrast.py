@@ -21,7 +21,7 @@ from bayes_toe.plots.style import (
     PAGE,
     POSTERIOR,
     draw_intervals,
-    legend_below,
+    legend_outside,
     name_rows,
     new_figure,
     plain,
@@ -30,13 +30,15 @@ from bayes_toe.plots.style import (
 )
 
 _NONE = "no difference, or probably none"
-#: Heights in inches: of what is around all panels, of a panel's axis and label, of a subject in a
-#: panel, of the lowest panel.
-_AROUND, _BELOW_PANEL, _PER_SUBJECT, _LOWEST = 0.7, 0.9, 0.16, 0.7
-#: Characters of a comparison that stand beside its quantity; a longer one has a line of its own.
+#: Heights in inches: of title and legend together, of the axis and label of a panel, of a subject
+#: in a panel, and of the smallest panel.
+_TITLE_AND_LEGEND = 0.7
+_BELOW_PANEL = 0.9
+_PER_SUBJECT = 0.16
+_SMALLEST = 0.7
+#: Characters of the longest comparison beside its quantity; a longer one has a line of its own.
 _LONGEST_BESIDE = 16
-#: How a difference is drawn, in the order of the words: face of the mark, colour, words of the
-#: legend.
+#: Face of the mark, colour, and words of the legend, for each of WORDS.
 _MARKS = (
     (POSTERIOR, POSTERIOR, WORDS[0]),
     ("#9CC4E4", POSTERIOR, WORDS[1]),
@@ -64,26 +66,28 @@ def contrast(
     quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
     n_subjects = len(table.subjects)
-    panel_height = max(_LOWEST, _PER_SUBJECT * n_subjects)
+    panel_height = max(_SMALLEST, _PER_SUBJECT * n_subjects)
     if n_subjects > MAX_NAMES:
-        panel_height = 0.6 * HIGH
-    figure = new_figure(PAGE, _AROUND + (_BELOW_PANEL + panel_height) * len(comparisons))
+        panel_height = 0.6 * HIGH  # several comparisons share the page
+    figure = new_figure(PAGE, _TITLE_AND_LEGEND + (_BELOW_PANEL + panel_height) * len(comparisons))
     panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
 
-    for (row, column), ax in np.ndenumerate(panels):
-        quantity, comparison = quantities[column], comparisons[row]
+    for (i, j), ax in np.ndenumerate(panels):
+        quantity = quantities[j]
+        comparison = comparisons[i]
         rows = table.select(quantity, comparison)
-        # An unknown unit has per cent. Contractions are shares, too small to change the unit.
+        # Of an unknown unit, intervals are in per cent. A contraction is a share, which is too
+        # small to change the unit.
         percents = [row.interval(UNKNOWN_UNIT) for row in rows]
         unit = table.unit.for_percent(percents)
         _draw_subjects(ax, table, rows, unit)
         parameter, _ = QUANTITIES[quantity]
-        # Their mean difference in a group has the unit of a subject's difference.
+        # A group's difference in JND is a ratio, which has no place on the axis of subjects.
         if group is not None and parameter in (CONSTANT_ERROR, CONTRACTION):
             _draw_group(ax, group, parameter.name, comparison, unit)
         quantity_ticks(ax, parameter.name)
         ax.set_xlabel(_axis_label(quantity, comparison, unit), fontsize=LETTERS)
-        ax.tick_params(labelleft=column == 0)
+        ax.tick_params(labelleft=j == 0)
 
     title = f"What differs by {plain(table.conditions.name)}"
     if synthetic:
@@ -93,26 +97,26 @@ def contrast(
         title += "\nmarks: whether it differs between any of the conditions"
     figure.suptitle(title, fontsize=LETTERS + 1.0)
 
-    legend_below(figure, columns=len(_MARKS))
+    legend_outside(figure, columns=len(_MARKS))
     return figure
 
 
 def _axis_label(quantity: str, comparison: str, unit: StimulusUnit) -> str:
-    """Quantity, comparison and unit, with a sign of minus between the levels."""
+    """Quantity, comparison and unit, as in 'JND, right − left (%)'."""
     parameter, _ = QUANTITIES[quantity]
-    shown_unit = unit.of_differences
-    if parameter.scale != 1.0:
-        shown_unit = "%"
-    label = f"{quantity}, {plain(comparison)} ({shown_unit})"
+    unit_name = unit.of_differences
+    if parameter.scale != 1.0:  # a share
+        unit_name = "%"
+    label = f"{quantity}, {plain(comparison)} ({unit_name})"
     if len(comparison) > _LONGEST_BESIDE:
-        label = f"{quantity} ({shown_unit}),\n{plain(comparison)}"
+        label = f"{quantity} ({unit_name}),\n{plain(comparison)}"
     return label.replace(" - ", " − ")
 
 
 def _draw_subjects(
     ax: Axes, table: ContrastTable, rows: Sequence[Difference], unit: StimulusUnit
 ) -> None:
-    """One quantity of every subject; sorted by size where there are too many names to show."""
+    """Draw one quantity of every subject; more subjects than have names are sorted by size."""
     subjects = list(table.subjects)
     names = [plain(name, 16) for name in subjects]
     if len(subjects) > MAX_NAMES:
@@ -120,21 +124,22 @@ def _draw_subjects(
         names = []
 
     zero_line(ax)
+    # The legend explains each word of the table, which this panel may lack.
     words = {row.word for row in table}
     for word, (face, colour, label) in zip(WORDS, _MARKS, strict=True):
         if word not in words:
             continue
-        of_word = [row for row in rows if row.word == word]
-        y = [subjects.index(row.subject) for row in of_word]
-        sizes = np.array([row.interval(unit) for row in of_word]).reshape(-1, 3)
-        draw_intervals(ax, y, sizes.T, colour=colour, line=1.0, mfc=face, mew=0.7, label=label)
+        rows_of_word = [row for row in rows if row.word == word]
+        y = [subjects.index(row.subject) for row in rows_of_word]
+        quantiles = np.array([row.interval(unit) for row in rows_of_word]).reshape(-1, 3)
+        draw_intervals(ax, y, quantiles.T, colour=colour, line=1.0, mfc=face, mew=0.7, label=label)
     name_rows(ax, len(subjects), names)
 
 
 def _draw_group(
     ax: Axes, group: PopulationResult, parameter: str, comparison: str, unit: StimulusUnit
 ) -> None:
-    """The mean difference of the group as a band, in the unit of the panel."""
+    """Draw the interval of a group's mean difference as a band, and its median as a line."""
     for row in group.table.select("difference", parameter):
         if row.level == comparison:
             low, middle, high = group.in_units(parameter, row.interval, unit)

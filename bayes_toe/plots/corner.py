@@ -56,14 +56,20 @@ COORDINATES = ("natural", "identified")
 BINS = 60
 #: Bins beyond either end of a panel, where contours close.
 AROUND = 2
-#: Shares of the draws inside the contours; quantiles between which a panel shows its quantity.
-LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
-#: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: above
-#: the normal reference rule, since contours of few draws wobble.
+#: Shares of the draws inside the contours.
+LEVELS = (0.5, 0.95)
+#: Quantiles between which a panel shows its quantity.
+SPANNED = (0.005, 0.995)
+#: Bins by which counts are smoothed, times the sixth root of the number of distinct draws. A panel
+#: is about six SD wide. The factor is 1 in the normal reference rule, but contours of few draws
+#: wobble.
 _SMOOTHING = 1.4 * BINS / 6.0
-#: Bins of a curve on the diagonal; by how many it is smoothed, times the fifth root of the draws.
-_FINE, _SMOOTHING_OF_CURVE = 240, 1.2 * 240 / 6.0
-PRIOR, TRUTH = "#999999", WEAKER_FIRST
+#: Bins of a curve on the diagonal.
+_FINE = 240
+#: Bins by which a curve is smoothed, times the fifth root of the number of distinct draws.
+_SMOOTHING_OF_CURVE = 1.2 * _FINE / 6.0
+PRIOR = "#999999"
+TRUTH = WEAKER_FIRST
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
 OVERLAID = (
     (POSTERIOR, "solid"),
@@ -71,8 +77,12 @@ OVERLAID = (
     ("#00704F", "dotted"),
     ("#A0458A", "dashdot"),
 )
-#: Panels a side that leave no corner free for the key, the share of the height below it.
-_FEW_PANELS, _BELOW_KEY = 2, 0.76
+#: Style of the true values of several subjects.
+_TRUTHS: Style = {"mec": "black", "mew": 0.8, "zorder": 5}
+#: Up to so many panels a side leave no corner free for the key, which then stands above them.
+_FEW_PANELS = 2
+#: The share of the height below such a key.
+_BELOW_KEY = 0.76
 
 
 def corner(
@@ -124,37 +134,38 @@ def corner(
     subject_names = _subject_names(subject)
     targets = [draws.posterior(name) for name in subject_names]
     names = quantity_names(targets[0], coordinates)
-    quantities_of_subjects = []
+    natural_values = []  # draws of each subject, in natural logs
     for name in subject_names:
-        quantities_of_subjects.append({key: draws.values(name, key).ravel() for key in names})
-    unit = shown_unit(targets[0].subject.unit, quantities_of_subjects)
+        natural_values.append({key: draws.values(name, key).ravel() for key in names})
+    unit = shown_unit(targets[0].subject.unit, natural_values)
 
-    subjects, limits = [], []
-    for target, values, (colour, line) in zip(
-        targets, quantities_of_subjects, OVERLAID, strict=False
-    ):
+    samples = []
+    limits = []
+    for target, values, (colour, line) in zip(targets, natural_values, OVERLAID, strict=False):
         target = in_unit(target, unit)
         columns = [axis_values(key, values[key], unit) for key in names]
         true_values = all_true_values(truths.get(target.subject.name, {}), target)
         limits.append(axis_limits(columns, names, target, true_values))
         truth = [true_values.get(key, np.nan) for key in names]
-        subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
+        samples.append(_Sample(target, names, np.stack(columns), truth, colour, line))
 
-    lowest, highest = np.min(limits, axis=0)[:, 0], np.max(limits, axis=0)[:, 1]
+    # The limits have the shape (subjects, quantities, 2).
+    lowest = np.min(limits, axis=0)[:, 0]
+    highest = np.max(limits, axis=0)[:, 1]
     spans = np.column_stack([lowest, highest]).tolist()
     fig = fig or _new_figure(len(spans))
-    for panel in subjects:
-        axes = _draw_posterior(fig, panel, spans, is_single=len(subjects) == 1)
+    for sample in samples:
+        axes = _draw_posterior(fig, sample, spans, is_single=len(samples) == 1)
     if prior is not None:
-        for panel in subjects:
-            _draw_prior(axes.diagonal(), panel, spans, draws.model, prior)
+        for sample in samples:
+            _draw_prior(axes.diagonal(), sample, spans, draws.model, prior)
     _arrange_axes(axes)
-    _write_key(fig, draws, subjects, len(spans), has_prior=prior is not None)
+    _write_key(fig, draws, samples, len(spans), has_prior=prior is not None)
     return fig
 
 
 def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
-    """The subjects of a plot, one to four."""
+    """The names of the subjects of a plot; none, more than four and repeated ones are refused."""
     if isinstance(subject, str | int | np.integer):
         return [name_from_key(subject)]
     names = [*map(name_from_key, subject)]
@@ -169,10 +180,11 @@ def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
 # --- quantities -----------------------------------------------------------------------------------
 
 
-class _SubjectDraws(NamedTuple):
-    """Draws of a subject as axes show them, (quantities, draws), its true values, its line.
+class _Sample(NamedTuple):
+    """Draws of a subject as axes show them, with true values, colour and style of line.
 
-    The true value of a quantity is NaN if it is not known.
+    `columns` has the shape (quantities, draws). The true value of a quantity is NaN if it is not
+    known.
     """
 
     target: SubjectPosterior
@@ -213,7 +225,7 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
 
 
 def shown_unit(unit: StimulusUnit, columns: Iterable[NamedArrays]) -> StimulusUnit:
-    """The unit in which axes show draws of quantities, in natural logs."""
+    """The unit in which axes show draws, natural logs; an item of `columns` has one subject's."""
     ends = []
     for quantities_of_subject in columns:
         for name, values in quantities_of_subject.items():
@@ -278,21 +290,26 @@ def axis_limits(
 ) -> list[Span]:
     """Axis limits of quantities, within their support, with the true values that are known.
 
-    A few draws far out in a funnel do not squeeze all others into one bin.
+    Quantiles in place of the ends: a few draws far out in a funnel would squeeze all others into
+    one bin.
     """
     spans = []
     for values, name in zip(columns, names, strict=True):
         low, high = np.quantile(values, SPANNED).tolist()
-        low, high = min(low, truth.get(name, low)), max(high, truth.get(name, high))
-        pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
+        low = min(low, truth.get(name, low))
+        high = max(high, truth.get(name, high))
+        if high > low:
+            pad = 0.08 * (high - low)
+        else:  # all draws are equal, perhaps 0, and an axis needs a width
+            pad = 0.5 * abs(low) + 1e-12
         lowest, highest = axis_values(name, support(target, name), target.subject.unit).tolist()
         spans.append((max(low - pad, lowest), min(high + pad, highest)))
     return spans
 
 
 def support(target: SubjectPosterior, name: str) -> Span:
-    """The range of a quantity."""
-    # What several parameters determine has no prior of its own.
+    """The smallest and the largest possible value of a quantity, in natural logs."""
+    # A quantity that several parameters determine has no prior of its own.
     if name in ("offset", "pse_shift"):
         return -np.inf, np.inf
     if name in ("zone", "width", "jnd") or name.startswith("sigma"):
@@ -304,8 +321,9 @@ def _require_possible(name: str, value: float, target: SubjectPosterior) -> None
     """Refuse a true value that the quantity cannot have."""
     low, high = support(target, name)
     rule = f"a finite number from {low:g} to {high:g}"
-    if name == "sigma_p":
-        low, rule = np.nextafter(0.0, 1.0), "a positive finite number"
+    if name == "sigma_p":  # gamma = (sigma_l / sigma_p)^2 does not exist at 0
+        low = np.nextafter(0.0, 1.0)
+        rule = "a positive finite number"
     require_kind(f"truths: {name}", value, Real, rule)
     is_finite = np.isfinite(axis_values(name, value, target.subject.unit))
     if not (is_finite and low <= value <= high):
@@ -321,19 +339,19 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
             )
         _require_possible(name, value, target)
 
-    # NaN stands for an unknown value, and marks what cannot be known without it.
+    # An unknown value is NaN, and so is every quantity that depends on it.
     natural = {}
     for name in target.names.natural:
         natural[name] = np.asarray(truths.get(name, np.nan), np.float64)
     if isinstance(target, PaperPosterior) and set(NATURAL) <= set(natural):
-        # The paper's parameters may also lie outside the prior's support.
+        # The equations of 'same or different' also take values outside the prior's support.
         parameters = Natural(*(natural[name] for name in NATURAL))
         derived = quantities(parameters, target.sbar)
     else:
         derived = target.quantities(target.points(natural))
 
     true_values = {name: float(value) for name, value in derived.items() if np.isfinite(value)}
-    true_values |= truths
+    true_values |= truths  # a given value goes before a derived one
     unit = target.subject.unit
     return {name: float(axis_values(name, value, unit)) for name, value in true_values.items()}
 
@@ -344,23 +362,26 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
 def contour_grid(
     x: FloatArray, y: FloatArray, across: Span, up: Span
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Smoothed counts of draws in the bins of a panel of these limits, and levels of contours.
+    """Smoothed counts of draws `x`, `y` in the bins of a panel, and levels of contours.
 
-    Returns the middles of the bins across and upward, (BINS + 4,) each, since there are two more
-    bins on every side; the counts, upward and across; and their levels in ascending order. The
-    outermost bins have the least of all, the next ones those of their inner neighbours. The shares
-    :data:`LEVELS` of all draws, shape (draws,) each, lie above the levels, linear between middles.
-    Where all draws are one point there is one level.
+    `across` and `up` are the limits of the panel. Returns the middles of the bins across and
+    upward, shape (BINS + 4,) each; the counts, shape (bins upward, bins across); and the levels in
+    ascending order. The shares :data:`LEVELS` of all draws lie above the levels. If all draws are
+    one point, there is one level.
     """
     counts, _, _ = np.histogram2d(y, x, BINS, [up, across])
     n_distinct = len(np.unique(x))  # a draw that is repeated says nothing new
     smooth = gaussian_filter(counts, _SMOOTHING * n_distinct ** (-1.0 / 6.0))
+
+    # Two more bins on each side: the density goes on, and then drops, so that contours close.
     continued = np.pad(smooth, 1, mode="edge")
     values = np.pad(continued, 1, constant_values=smooth.min())
-    shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS  # of a panel, at bin middles
+    # Middles of bins as shares of the panel.
+    shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS
     middle_x = across[0] + (across[1] - across[0]) * shares
     middle_y = up[0] + (up[1] - up[0]) * shares
-    # Outside it is less than any density.
+
+    # The density at draws outside the panel is below any level.
     density = RegularGridInterpolator(
         (middle_y, middle_x), values, bounds_error=False, fill_value=-1.0
     )
@@ -384,22 +405,22 @@ def corner_package() -> Any:
 
 
 def _draw_posterior(
-    figure: Figure, panel: _SubjectDraws, spans: Sequence[Span], *, is_single: bool
+    figure: Figure, sample: _Sample, spans: Sequence[Span], *, is_single: bool
 ) -> npt.NDArray[Any]:
-    """Draw densities, contours and true values of one subject; return the panels.
+    """Draw densities, contours and true values of one subject; return the panels as a matrix.
 
-    They are drawn over what the panels have already.
+    Later subjects are drawn over the panels of the first one.
     """
     corner_package().corner(
-        panel.columns.T,
+        sample.columns.T,
         fig=figure,
         range=spans,
-        labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
+        labels=[axis_label(name, sample.target.subject.unit) for name in sample.names],
         label_kwargs={"fontsize": 9.5},
         labelpad=0.05,
         max_n_ticks=4,
         use_math_text=True,
-        color=panel.colour,
+        color=sample.colour,
         hist_kwargs={"alpha": 0.0},  # curves instead
         quantiles=MARKED if is_single else None,
         plot_datapoints=False,
@@ -408,57 +429,74 @@ def _draw_posterior(
     )
 
     axes = np.array(figure.axes).reshape(len(spans), len(spans))
-    style: Style = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
-    lines: Style = {"colors": panel.colour, "linestyles": panel.line}
-    for j, i in combinations(range(len(spans)), 2):
-        ax, x, y = axes[i, j], panel.truth[j], panel.truth[i]
-        draws = panel.columns[j], panel.columns[i]
-        *middles, counts, levels = contour_grid(*draws, spans[j], spans[i])
+    _draw_contours(axes, sample, spans, is_single=is_single)
+    _draw_curves(axes.diagonal(), sample, spans, is_single=is_single)
+    return axes
+
+
+def _draw_contours(
+    axes: npt.NDArray[Any], sample: _Sample, spans: Sequence[Span], *, is_single: bool
+) -> None:
+    """Draw contours and true values of one subject in the panels below the diagonal."""
+    lines: Style = {"colors": sample.colour, "linestyles": sample.line}
+    for column, row in combinations(range(len(spans)), 2):
+        ax = axes[row, column]
+        draws = sample.columns[column], sample.columns[row]
+        *middles, counts, levels = contour_grid(*draws, spans[column], spans[row])
         ax.contour(*middles, counts, levels, linewidths=1.5, zorder=1.5, **lines)
+        x = sample.truth[column]
+        y = sample.truth[row]
         if is_single:
-            colours = [(panel.colour, 1.0 / 3.0), panel.colour][-len(levels) :]
-            ax.contourf(*middles, counts, [*levels, 2.0 * counts.max()], colors=colours)
+            # Areas from level to level, the last one up to a bound that no count reaches. There is
+            # one level if all draws are one point.
+            bounds = [*levels, 2.0 * counts.max()]
+            colours = [(sample.colour, 1.0 / 3.0), sample.colour][-len(levels) :]
+            ax.contourf(*middles, counts, bounds, colors=colours)
             ax.plot(x, y, "s", color=TRUTH)
             ax.axvline(x, color=TRUTH)
             ax.axhline(y, color=TRUTH)
         else:  # lines would be taken for medians
-            ax.plot(x, y, "s", ms=5, **style)
+            ax.plot(x, y, "s", ms=5, color=sample.colour, **_TRUTHS)
 
-    diagonal = zip(axes.diagonal(), panel.columns, spans, panel.truth, strict=True)
-    for ax, values, span, true_value in diagonal:
-        ax.plot(*_smooth_density(values, span), color=panel.colour, lw=1.4, ls=panel.line)
+
+def _draw_curves(
+    diagonal: npt.NDArray[Any], sample: _Sample, spans: Sequence[Span], *, is_single: bool
+) -> None:
+    """Draw curves of density, medians or intervals, and true values on the diagonal."""
+    panels = zip(diagonal, sample.columns, spans, sample.truth, strict=True)
+    for ax, values, span, true_value in panels:
+        ax.plot(*_smooth_density(values, span), color=sample.colour, lw=1.4, ls=sample.line)
         low, median, high = np.quantile(values, MARKED)
         if is_single:
             texts = rounded(low, high, low, median, high)
-            if len(texts[1]) > 9:
+            if len(texts[1]) > 9:  # too long for the width of a panel
                 texts = list(map("{:.2g}".format, (low, median, high)))
             ax.set_title(format_estimate(*texts), fontsize=9.0)
             ax.axvline(true_value, color=TRUTH)
         else:
-            ax.axvline(median, color=panel.colour, lw=1.0, ls=panel.line)
-            ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, **style)
-    return axes
+            ax.axvline(median, color=sample.colour, lw=1.0, ls=sample.line)
+            ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, color=sample.colour, **_TRUTHS)
 
 
 def _draw_prior(
     diagonal: npt.NDArray[Any],
-    panel: _SubjectDraws,
+    sample: _Sample,
     spans: Sequence[Span],
     model: str,
     prior: Prior,
 ) -> None:
-    """Marginals of a prior, on the scale of the posterior."""
-    subject = panel.target.subject
-    drawn = prior_values(model_posterior(model, subject, prior))
-    for ax, name, span in zip(diagonal, panel.names, spans, strict=True):
-        values = axis_values(name, drawn[name], subject.unit)
-        ax.plot(*_smooth_density(values, span), color=PRIOR, lw=1.4, ls=panel.line)
+    """Draw the marginals of a prior over those of the posterior, as shares of the same bins."""
+    subject = sample.target.subject
+    draws = prior_values(model_posterior(model, subject, prior))
+    for ax, name, span in zip(diagonal, sample.names, spans, strict=True):
+        values = axis_values(name, draws[name], subject.unit)
+        ax.plot(*_smooth_density(values, span), color=PRIOR, lw=1.4, ls=sample.line)
 
 
 def _smooth_density(values: FloatArray, span: Span) -> tuple[FloatArray, FloatArray]:
-    """Points of a curve on the diagonal, and the density there."""
+    """Middles of the bins of a curve on the diagonal, and the smoothed share of draws in each."""
     counts, edges = np.histogram(values, _FINE, span)
-    n_distinct = len(np.unique(values))
+    n_distinct = len(np.unique(values))  # a draw that is repeated says nothing new
     smooth = gaussian_filter(counts / len(values), _SMOOTHING_OF_CURVE * n_distinct**-0.2)
     return 0.5 * (edges[1:] + edges[:-1]), smooth
 
@@ -467,14 +505,13 @@ def _smooth_density(values: FloatArray, span: Span) -> tuple[FloatArray, FloatAr
 
 
 def _arrange_axes(axes: npt.NDArray[Any]) -> None:
-    """Leave room above curves and no ticks near an end, where labels touch the next panel.
-
-    An offset or a power of ten stands beside the name of its axis.
-    """
+    """Set limits, ticks and labels of the panels, which have their curves."""
+    # Room above the curves. Lines of other lengths are quantiles and true values.
     for ax in axes.diagonal():
         densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
         ax.set_ylim(0.0, 1.1 * np.max(densities))
 
+    # No ticks near an end, where their labels touch the next panel.
     for ax in axes.flat:
         for axis in (ax.xaxis, ax.yaxis):
             low, high = axis.get_view_interval()
@@ -482,30 +519,32 @@ def _arrange_axes(axes: npt.NDArray[Any]) -> None:
             ticks = np.asarray(axis.get_majorticklocs())
             axis.set_ticks(ticks[(ticks >= low + margin) & (ticks <= high - margin)])
 
+    # An offset or a power of ten stands beside the name of its axis.
     for axis in [*(ax.xaxis for ax in axes[-1]), *(ax.yaxis for ax in axes[1:, 0])]:
         formatter = axis.get_major_formatter()
-        formatter.format_ticks(axis.get_majorticklocs())
-        scale = formatter.get_offset()
+        formatter.format_ticks(axis.get_majorticklocs())  # computes the offset
+        offset = formatter.get_offset()
         axis.get_offset_text().set_visible(False)
-        if scale:
-            axis.set_label_text(f"{axis.get_label_text()} {scale}", fontsize=7.0)
+        if offset:
+            axis.set_label_text(f"{axis.get_label_text()} {offset}", fontsize=7.0)
 
 
 def _new_figure(n_panels: int) -> Figure:
     """A figure for so many panels a side, with room above few panels for the key."""
-    side = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1  # with the margins of corner
-    return Figure(figsize=(side, side / _BELOW_KEY if n_panels <= _FEW_PANELS else side))
+    width = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1  # with the margins of corner
+    height = width / _BELOW_KEY if n_panels <= _FEW_PANELS else width
+    return Figure(figsize=(width, height))
 
 
 def _write_key(
     figure: Figure,
     draws: Draws,
-    subjects: Sequence[_SubjectDraws],
+    samples: Sequence[_Sample],
     n_panels: int,
     *,
     has_prior: bool,
 ) -> None:
-    """Subjects, model, lines and marks: above few panels, or in the corner that more leave free."""
+    """Write what lines and marks mean, above few panels or in the corner that more leave free."""
     style: Style = {
         "loc": "upper right",
         "alignment": "left",
@@ -515,26 +554,26 @@ def _write_key(
     }
     if n_panels <= _FEW_PANELS:
         style["loc"] = "upper left"
-        margins = figure.subplotpars
+        margins = figure.subplotpars  # the panels give up the height of the key
         figure.subplots_adjust(bottom=_BELOW_KEY * margins.bottom, top=_BELOW_KEY * margins.top)
 
     names = []
-    for panel in subjects:
-        name = panel.target.subject.name
+    for sample in samples:
+        name = sample.target.subject.name
         missing = "\nNOT CONVERGED" if name in draws.not_converged else ""
         names.append(plain(name, 24) + missing)
 
     handles: list[Artist] = []
     if len(names) == 1:
         style |= {"title": names[0], "title_fontproperties": {"size": 14.0, "weight": "bold"}}
-        if n_panels > 1:
+        if n_panels > 1:  # there are contours
             handles.append(Patch(color=POSTERIOR, label="50 % of the draws"))
             handles.append(Patch(fc=(POSTERIOR, 1.0 / 3.0), ec=POSTERIOR, label="95 %"))
         handles.append(_line("median, 95 % interval", color=POSTERIOR, ls="dashed"))
         truth = _line("true value", color=TRUTH, marker="s")
     else:
-        for panel, name in zip(subjects, names, strict=True):
-            handles.append(_line(f"{name}, median", color=panel.colour, ls=panel.line))
+        for sample, name in zip(samples, names, strict=True):
+            handles.append(_line(f"{name}, median", color=sample.colour, ls=sample.line))
         mark: Style = {"ls": "", "mec": "black"}
         if n_panels > 1:
             handles.append(_line("50 and 95 % of the draws", marker="o", ms=8, mfc="none", **mark))
@@ -542,7 +581,7 @@ def _write_key(
 
     if has_prior:
         handles.append(_line("prior", color=PRIOR))
-    if np.isfinite([panel.truth for panel in subjects]).any():
+    if np.isfinite([sample.truth for sample in samples]).any():
         handles.append(truth)
     synthetic = ", synthetic data" if draws.synthetic else ""
     handles.append(_line(fill(model_title(draws.model) + synthetic, 40), ls=""))
@@ -550,5 +589,5 @@ def _write_key(
 
 
 def _line(label: str, **style: Any) -> Line2D:
-    """A line of the key."""
+    """A line or a mark of the key, which no panel shows; `style` is matplotlib's."""
     return Line2D([], [], label=label, **style)

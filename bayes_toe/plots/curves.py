@@ -40,9 +40,9 @@ from bayes_toe.plots.style import (
     even_columns,
     explain_curves,
     grid_panels,
+    grid_rows,
     label_outer,
-    legend_below,
-    n_rows,
+    legend_outside,
     new_figure,
     plain,
     proportion_axis,
@@ -51,7 +51,7 @@ from bayes_toe.plots.style import (
     write_note,
 )
 
-#: Panels of one stimulus each, at most; pooled points of an order in a panel.
+#: Panels of a figure, and pooled points of an order in a panel, at most.
 MOST_PANELS = 6
 #: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws,
 #: pairs).
@@ -88,9 +88,12 @@ def curves(source: Analysis | Draws, subject: str) -> Figure:
     """
     if isinstance(source, Draws):
         fitted = Predictor.from_draws(source, subject, n_draws=600)
-        model, draws = model_title(source.model), source
+        model = model_title(source.model)
+        draws = source
     else:
-        fitted, model, draws = source.curve(subject), "average of the four models", source.draws
+        fitted = source.curve(subject)
+        model = "average of the four models"
+        draws = source.draws
     title = f"{plain(subject)}: {model}"
     if draws.synthetic:
         title += " (synthetic data)"
@@ -100,21 +103,27 @@ def curves(source: Analysis | Draws, subject: str) -> Figure:
 
 
 def fitted_figure(fitted: Predictor, title: str) -> Figure:
-    """The responses and curves of the subject whose posterior draws these are."""
+    """Draw the responses and curves of a subject in panels by weaker or by first stimulus."""
     counts = fitted.target.subject
-    weaker = np.unique(_weaker(counts))
+    # The paper's model has no curves for 'first' and 'second'.
     has_three_curves = (
         isinstance(fitted.target, ObserverPosterior) and counts.task.has_three_answers
     )
     is_by_first = counts.task == WHICH_STRONGER or has_three_curves
+    weaker = np.unique(_weaker(counts))
     is_by_weaker = not is_by_first and 0 < len(weaker) <= MOST_PANELS
-    firsts = np.unique(counts.s1)
-    stimulus, groups = "first", np.array_split(firsts, min(len(firsts), MOST_PANELS))
+    # The stimuli of each panel.
     if is_by_weaker:
-        stimulus, groups = "weaker", [*weaker[:, None]]
+        stimulus_name = "weaker"
+        groups = [*weaker[:, None]]
+    else:
+        firsts = np.unique(counts.s1)
+        stimulus_name = "first"
+        groups = np.array_split(firsts, min(len(firsts), MOST_PANELS))
 
     n_columns = even_columns(len(groups), largest=2)
-    figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * n_rows(len(groups), n_columns) + 0.9)
+    figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * grid_rows(len(groups), n_columns) + 0.9)
+    # The legend of a subfigure stands below the title of its figure.
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
     for ax, group in zip(panels, groups, strict=True):
@@ -125,9 +134,9 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         else:
             first_panel(ax, counts, fitted.yes, group)
         if len(groups) > 1:
-            ax.set_title(_describe_group(counts, group, stimulus), loc="left", fontsize=SMALL)
+            ax.set_title(_describe_group(counts, group, stimulus_name), loc="left", fontsize=SMALL)
     finish_panels(panels, n_columns)
-    legend_below(below_title, side="upper")
+    legend_outside(below_title, side="upper")
     figure.suptitle(title, fontsize=LETTERS + 1.0)
     return figure
 
@@ -138,17 +147,17 @@ def mean_first(counts: Subject) -> float:
 
 
 def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
-    """Axes of panels of responses that share their limits, and what the legend says of curves."""
-    proportion_axis(panels[0])
+    """Set axes and labels of panels of responses, and add the curves to the legend."""
+    proportion_axis(panels[0])  # the panels share this axis
     label_outer(panels, n_columns)
     explain_curves(panels[0])
 
 
-def _describe_group(counts: Subject, group: FloatArray, stimulus: str) -> str:
-    """Words for the panel of these weaker or first stimuli (ln)."""
+def _describe_group(counts: Subject, group: FloatArray, stimulus_name: str) -> str:
+    """The title of a panel of sorted stimuli (ln), as in 'first stimulus 20 to 25 g'."""
     numbers, unit = counts.unit.numbers(group[[0, -1]], mean_first(counts))
-    ends = " to ".join(dict.fromkeys(numbers))
-    return f"{stimulus} stimulus {ends} {unit}".replace("-", "−")
+    ends = " to ".join(dict.fromkeys(numbers))  # one number if both are the same
+    return f"{stimulus_name} stimulus {ends} {unit}".replace("-", "−")
 
 
 # --- panels ---------------------------------------------------------------------------------------
@@ -181,9 +190,12 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
     stronger = np.maximum(counts.s1, counts.s2)
     is_in_panel = pairs_with_weaker(counts, weaker)
     low = float(stronger[is_in_panel].min(initial=weaker))
-    high = max(float(stronger[is_in_panel].max(initial=weaker)), weaker + 1e-9)
-    x, equal = np.linspace([weaker, low], high, POINTS, axis=1)
+    high = float(stronger[is_in_panel].max(initial=weaker))
+    high = max(high, weaker + 1e-9)  # a curve needs two ends
+    x = np.linspace(weaker, high, POINTS)
+    equal = np.linspace(low, high, POINTS)
     fixed = np.full_like(x, weaker)
+    # The first and second stimuli along the curve of each order.
     pairs = {0: (equal, equal), -1: (fixed, x), 1: (x, fixed)}
 
     order = presentation_order(counts)
@@ -203,13 +215,13 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
 def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> None:
     """P of the counted answer over s2 - s1 of all pairs with one of these first stimuli (ln).
 
-    The curve is that of the first stimulus in the middle of them.
+    The curve is that of their middle one.
     """
     difference = counts.s2 - counts.s1
-    pad = 0.05 * max(float(np.ptp(difference)), 1e-9)
+    pad = 0.05 * max(float(np.ptp(difference)), 1e-9)  # above 0 if all differences are the same
     x = np.linspace(difference.min() - pad, difference.max() + pad, POINTS)
-    fixed = np.full_like(x, firsts[len(firsts) // 2])
-    draw_band(ax, x, curve(fixed, fixed + x), _INK)
+    middle_first = np.full_like(x, firsts[len(firsts) // 2])
+    draw_band(ax, x, curve(middle_first, middle_first + x), _INK)
     is_in_panel = np.isin(counts.s1, firsts)
     for mark, has_order in rows_by_order(presentation_order(counts)):
         rows = has_order & is_in_panel
@@ -225,17 +237,20 @@ def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray
 
     Pairs whose difference is the same are pooled. The marks of the answers stand side by side.
     """
-    rows, steps = np.isin(counts.s1, firsts), counts.steps
-    # Which pairs have each difference, (differences, pairs).
-    groups = rows & (steps == np.unique(steps[rows])[:, None])
+    is_in_panel = np.isin(counts.s1, firsts)
+    steps = counts.steps  # s2 - s1
+    # Which pairs have each difference, shape (differences, pairs).
+    groups = is_in_panel & (steps == np.unique(steps[is_in_panel])[:, None])
+    weights = groups * counts.n_trials
     expected = fitted.answers(counts.s1, counts.s2)
-    answered = {"first": counts.n_first, "equal": counts.n_yes, "second": counts.n_second}
-    for position, (answer, n_answers) in enumerate(answered.items(), start=-1):
-        shift = position * _SHIFT * np.ptp(steps[rows])
-        n_given = cast(IntArray, n_answers)
-        # The style of the order in which the answer is right.
+    n_by_answer = {"first": counts.n_first, "equal": counts.n_yes, "second": counts.n_second}
+    # The marks stand at the left, in the middle and at the right.
+    for position, (answer, n_answers) in enumerate(n_by_answer.items(), start=-1):
+        shift = position * _SHIFT * np.ptp(steps[is_in_panel])
+        # The style of the order in which the answer is right: 'first' if s1 > s2.
         mark = ORDERS[-position]._replace(label=repr(answer))
-        _draw_pooled(ax, groups * counts.n_trials, steps, expected[answer], n_given, mark, shift)
+        n_present = cast(IntArray, n_answers)  # three answers have all counts
+        _draw_pooled(ax, weights, steps, expected[answer], n_present, mark, shift)
     difference_axis(ax, counts.unit)
     ax.set_ylabel("proportion")
 
@@ -245,13 +260,16 @@ def correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
 
     Pairs with neighbouring middles are pooled where there are more than six middles.
     """
-    middle, order = 0.5 * (counts.s1 + counts.s2), presentation_order(counts)
-    p_yes, is_yes_correct = curve(counts.s1, counts.s2), order < 0
-    p_correct = np.where(is_yes_correct, p_yes, 1.0 - p_yes)
-    n_correct = np.where(is_yes_correct, counts.n_yes, counts.n_trials - counts.n_yes)
+    middle = 0.5 * (counts.s1 + counts.s2)
+    order = presentation_order(counts)
+    p_second = curve(counts.s1, counts.s2)
+    is_second_stronger = order < 0
+    p_correct = np.where(is_second_stronger, p_second, 1.0 - p_second)
+    n_correct = np.where(is_second_stronger, counts.n_yes, counts.n_trials - counts.n_yes)
 
-    parts = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
-    groups = np.array([np.isin(middle, part) for part in parts])
+    # Equal stimuli have no correct answer.
+    neighbours = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
+    groups = np.array([np.isin(middle, middles) for middles in neighbours])
     for sign in (-1, 1):
         shift = sign * _SHIFT * np.ptp(middle)
         weights = (groups & (order == sign)) * counts.n_trials
@@ -271,10 +289,11 @@ def _draw_pooled(
     mark: Mark,
     shift: float,
 ) -> None:
-    """Shares and bands of groups of pairs.
+    """Draw observed shares of an answer, and the expected band, of groups of pairs.
 
     `weights` has the trials of the pairs of each group, shape (groups, pairs); groups without
-    trials are left out. The shares stand by `shift` beside the mean of `x`.
+    trials are left out. `expected` has P of the answer, shape (draws, pairs). The observed shares
+    stand by `shift` beside the mean of `x`.
     """
     weights = weights[weights.any(axis=1)]
     n_trials = weights.sum(axis=1)
@@ -285,6 +304,7 @@ def _draw_pooled(
 
 
 def _draw_half(ax: Axes, label: str) -> None:
+    """Draw a dotted line at the proportion one half."""
     ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label=label)
 
 
@@ -303,9 +323,10 @@ def main_weaker(counts: Subject) -> float:
 
 
 def pairs_with_weaker(counts: Subject, weaker: float) -> BoolArray:
-    """Pairs with this weaker stimulus, and pairs of equal stimuli that are not weaker.
+    """Which pairs the panel of a weaker stimulus has.
 
-    The panel of the weakest stimulus has all pairs of equal stimuli.
+    They are the pairs with this weaker stimulus, and pairs of equal stimuli from it upward. The
+    panel of the weakest stimulus has all pairs of equal stimuli.
     """
     has_weaker = np.minimum(counts.s1, counts.s2) == weaker
     is_equal = counts.s1 == counts.s2
@@ -314,10 +335,11 @@ def pairs_with_weaker(counts: Subject, weaker: float) -> BoolArray:
 
 
 def draw_shares(ax: Axes, x: FloatArray, n_yes: IntArray, n_trials: IntArray, mark: Mark) -> None:
-    """The Laplace estimator and its standard deviation, Eq. e:2b."""
+    """Draw the Laplace estimator of shares with its standard deviation, Eq. e:2b."""
     style: Style = {"ms": 4.0, "elinewidth": 0.9}
-    if len(x) > 25:
+    if len(x) > 25:  # points overlap
         style = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
     style |= {"color": mark.colour, "mec": "white", "mew": 0.5}
-    value, error = laplace_estimate(n_yes, n_trials), laplace_error(n_yes, n_trials)
+    value = laplace_estimate(n_yes, n_trials)
+    error = laplace_error(n_yes, n_trials)
     ax.errorbar(x, value, error, fmt=mark.marker, label=mark.label, **style)

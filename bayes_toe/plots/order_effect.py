@@ -39,7 +39,7 @@ from bayes_toe.plots.style import (
 
 
 class QuestionStyle(NamedTuple):
-    """Colour and marker of an effect, and the size of a subject and of a group in a forest."""
+    """How the forest of an effect looks, and the names of its size in answers and in a group."""
 
     name: str
     colour: str
@@ -120,10 +120,10 @@ def order_effect(
 
 
 def forest_height(subjects: int) -> float:
-    """Inches that a figure of so many subjects needs."""
+    """Inches that a figure of so many subjects needs, with 1.2 for title and labels."""
     if subjects > MAX_NAMES:
         return 1.2 + HIGH
-    return 1.2 + 0.17 * (subjects + 2)
+    return 1.2 + 0.17 * (subjects + 2)  # two rows for the group
 
 
 def forests(
@@ -136,18 +136,20 @@ def forests(
     is_crowded = len(answers) > MAX_NAMES
     if is_crowded:
         answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
-    last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
+    # Below the last subject, or below the group.
+    lowest_y = len(answers) - 0.5 if group is None else len(answers) + 1.0
 
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
         words = [answer.words[question.name] for answer in answers]
         sizes, unit = _sizes(answers, group, question)
         _draw_sizes(ax, words, sizes, question)
-        if group is not None:
+        if group is not None:  # a line between subjects and group
             ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
 
         limits = _limits(sizes)
-        n_cut = int(np.sum((sizes[:, 0] < limits[0]) | (sizes[:, 2] > limits[1])))
+        low, _, high = sizes.T
+        n_cut = int(np.sum((low < limits[0]) | (high > limits[1])))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
 
@@ -156,15 +158,17 @@ def forests(
             title += f"\n{words.count(Word.YES)} yes, {words.count(Word.PROBABLY)} probably"
         ax.set_title(title, loc="left", fontsize=LETTERS)
         label = question.axis.format(unit=unit.of_differences)
-        ax.set(xlabel=label, xlim=limits, ylim=(last_row, -0.6), yticks=[])
+        ax.set(xlabel=label, xlim=limits, ylim=(lowest_y, -0.6), yticks=[])
         ax.locator_params(axis="x", nbins=5)
         style_axes(ax)
         quantity_ticks(ax, question.name)
         if is_crowded:
             continue
+        # Words stand right of the panel, whose width is 1, at the height of their row.
+        transform = ax.get_yaxis_transform()
         for row, answer in enumerate(answers):
             line = answer.lines[question.name]
-            text, transform = line.word + line.marks, ax.get_yaxis_transform()
+            text = line.word + line.marks
             ax.text(1.02, row, text, transform=transform, va="center", fontsize=SMALL)
     _write_names(panels[0], answers, group, is_crowded=is_crowded)
 
@@ -172,14 +176,15 @@ def forests(
 def _sizes(
     answers: Sequence[OrderEffect], group: PopulationResult | None, question: QuestionStyle
 ) -> tuple[FloatArray, StimulusUnit]:
-    """Medians and 95 % intervals, and their unit.
+    """Sizes of the subjects and, in the last row, of the group; and the unit of constant errors.
 
-    A row a subject, and the last one of the group; NaN where there is none.
+    The columns are the median between the ends of the 95 % interval; NaN where there is none.
     """
     sizes = np.full((len(answers) + 1, 3), np.nan)
     for row, answer in enumerate(answers):
         if answer.words[question.name] in _FILLS:
             sizes[row] = answer.sizes[question.size]
+    # All subjects of a study have the same unit.
     unit = answers[0].unit.for_percent(_limits(sizes))
     if group is not None and question.name in group.identified:
         sizes[-1] = group.table.row("mean", question.group_size).interval
@@ -191,7 +196,10 @@ def _sizes(
 def _draw_sizes(
     ax: Axes, words: Sequence[Word], sizes: FloatArray, question: QuestionStyle
 ) -> None:
-    """Markers are full for 'yes', half for 'probably', else empty."""
+    """Draw the sizes of subjects, with markers filled by the word, and of the group if it has any.
+
+    The line of a 'yes' or 'probably' is twice as thick as others.
+    """
     colour = question.colour
     style: Style = {"marker": question.marker, "ms": 4.5, "markerfacecoloralt": "white"}
     if len(words) > MAX_NAMES:
@@ -203,13 +211,17 @@ def _draw_sizes(
             draw_intervals(
                 ax, rows, sizes[rows].T, colour=colour, line=line, fillstyle=fill, **style
             )
-    if not np.isnan(sizes[-1]).any():
+    group_size = sizes[-1]
+    if not np.isnan(group_size).any():
         style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6}
-        draw_intervals(ax, len(words) + 0.25, sizes[-1], colour=colour, line=2.2, **style)
+        draw_intervals(ax, len(words) + 0.25, group_size, colour=colour, line=2.2, **style)
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:
-    """An axis that holds 0, every median and ordinary intervals; wider intervals are cut."""
+    """Limits of an axis that holds 0, every median and ordinary intervals.
+
+    An interval is cut if it extends farther from all medians than twice the ordinary width.
+    """
     sizes = sizes[~np.isnan(sizes[:, 1])]
     if not len(sizes):
         return -1.0, 1.0
@@ -224,8 +236,8 @@ def _limits(sizes: FloatArray) -> tuple[float, float]:
 def _write_names(
     ax: Axes, answers: Sequence[OrderEffect], group: PopulationResult | None, *, is_crowded: bool
 ) -> None:
-    """Names of subjects and of the group, or how many subjects there are."""
-    names = {}
+    """Write the names of subjects, or how many there are if it is crowded, and of the group."""
+    names = {}  # by height
     if is_crowded:
         label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
         ax.set_ylabel(label, fontsize=LETTERS)

@@ -6,11 +6,12 @@ group, and the effects of covariates or the differences between conditions.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from bayes_toe.answers.group_answer import EFFECTS, LABELS, group_estimate, log_factor_of_mean
 from bayes_toe.answers.order_effect import format_bayes_factor
@@ -32,9 +33,9 @@ from bayes_toe.plots.style import (
     draw_intervals,
     even_columns,
     grid_panels,
+    grid_rows,
     legend_above,
-    legend_below,
-    n_rows,
+    legend_outside,
     name_rows,
     new_figure,
     plain,
@@ -75,55 +76,71 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     check : PredictiveCheck, optional
         Computed here where it is not given.
     """
-    names, effects = result.names, _effects(result)
-    labels = [column.meaning for column in result.regressors.columns]
+    names = result.names
+    effects = _effects(result)
+    comparisons = [column.meaning for column in result.regressors.columns]
     if result.study.conditions is not None:
         condition = result.study.conditions.name
-        labels = [f"{condition} {level} − {reference}" for level, reference in result.comparisons]
+        comparisons = [f"{condition} {level} − {other}" for level, other in result.comparisons]
     n_subjects = len(result.subjects)
     is_crowded = n_subjects > MAX_NAMES_IN_GROUP
+    # Inches of the sections: forests, priors, predictive check, and effects if there are any.
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
     heights = [0.3 + forest_height, 1.4, 2.4]
     n_columns = 1
-
     if effects:
         n_columns = even_columns(len(effects), largest=4)
-        heights.append(0.3 + n_rows(len(effects), n_columns) * (0.85 + 0.4 * len(labels)))
+        heights.append(0.3 + grid_rows(len(effects), n_columns) * (0.85 + 0.4 * len(comparisons)))
 
     figure = new_figure(PAGE, 0.6 + sum(heights))
     colour = "black" if result.is_reliable else BAD
     figure.suptitle(_heading(result), fontsize=LETTERS + 1.0, color=colour)
-    parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    sections = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
-    for part, draw in zip(parts, (forest, prior_panel), strict=False):
-        panels = part.subplots(1, len(names), squeeze=False, sharey=draw is forest)[0]
+    # The first two sections have a panel for each parameter.
+    for section, draw in zip(sections, (forest, prior_panel), strict=False):
+        panels = section.subplots(1, len(names), squeeze=False, sharey=draw is forest)[0]
         for name, ax in zip(names, panels, strict=True):
             draw(ax, result, name)
-        legend_below(part, side="upper")
+        legend_outside(section, side="upper")
     if is_crowded:
         label = f"{n_subjects:,} subjects, sorted in each panel"
-        parts[0].axes[0].set_ylabel(label, fontsize=LETTERS)
-    check_panel(parts[2].subplots(), predictive_check(result) if check is None else check)
+        sections[0].axes[0].set_ylabel(label, fontsize=LETTERS)
+
+    check_panel(sections[2].subplots(), predictive_check(result) if check is None else check)
+
     if effects:
-        title = "effects of covariates on the group means, 95 % intervals"
-        if result.comparisons:
-            title = "differences of the group means between conditions, 95 % intervals"
-        parts[3].suptitle(title, fontsize=SMALL)
-        panels = grid_panels(parts[3], len(effects), n_columns, sharey=True)
-        names_of_rows = [plain(fill(text, 22), 70) for text in labels]
-        for (name, (quantiles, label)), ax in zip(effects.items(), panels, strict=True):
-            ax.axvline(0.0, color="black", lw=0.8)
-            draw_intervals(ax, range(len(labels)), quantiles)
-            name_rows(ax, len(labels), names_of_rows)
-            reach = 1.08 * float(np.abs(quantiles).max())
-            ax.set(xlim=(-reach, reach), xlabel=label)
-            ax.spines["left"].set_visible(False)
-            quantity_ticks(ax, name)
+        _draw_effects(sections[3], result, effects, comparisons, n_columns)
     return figure
 
 
+def _draw_effects(
+    section: SubFigure,
+    result: PopulationResult,
+    effects: Mapping[str, tuple[FloatArray, str]],
+    comparisons: Sequence[str],
+    n_columns: int,
+) -> None:
+    """Draw the effects on the means in a panel for each parameter, a row for each comparison."""
+    title = "effects of covariates on the group means, 95 % intervals"
+    if result.comparisons:
+        title = "differences of the group means between conditions, 95 % intervals"
+    section.suptitle(title, fontsize=SMALL)
+    panels = grid_panels(section, len(effects), n_columns, sharey=True)
+    row_names = [plain(fill(text, 22), 70) for text in comparisons]
+    for (name, (quantiles, label)), ax in zip(effects.items(), panels, strict=True):
+        ax.axvline(0.0, color="black", lw=0.8)
+        draw_intervals(ax, range(len(row_names)), quantiles)
+        name_rows(ax, len(row_names), row_names)
+        # 0 is in the middle.
+        reach = 1.08 * float(np.abs(quantiles).max())
+        ax.set(xlim=(-reach, reach), xlabel=label)
+        ax.spines["left"].set_visible(False)
+        quantity_ticks(ax, name)
+
+
 def _heading(result: PopulationResult) -> str:
-    """The number of subjects, both effects, and whether the draws are reliable."""
+    """The title: a warning if the draws are not reliable, the number of subjects, both effects."""
     synthetic = " (synthetic data)" if result.study.synthetic else ""
     lines = []
     if not result.is_reliable:
@@ -140,18 +157,19 @@ def _heading(result: PopulationResult) -> str:
 
 
 def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
-    """The posterior of a group's mean before its prior density."""
+    """Draw the posterior of the group's mean of a parameter, and its prior density."""
     j = result.index(name)
     draws = result.draws.mean[..., j].ravel()
     low, high = np.quantile(draws, [0.001, 0.999])
-    if name in EFFECTS:
-        low, high = min(low, 0.0), max(high, 0.0)
+    if name in EFFECTS:  # the panel shows 0, no effect
+        low = min(low, 0.0)
+        high = max(high, 0.0)
     pad = 0.1 * (high - low)
     x = np.linspace(low - pad, high + pad, 200)
 
     unit = result.shown_unit(name)
     values = result.in_units(name, x, unit)
-    # A density in the unit of the panel follows from the slope of the unit.
+    # p(value) = p(x) / (d value / d x)
     log_prior, _ = result.numbers.prior_of_mean(x[:, None])
     prior = np.exp(log_prior[:, j]) / np.gradient(values, x)
 
@@ -168,16 +186,17 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
 
 
 def forest(ax: Axes, result: PopulationResult, name: str) -> None:
-    """One parameter of every subject before the group's mean and a new subject."""
+    """Draw a parameter of every subject, before bands of the group's mean and a new subject."""
     j = result.index(name)
+    # With covariates, mean and new subject are those at the reference of each covariate.
     reference = " at reference" if result.regressors.columns else ""
     unit = result.shown_unit(name)
     new_subject = result.in_units(name, result.new_subject[..., j], unit)
     mean = result.in_units(name, result.draws.mean[..., j], unit)
     subjects = result.in_units(name, result.draws.subjects[..., j], unit)
 
-    spans = {"new subject": (new_subject, BAND), "group mean": (mean, _MEAN_COLOUR)}
-    for label, (values, colour) in spans.items():
+    bands = (("new subject", new_subject, BAND), ("group mean", mean, _MEAN_COLOUR))
+    for label, values, colour in bands:
         low, _, high = np.quantile(values, MARKED)
         ax.axvspan(low, high, color=colour, lw=0, label=f"{label}{reference}")
     ax.axvline(np.median(mean), color=BELIEF, lw=0.8)
@@ -185,12 +204,14 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
         zero_line(ax)
     quantity_ticks(ax, name)
 
-    quantiles = np.quantile(subjects, MARKED, axis=(0, 1))
+    quantiles = np.quantile(subjects, MARKED, axis=(0, 1))  # shape (3, subjects)
     n_subjects = quantiles.shape[1]
     names = [plain(subject, 14) for subject in result.subjects]
     style: Style = {"label": "subject, median and 95 % interval"}
     if n_subjects > MAX_NAMES_IN_GROUP:
-        quantiles = quantiles[:, np.argsort(quantiles[1], kind="stable")]
+        by_median = np.argsort(quantiles[1], kind="stable")
+        quantiles = quantiles[:, by_median]
+        # The lines of more than 100 subjects would overlap.
         style |= {"ms": 1.6, "line": min(1.6, 160.0 / n_subjects)}
         names = []
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
@@ -199,19 +220,21 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
 
 
 def check_panel(ax: Axes, check: PredictiveCheck) -> None:
-    """Differences between subjects (points) beside new groups, whose 5 to 95 % are a bar each.
+    """Draw each statistic of the group, a point, over the 5 to 95 % of new groups, a bar.
 
-    Every row has a scale of its own: the median of new groups is in the middle, and their central
-    90 % are as wide as in any other row.
+    Every row has a scale of its own: the median of new groups is at 0, and their 5 and 95 %
+    quantiles are at -1 and 1. A point beyond -2 or 2 stands there as an arrowhead.
     """
     for i, row in enumerate(check.statistics):
         colour = BAD if row.p_value < CONTRADICTED else "black"
-        side = row.q95 - row.q50 if row.is_above else row.q50 - row.q05
+        half_width = row.q95 - row.q50 if row.is_above else row.q50 - row.q05
         distance = row.observed - row.q50
-        side_of_median = int(np.sign(distance))
-        position, marker = 2.0 * side_of_median, _BEYOND[side_of_median]
-        if abs(distance) < 2.0 * side:
-            position, marker = distance / side, "D"
+        direction = int(np.sign(distance))
+        position = 2.0 * direction
+        marker = _BEYOND[direction]
+        if abs(distance) < 2.0 * half_width:
+            position = distance / half_width
+            marker = "D"
         ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label="new groups, 5 to 95 %")
         ax.plot([0.0, 0.0], [i - 0.18, i + 0.18], color=EQUAL, lw=0.8)
         ax.plot(position, i, marker, ms=4.0, color=colour, label="observed", ls="")
@@ -219,9 +242,9 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
         text = f"{observed}, expected {low} to {high}, test p = {row.p_value:.2g}"
         ax.text(0.0, i - 0.24, text, ha="center", va="bottom", fontsize=SMALL, color=colour)
 
-    n_rows = len(check.statistics)
-    ax.set_yticks(range(n_rows), [fill(row.label, 30) for row in check.statistics])
-    ax.set(ylim=(n_rows - 0.5, -0.6), xlim=(-2.2, 2.2), xticks=[])
+    n_statistics = len(check.statistics)
+    ax.set_yticks(range(n_statistics), [fill(row.label, 30) for row in check.statistics])
+    ax.set(ylim=(n_statistics - 0.5, -0.6), xlim=(-2.2, 2.2), xticks=[])
     legend_above(ax, columns=2, title="does a normal group fit?")
     style_axes(ax).tick_params(axis="y", length=0)
     ax.spines[:].set_visible(False)
@@ -229,7 +252,7 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
 
 def _effects(result: PopulationResult) -> dict[str, tuple[FloatArray, str]]:
     """Effects on the means by parameter: medians and 95 % intervals, (3, effects), and a label."""
-    # The unit of differences, and that of a ratio of JNDs.
+    # An effect on the JND is a ratio, in per cent whatever the unit of the study.
     units = {CONSTANT_ERROR.name: result.study.unit, NOISE.name: UNKNOWN_UNIT}
     effects = {}
     for name in result.names:
@@ -240,9 +263,10 @@ def _effects(result: PopulationResult) -> dict[str, tuple[FloatArray, str]]:
         quantiles = np.stack([row.interval for row in rows], axis=1)
         label = _EFFECT_LABELS[name]
         if name == CONSTANT_ERROR.name:
-            quantiles = result.scales.step * quantiles
+            quantiles = result.scales.step * quantiles  # from units of D to natural logs
         if name in units:
             unit = units[name].for_percent(percent(quantiles))
-            quantiles, label = unit.differences(quantiles), label.format(unit=unit.of_differences)
+            quantiles = unit.differences(quantiles)
+            label = label.format(unit=unit.of_differences)
         effects[name] = quantiles, label
     return effects

@@ -25,7 +25,7 @@ from bayes_toe.plots.style import (
     Style,
     draw_intervals,
     legend_above,
-    legend_below,
+    legend_outside,
     name_rows,
     new_figure,
     plain,
@@ -33,7 +33,7 @@ from bayes_toe.plots.style import (
     style_axes,
 )
 
-_UNKNOWN = Word.CANNOT_BE_TOLD.value
+_CANNOT_BE_TOLD = Word.CANNOT_BE_TOLD.value
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
 _LARGEST = 160.0  # area of the most frequent pair, square points
@@ -57,26 +57,27 @@ def power(table: PowerTable) -> Figure:
         ax.set_title(f"{question.replace('_', ' ')}: yes or probably", fontsize=LETTERS)
     for ax in axes[-1]:
         ax.set_xlabel("trials of a subject")
+    # Marks without points, for the legend.
     first = axes[0, 0]
     first.plot([], [], "o", mec=EQUAL, mfc="white", ms=3.6, label="hollow: without this effect")
     first.plot([], [], "|", color=EQUAL, ms=9.0, label="95 % interval")
-    legend_below(figure, columns=4, side="upper")
+    legend_outside(figure, columns=4, side="upper")
     return figure
 
 
 def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> None:
-    """The lines of all kinds of observers in one panel."""
-    trials = [number for name, number in table.designs if name == design]
+    """Draw the shares of all kinds of observers in one panel, a line for each kind."""
+    trials = [n_trials for name, n_trials in table.designs if name == design]
     kinds = table.different("observers")
     styles = zip(kinds, cycle(_COLOURS), cycle(_MARKERS), strict=False)
     for index, (kind, colour, marker) in enumerate(styles):
         points = []
-        # The kinds stand beside each other about their number of trials.
+        # Each number of trials has a place of width 1. The kinds share the middle 0.8 of it.
         shift = 0.8 * ((index + 0.5) / len(kinds) - 0.5)
-        for position, number in enumerate(trials):
-            unknown = table[design, number, kind, question, _UNKNOWN]
-            if unknown.value < 1.0:
-                share = table[design, number, kind, question, DETECTED]
+        for position, n_trials in enumerate(trials):
+            not_shown = table[design, n_trials, kind, question, _CANNOT_BE_TOLD]
+            if not_shown.value < 1.0:  # the design can show the effect to some observers
+                share = table[design, n_trials, kind, question, DETECTED]
                 points.append((position + shift, share.value, share.low, share.high))
         if not points:
             continue
@@ -84,12 +85,13 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         style: Style = {"fmt": marker, "color": colour, "ms": 3.6, "ls": "-"}
         if not table.has_effect(kind, question):
             style |= {"ls": ":", "mfc": "white"}
-        if question == "order_effect":  # most have it
+        # The legend has the markers of this question, which are full for most kinds.
+        if question == "order_effect":
             style["label"] = plain(kind)
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
 
     if not ax.lines:
-        ax.text(0.5, 0.5, _UNKNOWN, transform=ax.transAxes, ha="center", fontsize=LETTERS)
+        ax.text(0.5, 0.5, _CANNOT_BE_TOLD, transform=ax.transAxes, ha="center", fontsize=LETTERS)
     ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
     ax.set_xticks(range(len(trials)), list(map("{:,}".format, trials)))
     style_axes(ax)
@@ -113,18 +115,23 @@ def design(optimal: OptimalDesign) -> Figure:
 
 
 def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
-    design, plane = optimal.design, optimal.plane
-    first, second = np.unique(plane.s1), np.unique(plane.s2)
-    values = np.full((len(second), len(first)), np.nan)
-    values[np.searchsorted(second, plane.s2), np.searchsorted(first, plane.s1)] = optimal.worth
+    """Draw the pairs of a design over the information of one more trial of any pair."""
+    design = optimal.design
+    plane = optimal.plane
+    first, column = np.unique(plane.s1, return_inverse=True)
+    second, row = np.unique(plane.s2, return_inverse=True)
+    # Information by the second and the first stimulus; NaN where the plane has no such pair.
+    worth = np.full((len(second), len(first)), np.nan)
+    worth[row, column] = optimal.worth
 
     mesh = ax.pcolormesh(
-        first, second, 1000.0 * values, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
+        first, second, 1000.0 * worth, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
     )
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
     bar.set_label("what one more trial adds,\nthousandths of a nat")
     style_axes(bar.ax)
-    ax.axline((float(first[0]),) * 2, slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
+    lowest = float(first[0])
+    ax.axline((lowest, lowest), slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
 
     ax.scatter(
         design.s1,
@@ -137,6 +144,7 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
         zorder=3,
         clip_on=False,
     )
+    # A mark for the legend, not as large as in the panel.
     label = f"this design (largest: {design.n_trials.max()} trials)"
     ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=label)
 
@@ -154,8 +162,9 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
 
 
 def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
-    """The order effect in each kind of observers, by both designs."""
-    table, trials = optimal.power, optimal.design.total
+    """Draw how often both designs show the order effect of each kind of observers."""
+    table = optimal.power
+    trials = optimal.design.total
     kinds = table.different("observers")
     has_effect = [table.has_effect(kind, "order_effect") for kind in kinds]
 
@@ -163,9 +172,10 @@ def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
     for index, (name, colour) in enumerate(zip(optimal.designs, colours, strict=False)):
         shares = [table[name, trials, kind, "order_effect", DETECTED] for kind in kinds]
         sizes = np.array([(share.low, share.value, share.high) for share in shares])
-        y = np.arange(len(kinds)) + 0.22 * (index - 0.5)
+        y = np.arange(len(kinds)) + 0.22 * (index - 0.5)  # one design above the other
         style: Style = {"marker": _MARKERS[index], "ms": 4.5, "colour": colour, "line": 0.8}
         draw_intervals(ax, y, sizes.T, mfc="white", **style)
+        # Full markers over the hollow ones of the kinds that have the effect.
         style["label"] = f"{name} design"
         draw_intervals(ax, y[has_effect], sizes[has_effect].T, **style)
 

@@ -23,10 +23,10 @@ from bayes_toe.plots.style import (
     PAGE,
     Style,
     grid_panels,
+    grid_rows,
     label_outer,
-    legend_below,
+    legend_outside,
     mark_synthetic,
-    n_rows,
     new_figure,
     plain,
     rows_by_order,
@@ -35,7 +35,7 @@ from bayes_toe.seeds import generator
 
 #: Subjects that a page has room for.
 MOST_SUBJECTS = 40
-_PAIR = 0.15  # inches of a pair in one row of panels
+_PAIR = 0.15  # inches of a pair that has a label
 _INTERVAL = "#C8C8C8"
 
 
@@ -67,28 +67,30 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
             "choose some, as in subjects=['S01', 'S02']"
         )
     selected = [analysis.study[name] for name in names]
-    n_columns, height = 5, 1.0
-    has_room = len(selected) <= 4  # one row of panels
-    if has_room:
+    n_columns = 5
+    height = 1.0
+    has_room = len(selected) <= 4
+    if has_room:  # one row of panels, higher ones for more pairs
         n_columns = len(selected)
         n_pairs = max(counts.n_pairs for counts in selected)
         height = min(max(_PAIR * n_pairs, 1.2), 6.0)
 
     width = COLUMN if n_columns == 1 else PAGE
-    figure = new_figure(width, n_rows(len(selected), n_columns) * height + 1.0)
+    figure = new_figure(width, grid_rows(len(selected), n_columns) * height + 1.0)
+    # The legend of a subfigure stands below the title of its figure.
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(selected), n_columns, sharex=True)
     for ax, counts in zip(panels, selected, strict=True):
         # Pairs by their order, weaker first to stronger first, and then by their intensity.
         index = np.lexsort((counts.s1 + counts.s2, presentation_order(counts)))
         _draw_subject(ax, analysis, counts, index, has_room=has_room)
-        if has_room and _PAIR * len(index) <= height:
+        if has_room and _PAIR * len(index) <= height:  # a label for each pair
             firsts, unit = counts.unit.numbers(counts.s1, mean_first(counts))
             seconds, _ = counts.unit.numbers(counts.s2, mean_first(counts))
             ax.set_yticks(range(len(index)), [f"{firsts[pair]}, {seconds[pair]}" for pair in index])
             ax.set_ylabel(f"first, second\n({unit})")
     label_outer(panels, n_columns)
-    legend_below(below_title, columns=2 if n_columns == 1 else 5, side="upper")
+    legend_outside(below_title, columns=2 if n_columns == 1 else 5, side="upper")
     mark_synthetic(figure, analysis.study.synthetic)
     return figure
 
@@ -96,10 +98,12 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
 def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     """Ends of the 95 % posterior predictive interval of every pair's share, shape (2, pairs)."""
     counts = fitted.target.subject
-    share = np.exp(fitted.target.log_answers(fitted.x).yes[:, : counts.n_pairs])
+    # Of three answers, the first rows are the pairs by 'equal', and the others are by 'second'.
+    p_yes = np.exp(fitted.target.log_answers(fitted.x).yes[:, : counts.n_pairs])
     rng = generator(seed, counts.name, "posterior predictive interval")
     # Ten replicated studies for each draw.
-    replicated = rng.binomial(counts.n_trials, np.tile(share, (10, 1)))
+    replicated = rng.binomial(counts.n_trials, np.tile(p_yes, (10, 1)))
+    # Without the median. Each end is a number of trials, not a mean of two.
     ends = np.quantile(replicated, MARKED[::2], axis=0, method="inverted_cdf")
     return ends / counts.n_trials
 
@@ -110,7 +114,10 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
 def _draw_subject(
     ax: Axes, analysis: Analysis, counts: Subject, index: IndexArray, *, has_room: bool
 ) -> None:
-    """Intervals, and before them observed proportions in the colour of their order."""
+    """Draw intervals and, before them, observed proportions in the colour of their order.
+
+    `index` sorts the pairs.
+    """
     share = (counts.n_yes / counts.n_trials)[index]
     order = presentation_order(counts)[index]
     y = np.arange(len(index))
@@ -124,15 +131,17 @@ def _draw_subject(
         style: Style = {"color": mark.colour, "mec": "white", "mew": 0.4, "label": mark.label}
         ax.plot(share[rows], y[rows], mark.marker, ms=size, zorder=3, **style)
 
-    out = (share < low) | (share > high)
-    ax.plot(share[out], y[out], "o", label="outside", ms=2.0 * size, mfc="none", mec=BAD, mew=1.0)
+    is_outside = (share < low) | (share > high)
+    x = share[is_outside]
+    y = y[is_outside]
+    ax.plot(x, y, "o", label="outside", ms=2.0 * size, mfc="none", mec=BAD, mew=1.0)
 
     title = plain(counts.name, 20)
     refused = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
     if counts.name in refused:
         title += "\nnot interpreted"
     elif has_room:
-        title += f"\n{out.sum()} of {len(index)} pairs outside"
+        title += f"\n{is_outside.sum()} of {len(index)} pairs outside"
     ax.set_title(title, loc="left", fontsize=LETTERS)
     ax.set(xlim=(-0.06, 1.06), xticks=[0.0, 0.5, 1.0], ylim=(len(index) - 0.3, -0.7), yticks=[])
     ax.set(xlabel=f"proportion '{counts.task.yes}'", ylabel="pairs by order")

@@ -21,8 +21,8 @@ from bayes_toe.plots.order_effect import forest_height, forests
 from bayes_toe.plots.style import (
     LETTERS,
     grid_panels,
-    legend_below,
-    n_rows,
+    grid_rows,
+    legend_outside,
     new_figure,
     plain,
 )
@@ -55,14 +55,17 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
         responses_panel(ax, analysis.study[name], analysis.curve(name))
         ax.set_title(plain(name, 24), loc="left", fontsize=LETTERS)
     finish_panels(panels, n_columns)
-    legend_below(figure, side="upper")
+    legend_outside(figure, side="upper")
     return figure
 
 
 def sizes_figure(
     analysis: Analysis, group: PopulationResult | None, height: float, *, is_narrow: bool = False
 ) -> Figure:
-    """Draw the sizes of all subjects, and of the group; narrow ones one below the other."""
+    """Draw the sizes of all subjects, and of the group.
+
+    `height` is that of a panel, inches. The panels of a narrow figure are one below the other.
+    """
     if is_narrow:
         figure = new_figure(3.6, 2.0 * height)
         panels = figure.subplots(2, 1, sharey=True)
@@ -74,20 +77,18 @@ def sizes_figure(
 
 
 def report_height(analysis: Analysis) -> float:
-    """Inches of both figures."""
-    responses_height = 1.0 + 1.2 * n_rows(len(shown_subjects(analysis.answers)), 2)
+    """Inches of the responses and of the sizes, which stand side by side, at least 2.6."""
+    responses_height = 1.0 + 1.2 * grid_rows(len(shown_subjects(analysis.answers)), 2)
     return max(responses_height, forest_height(len(analysis.answers)), 2.6)
 
 
 def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
-    """Names of up to six subjects: the one with the least evidence of an order effect, and others.
+    """Names of the subject with the least evidence of an order effect and the five with the most.
 
-    These have the most evidence.
+    They are in the order of the study, without subjects that are not interpreted.
     """
-    ranked = sorted(
-        (answer for answer in answers if answer.is_interpretable),
-        key=lambda answer: answer.log_bayes_factors["order_effect"],
-    )
+    ranked = [answer for answer in answers if answer.is_interpretable]
+    ranked.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
     names = {answer.subject for answer in (*ranked[:1], *ranked[1 - MAX_SUBJECTS :])}
     return [answer.subject for answer in answers if answer.subject in names]
 
@@ -101,15 +102,18 @@ def inline_svg(figure: Figure, label: str) -> str:
     for ax in figure.axes:
         ax.patch.set_alpha(0.0)
     text = figure_bytes(figure, "svg").decode("utf-8")
+    text = text[text.index("<svg") :]  # without the head of a file
     # Names of subjects may hold characters that a browser would obey.
-    text = "\n".join(map(visible, text[text.index("<svg") :].split("\n")))
+    text = "\n".join(map(visible, text.split("\n")))
     for printed, variable in _PAGE_COLOURS.items():
         text = text.replace(printed, variable)
-    # Letters without a colour of their own are black.
+    # Letters without a colour of their own would be black.
     text = text.replace("<svg ", f'<svg role="img" aria-label="{label}" fill="currentColor" ', 1)
+    # Figures of a page have the same names of groups, as in '<g id="axes_1"'.
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     text = re.sub(r"font-family: [^;\"]*", "font-family: 'DejaVu Sans', sans-serif", text)
     text = re.sub(r"\n +", "\n", text)
-    # Curves need one decimal, other coordinates two: the file is a third of the size.
+    # Two decimals of each number, and one in paths such as ' d="M 1.23 4.56"': the file is a third
+    # of the size.
     text = re.sub(r"(\.\d{2})\d+", r"\1", text)
     return re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d)\d+", r"\1", path[0]), text)

@@ -20,7 +20,7 @@ from bayes_toe.plots.style import (
     SMALL,
     draw_band,
     explain_curves,
-    legend_below,
+    legend_outside,
     new_figure,
     plain,
     stimulus_axis,
@@ -50,7 +50,7 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if not rows:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
-        # By how much the log evidence of the best history exceeds that of none.
+        # Strongest evidence first: the log evidence of the best history over that of none.
         rows.sort(key=lambda row: row.log_evidence[0] - row.log_evidence.max())
         rows = rows[:MOST_ROWS]
 
@@ -69,14 +69,15 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if notes:
         figure.suptitle("; ".join(notes), fontsize=SMALL)
     explain_curves(axes[0, 0], "best of the four models", POSTERIOR)
-    legend_below(figure, columns=2)
+    legend_outside(figure, columns=2)
     return figure
 
 
 def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
-    """Draw both panels of a subject."""
+    """Draw both panels of a subject, of the trials that have a trial before."""
     static = table.posterior(row, "static")
     best = table.posterior(row, row.best_history)
+    # P of the counted response in each answered trial, without history.
     expected = static.trial_probabilities(row.draws[0]).mean(axis=0)
     change = best.trial_probabilities(row.draws[1]) - expected
     trials = static.rows.trials
@@ -85,19 +86,20 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     variance = expected * (1.0 - expected)
 
     previous = trials.previous[answered]
-    rows = previous >= 0
-    previous = previous[rows]
-    values = residual[rows], variance[rows], change[:, rows]
+    has_previous = previous >= 0  # the first trial of a session has -1
+    previous = previous[has_previous]
+    values = residual[has_previous], variance[has_previous], change[:, has_previous]
+
     mean = 0.5 * (trials.first[previous] + trials.second[previous])
     _draw_residuals(left, mean, _stimulus_groups(mean), *values)
     response = trials.answer[previous]
-    responses = np.unique(response[response != 0.0])
+    responses = np.unique(response[response != 0.0])  # 0 is a missing response
     _draw_residuals(right, response, response == responses[:, None], *values)
 
     *_, yes, no = static.subject.task.answers
-    overall = float(np.average(0.5 * (trials.first + trials.second)))
+    mean_of_trials = float(np.average(0.5 * (trials.first + trials.second)))
     unit = static.subject.unit
-    stimulus_axis(left, "mean stimulus of the trial before", unit, overall)
+    stimulus_axis(left, "mean stimulus of the trial before", unit, mean_of_trials)
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
@@ -114,11 +116,11 @@ def _stimulus_groups(mean: FloatArray) -> BoolArray:
 
     Up to eight different means are a group each; more are binned into five groups.
     """
-    edges = np.unique(mean)[1:]
+    edges = np.unique(mean)[1:]  # each mean but the lowest begins a group
     if len(edges) >= 8:
         edges = np.unique(np.quantile(mean, [0.2, 0.4, 0.6, 0.8]))
-    number = np.searchsorted(edges, mean, side="right")
-    return number == np.unique(number)[:, None]
+    group = np.searchsorted(edges, mean, side="right")
+    return group == np.unique(group)[:, None]  # without groups that have no trial
 
 
 def _draw_residuals(
@@ -129,14 +131,16 @@ def _draw_residuals(
     variance: FloatArray,
     change: FloatArray,
 ) -> None:
-    """Draw the mean residual of each group with its standard error, and what the model predicts.
+    """Draw the mean residual of each group of trials with its standard error, and the predicted.
 
-    `residual` has responses less the model without history, and `change` the best model less that
-    one, shape (draws, trials).
+    `groups` has the shape (groups, trials). `residual` is the response minus P in the model without
+    history, and `variance` is P (1 - P). `change` is P in the best model minus P without history,
+    shape (draws, trials).
     """
     n_trials = groups.sum(axis=1)
     x = groups @ position / n_trials
     ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
     draw_band(ax, x, change @ groups.T / n_trials, POSTERIOR)
-    mean, error = groups @ residual / n_trials, np.sqrt(groups @ variance) / n_trials
+    mean = groups @ residual / n_trials
+    error = np.sqrt(groups @ variance) / n_trials
     ax.errorbar(x, mean, error, fmt="o", color="black", ms=3.5, lw=0.8, label="responses")

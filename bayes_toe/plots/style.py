@@ -24,17 +24,25 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
-WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
+WEAKER_FIRST = "#D55E00"
+STRONGER_FIRST = "#0072B2"
+EQUAL = "#6E6E6E"
 POSTERIOR = "#0072B2"
 BELIEF = "#4B3B8F"
-#: What is wrong, and bands behind what is drawn.
-BAD, BAND = "#C00000", "#EDEDED"
-#: Inches of one and of two columns of a journal's page; points of small and of ordinary letters on
-#: it.
-COLUMN, PAGE = 85.0 / 25.4, 175.0 / 25.4
-SMALL, LETTERS = 7.0, 8.0
-#: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
-MAX_NAMES, HIGH = 60, 5.6
+#: What is wrong.
+BAD = "#C00000"
+#: Bands behind what is drawn.
+BAND = "#EDEDED"
+#: Widths of one and of two columns of a journal's page, inches.
+COLUMN = 85.0 / 25.4
+PAGE = 175.0 / 25.4
+#: Sizes of letters, points.
+SMALL = 7.0
+LETTERS = 8.0
+#: Figures with more subjects than this sort them and name none.
+MAX_NAMES = 60
+#: Height of a panel without names, inches.
+HIGH = 5.6
 #: Quantiles that lines and intervals mark.
 MARKED = (0.025, 0.5, 0.975)
 #: Arguments that several calls of matplotlib share.
@@ -71,16 +79,25 @@ def plain(name: str | int, limit: int = 32) -> str:
     >>> plain("a$b"), plain("participant_0007", 12)
     ('a\\$b', 'partic…_0007')
     """
-    last = (limit - 2) // 2
-    short = str(name)
-    if len(short) > limit:
-        short = f"{short[: limit - 1 - last]}…{short[-last:]}"
-    return short.replace("$", r"\$")
+    text = str(name)
+    if len(text) > limit:
+        # One character is the ellipsis. The start is as long as the end, or one or two longer.
+        n_end = (limit - 2) // 2
+        text = f"{text[: limit - 1 - n_end]}…{text[-n_end:]}"
+    return text.replace("$", r"\$")
 
 
 def rounded(low: float, high: float, *values: float) -> list[str]:
-    """Numbers with two digits of the distance between two others."""
-    digits = max(0, 1 - int(np.floor(np.log10(high - low)))) if high > low else 3
+    """Numbers with as many decimals as show two digits of `high - low`.
+
+    Examples
+    --------
+    >>> rounded(0.0, 3.4, 1.234), rounded(0.0, 0.034, 0.01234)
+    (['1.2'], ['0.012'])
+    """
+    digits = 3  # where the two are equal
+    if high > low:
+        digits = max(0, 1 - int(np.floor(np.log10(high - low))))
     # Adding 0.0 leaves no -0.0.
     return [f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values]
 
@@ -99,26 +116,26 @@ def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
         figure.suptitle("synthetic data", fontsize=LETTERS)
 
 
-def n_rows(n_panels: int, n_columns: int) -> int:
+def grid_rows(n_panels: int, n_columns: int) -> int:
     """Rows of a grid of panels.
 
     Examples
     --------
-    >>> n_rows(4, 3)
+    >>> grid_rows(4, 3)
     2
     """
-    return -(-n_panels // n_columns)
+    return -(-n_panels // n_columns)  # rounded up
 
 
 def even_columns(n_panels: int, largest: int) -> int:
-    """Columns, at most so many, with which the rows of a grid of panels are as even as they can be.
+    """The fewest columns that need no more rows of panels than the largest number does.
 
     Examples
     --------
     >>> even_columns(4, largest=3), even_columns(7, largest=3), even_columns(2, largest=3)
     (2, 3, 2)
     """
-    return n_rows(n_panels, n_rows(n_panels, largest))
+    return grid_rows(n_panels, grid_rows(n_panels, largest))
 
 
 def grid_panels(
@@ -128,7 +145,7 @@ def grid_panels(
     **sharing: Any,
 ) -> list[Axes]:
     """Panels in a grid, row by row; `sharing` has matplotlib's arguments for shared axes."""
-    axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, **sharing)
+    axes = figure.subplots(grid_rows(n_panels, n_columns), n_columns, squeeze=False, **sharing)
     panels = axes.ravel().tolist()
     for ax in panels[n_panels:]:
         ax.remove()
@@ -136,17 +153,19 @@ def grid_panels(
 
 
 def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
-    """Label the axes left of each row and below the last panels only."""
+    """Keep the labels left of each row and below the last panel of each column only."""
     for i, ax in enumerate(panels):
-        if i % n_columns:
+        if i % n_columns:  # not the first one of its row
             ax.set_ylabel("")
         label = ""
-        if i + n_columns >= len(panels):
+        if i + n_columns >= len(panels):  # no panel below it
             label = ax.get_xlabel()
         figure = ax.get_figure(root=True)
-        if figure is not None and figure.get_figwidth() < 2.3 * n_columns:  # no room
-            without_break = label.replace("% ", "%\u00a0")  # a line does not end behind a %
-            label = fill(without_break, 20).replace("\u00a0", " ")
+        # Panels below 2.3 inches have no room for a label of one line.
+        if figure is not None and figure.get_figwidth() < 2.3 * n_columns:
+            # With a space that does not break, no line ends behind a %.
+            unbroken = label.replace("% ", "%\u00a0")
+            label = fill(unbroken, 20).replace("\u00a0", " ")
         ax.set_xlabel(label)
         style_axes(ax)
 
@@ -176,34 +195,39 @@ class Scale(NamedTuple):
         """Natural logs of round numbers in the unit, and the numbers."""
         assert self.unit is not None
         start, end = self.unit.stimuli([low, high])
-        locators: list[Locator] = [MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])]
+        locators = list[Locator]()
         if not self.unit.is_decibel:
-            # Multiples of powers of ten: the first ones that give three ticks.
-            for multiples in ((1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0,)):
-                locators.insert(0, LogLocator(subs=multiples, numticks=50))
+            # Multiples of powers of ten; the last resort are equal steps.
+            for multiples in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
+                # With fewer ticks allowed, the locator would leave some powers out.
+                locators.append(LogLocator(subs=multiples, numticks=50))
+        locators.append(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+        # The first locator with three ticks, else the last one.
         for locator in locators:
             numbers = np.asarray(locator.tick_values(start, end))
             numbers = numbers[(numbers >= start) & (numbers <= end)]
             if len(numbers) >= 3:
                 break
+        # Twelve digits hide the error of rounding.
         texts = [f"{number:.12g}".replace("-", "−") for number in numbers]
         return self.unit.logs(numbers), texts
 
     def draw(self, ax: Axes) -> None:
-        """Label an axis of natural logs from left to right."""
+        """Label the horizontal axis, which has natural logs."""
         ax.set_xlabel(self.label)
         if self.unit is not None:
             low, high = ax.get_xlim()
             ax.set_xticks(*self.ticks(low, high))
-            ax.set_xlim(low, high)
+            ax.set_xlim(low, high)  # ticks may widen the limits
 
 
 def stimulus_scale(
     stimulus: str, unit: StimulusUnit, mean: float, limits: Sequence[float]
 ) -> Scale:
-    """An axis of stimuli in their unit, or in per cent of their mean."""
+    """An axis of stimuli in their unit, or in per cent of their mean if none is known."""
     if unit.of_stimuli:
         return Scale(f"{stimulus}, {unit.of_stimuli}", unit)
+    # The unit of differences is another one if per cents would be too large.
     if unit.for_percent(percent(np.asarray(limits) - mean)) != unit:
         return Scale(f"{stimulus}, ln")
     return Scale(f"{stimulus}, % of the mean", unit.or_percent_of(mean))
@@ -213,7 +237,7 @@ def difference_scale(unit: StimulusUnit, limits: Sequence[float]) -> Scale:
     """An axis of s2 - s1 in decibels, or as the ratio of the stimuli in per cent."""
     if unit.is_decibel:
         return Scale("second minus first stimulus, dB", unit)
-    if unit.for_percent(percent(limits)).of_differences == "ln":
+    if unit.for_percent(percent(limits)).of_differences == "ln":  # per cents would be too large
         return Scale("second minus first stimulus, ln")
     return Scale("second stimulus, % of the first", UNKNOWN_UNIT.or_percent_of(0.0))
 
@@ -230,16 +254,18 @@ def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
 
 
 def proportion_axis(ax: Axes) -> None:
-    """Limits and ticks of proportions, from 0 or, where none is below .3, from near the lowest."""
+    """Set limits and ticks of proportions: from 0, or from near the lowest if none is below .3."""
     lowest, _ = ax.get_ylim()
-    low = np.floor(10.0 * lowest) / 10.0 if lowest >= 0.3 else 0.0
-    ax.set_ylim(low - 0.03, 1.03)
+    start = 0.0
+    if lowest >= 0.3:
+        start = np.floor(10.0 * lowest) / 10.0
+    ax.set_ylim(start - 0.03, 1.03)  # room for half a mark
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
 
 
 def quantity_ticks(ax: Axes, name: str) -> None:
-    """Write shares on the axis along x in per cent, if the quantity is such a share."""
-    scale = QUANTITY_BY_NAME[name].scale
+    """Write the ticks of the horizontal axis in per cent, if the quantity is a share."""
+    scale = QUANTITY_BY_NAME[name].scale  # 100 for a share
     if scale != 1.0:
         ax.xaxis.set_major_formatter(lambda value, _: f"{scale * value:g}".replace("-", "−"))
 
@@ -274,16 +300,17 @@ def _band_style(colour: str) -> Style:
 
 
 def draw_band(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
-    """Draw the mean over draws, which are the first axis of `values`, and the band of 95 %."""
+    """Draw the mean and the central 95 % band of curves over `x`, shape (draws, x)."""
     low, _, high = np.quantile(values, MARKED, axis=0)
     ax.fill_between(x, low, high, **_band_style(colour))
     ax.plot(x, values.mean(axis=0), color=colour, lw=1.2)
 
 
 def explain_curves(ax: Axes, model: str = "model", colour: str = EQUAL) -> None:
-    """Add the curves with their bands, and the error bars, to the legend of a panel's figure."""
-    swatch = Patch(**_band_style(colour)), Line2D([], [], color=colour, lw=1.2)
-    ax.add_container(Container(swatch, label=f"{model}, 95 % band"))
+    """Add entries to the legend of a panel: the curve on its band, and the error bar."""
+    band_and_curve = Patch(**_band_style(colour)), Line2D([], [], color=colour, lw=1.2)
+    # The legend shows a container as one entry.
+    ax.add_container(Container(band_and_curve, label=f"{model}, 95 % band"))
     ax.plot([], [], "|", color=EQUAL, ms=9.0, mew=0.9, label="standard error")
 
 
@@ -298,7 +325,7 @@ def draw_intervals(
 ) -> None:
     """Draw rows of medians with intervals, from quantiles of shape (3, rows).
 
-    `marker` has matplotlib's arguments for the medians.
+    `line` is the width of the intervals; `marker` has matplotlib's arguments for the medians.
     """
     low, middle, high = quantiles
     ax.hlines(y, low, high, color=colour, lw=line)
@@ -309,7 +336,7 @@ def draw_intervals(
 def name_rows(ax: Axes, n_rows: int, names: Sequence[str] = ()) -> None:
     """Put the first row of a forest on top, with the names of its rows, if any, at the left."""
     ax.set_yticks(range(len(names)), names)
-    ax.set_ylim(n_rows - 0.4, -0.6)
+    ax.set_ylim(n_rows - 0.4, -0.6)  # rows are at 0, 1, ..., with half a row around them
     ax.locator_params(axis="x", nbins=4)
     style_axes(ax).tick_params(axis="y", length=0)
 
@@ -324,15 +351,18 @@ _LEGEND: Style = {
 }
 
 
-def legend_below(figure: Figure | SubFigure, *, columns: int = 3, side: str = "lower") -> None:
-    """Put one legend in small letters outside the panels, since points may be anywhere in them."""
+def legend_outside(figure: Figure | SubFigure, *, columns: int = 3, side: str = "lower") -> None:
+    """Put one legend in small letters below the panels, or above them ("upper").
+
+    Points may be anywhere in the panels.
+    """
     loc: Any = f"outside {side} center"
     entries = _legend_entries(figure.axes)
     figure.legend(*entries, loc=loc, ncols=columns, columnspacing=1.2, **_LEGEND)
 
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
-    """One legend for a panel, above it, in small letters, perhaps with words over it."""
+    """Put the legend of a panel above it in small letters, with a title if there is one."""
     ax.legend(
         *_legend_entries([ax]),
         loc="lower center",
@@ -347,7 +377,7 @@ def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> Non
 
 
 def _legend_entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
-    """Handles and their labels, estimates with error bars before plain points.
+    """Handles and their labels, each label once, error bars first.
 
     Matplotlib itself lists all lines first.
     """
@@ -355,5 +385,6 @@ def _legend_entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
     for ax in panels:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles[label] = handle
+    # Sorting keeps the order among equal keys, and False comes before True.
     labels = sorted(handles, key=lambda label: not isinstance(handles[label], ErrorbarContainer))
     return [*map(handles.get, labels)], labels
