@@ -57,10 +57,11 @@ def connect(address: str) -> Client:
         # A client waits without end for a program that is no scheduler, so that the program is
         # asked first; in a thread of its own, because a notebook has an event loop already.
         with ThreadPoolExecutor(1) as thread:
-            program = thread.submit(lambda: asyncio.run(_identity(address))).result()["type"]
+            identity = thread.submit(asyncio.run, _identity(address)).result()
+        program = identity["type"]
         if program != "Scheduler":
             raise ValueError(f"that is a {program.lower()}")
-        # An error says what ends the work, not a log.
+        # When the scheduler ends, run_on raises an error. The client would log it too.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         return Client(address, timeout=PATIENCE, set_as_default=False)
     except Exception as error:  # Whatever listens there may answer with anything.
@@ -69,7 +70,7 @@ def connect(address: str) -> Client:
 
 
 async def _identity(address: str) -> dict[str, str]:
-    """What a program at an address says of itself; a Dask scheduler has the type 'Scheduler'."""
+    """The record by which a program of Dask answers at an address: {'type': 'Scheduler', ...}."""
     from distributed.core import rpc
     from distributed.security import Security
 
@@ -102,18 +103,19 @@ def run_on(client: Client, jobs: Jobs[Result]) -> Outcomes[Result]:
     from dask import config
     from distributed import KilledWorker, as_completed
 
-    # What a job brings along is used once; Dask would warn of its size.
+    # Dask warns of arguments over 10 MB, which should be sent once for all jobs. Those of a job are
+    # used by this job only.
     with config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):
         futures = client.map(partial(_run_there, versions()), jobs, pure=False)
     index_of_key = {future.key: index for index, future in enumerate(futures)}
 
     try:
         for future in as_completed(futures, loop=client.loop):
-            if future.cancelled():
+            if future.cancelled():  # Nobody else cancels one that is waited for.
                 raise WorkerError("the connection to the Dask scheduler is lost")
             yield index_of_key[future.key], future.result()
             future.release()
-    except ImportError as error:
+    except ImportError as error:  # from reading the job at the worker
         raise InputError(f"a Dask worker lacks what is here: {error}") from error
     except KilledWorker as error:
         raise WorkerError(DEAD_WORKER) from error
@@ -123,13 +125,14 @@ def run_on(client: Client, jobs: Jobs[Result]) -> Outcomes[Result]:
 
 
 def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result:
-    """Run a job alone in a worker, with one BLAS thread.
+    """Run a job in a worker, which must have the expected versions; with one BLAS thread.
 
+    Dask may start several jobs as threads of a worker. They run one after the other, because
     Matplotlib is not made for threads.
     """
-    _require_same(expected)
+    _require_same_versions(expected)
     with _one_at_a_time:
-        threadpool_limits(1)  # For good: the libraries of one job are those of the next.
+        threadpool_limits(1)  # It stays: the libraries of one job are those of the next.
         return job()
 
 
@@ -149,7 +152,7 @@ def _require_open(client: Client) -> None:
         raise WorkerError(f"the Dask client is {client.status}")
 
 
-def _require_same(expected: Mapping[str, str]) -> None:
+def _require_same_versions(expected: Mapping[str, str]) -> None:
     """Refuse to work with other versions of the programs on which results depend."""
     for name, version in expected.items():
         version_here = versions().get(name)
@@ -161,8 +164,11 @@ def _require_same(expected: Mapping[str, str]) -> None:
 
 
 def without_cluster() -> AbstractContextManager[object]:
-    """A block without the session's cluster, which xarray would ask to lock a file in memory."""
-    if "dask" not in sys.modules:
+    """A context in which Dask computes in this process, even if the session has a cluster.
+
+    Otherwise xarray asks the cluster for a lock when it writes a file, also one in memory.
+    """
+    if "dask" not in sys.modules:  # Without Dask there is no cluster.
         return nullcontext()
     from dask import config
 

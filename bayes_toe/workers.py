@@ -44,8 +44,11 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 _parents: set[int] = set()
 
 
-def of_this_machine(workers: Workers) -> int | None:
-    """A number of processes here: for jobs on files, which the workers of a cluster may not see."""
+def local_processes(workers: Workers) -> int | None:
+    """A number of processes of this machine; None, for all cores, in place of a cluster.
+
+    Jobs on files use it, because the workers of a cluster may not see the files.
+    """
     return int(workers) if isinstance(workers, Integral) else None
 
 
@@ -60,7 +63,7 @@ def count_processes(workers: Workers) -> int:
 
 
 def in_batches(values: Sequence[Value], largest: int, workers: Workers) -> list[Sequence[Value]]:
-    """The values in batches of at most `largest`, and a batch for each process where possible.
+    """Values in batches of at most `largest`, so small that each process gets one if possible.
 
     Examples
     --------
@@ -97,6 +100,7 @@ def run_jobs(jobs: Jobs[Result], workers: Workers) -> Outcomes[Result]:
         return run_on(workers, jobs)
 
     n_processes = min(count_processes(workers), len(jobs))
+    # In a process that a parent has forked, see `_parents`, which it has from its parent.
     is_copy_of_parent = bool(_parents - {os.getpid()})
     if n_processes <= 1 or is_copy_of_parent:
         return _run_here(jobs)
@@ -131,9 +135,9 @@ def run_in_order(
 def without_failed(
     names: Iterable[str], results: Iterable[Result | NumericalError]
 ) -> tuple[list[Result], dict[str, str]]:
-    """The results of the jobs that did not fail, and the reasons of the others by name.
+    """Split results: those of the jobs that did not fail, and the errors of the others by name.
 
-    The result of a job that failed is its error.
+    The result of a job that failed is its error; the second value has its text.
 
     Raises
     ------
@@ -159,13 +163,14 @@ def report_progress(progress: Progress | None, names: Iterable[str]) -> None:
 
 
 def _run_here(jobs: Jobs[Result]) -> Outcomes[Result]:
+    """Run the jobs in this process, one after the other; yield each index with its result."""
     with threadpool_limits(1):
         for index, job in enumerate(jobs):
             yield index, job()
 
 
 def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
-    """Results by joblib, which keeps the processes for the next call."""
+    """Run the jobs by joblib, as :func:`run_jobs`; the processes wait for the next call."""
     with parallel_config(
         "loky",
         n_jobs=n_processes,
@@ -173,6 +178,7 @@ def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
         initializer=_start_worker,
         initargs=(os.getpid(),),
     ):
+        # A process gets one job at a time, and arrays as copies, not as files in memory.
         parallel = Parallel(
             return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None
         )
@@ -184,19 +190,21 @@ def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
         with _safe_path():
             with _signals_held_back():
                 results = parallel(delayed(_run_numbered)(*job) for job in enumerate(jobs))
-            # `yield from` would close the results before the warning below is silenced.
+            # If the caller stops early, `yield from` would close the results here. They are closed
+            # below, where joblib's warning of results that nobody takes is silenced.
             for numbered_result in results:  # noqa: UP028
                 yield numbered_result
     except BrokenProcessPool as error:
         raise WorkerError(DEAD_WORKER) from error
     finally:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # joblib warns of results that nobody takes
+            warnings.simplefilter("ignore")
             if results is not None:
                 results.close()
 
 
 def _run_numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
+    """Run a job; return its index with the result, because results come in any order."""
     return index, job()
 
 
@@ -221,7 +229,8 @@ def _signals_held_back() -> Iterator[None]:
         yield
         return
 
-    # joblib would start it next, and Python 3.11 and 3.12 let interrupts through after its start.
+    # joblib would start this tracker within the block. Python 3.11 and 3.12 unblock interrupts when
+    # they start it, so that it is started before.
     resource_tracker.ensure_running()
     earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_TERMINAL_SIGNALS])
 
@@ -236,7 +245,8 @@ def _start_worker(parent: int) -> None:
     import_without_folder_settings()
     for number in _TERMINAL_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    # SIGTERM is blocked here as in the parent, see _signals_held_back: it shall end a worker.
+    # A worker starts with the blocked signals of its parent, see _signals_held_back. SIGTERM must
+    # end it.
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
@@ -244,6 +254,6 @@ def _start_worker(parent: int) -> None:
 
 def _end_with_parent(parent: int) -> None:
     """End this worker when its parent is gone: a parent that is killed cannot end its workers."""
-    while os.getppid() == parent:
+    while os.getppid() == parent:  # An orphan gets another parent.
         time.sleep(1.0)
     os._exit(1)

@@ -1,10 +1,10 @@
 """The studies of the web page. Each is a folder, and the page shows only what the folder holds.
 
-`Job` is one study, `job_of` finds that of some files, and `jobs` lists all.
+`Job` is one study, `job_of` finds that of some files, and `list_jobs` lists all.
 
 A study is analysed by the command `bayes-toe run` in its folder. The process holds a lock of the
 home folder, so that one study is analysed at a time, also after the server was started again.
-`held` is the lock of the server. Both locks stand in a folder that holds nothing else.
+`home_lock` is the lock of the server. Both locks stand in a folder that holds nothing else.
 """
 
 from __future__ import annotations
@@ -70,9 +70,10 @@ class Job:
         """
         try:
             record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
-            names, _ = record["files"], (record["seed"], record["options"], record["created"])
+            is_complete = {"seed", "options", "created"}.issubset(record)
+            names = record["files"]
             has_good_names = names and [*map(file_name, names)] == names
-            if has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
+            if is_complete and has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
                 return record
         except (OSError, ValueError, TypeError, LookupError, RecursionError):
             pass
@@ -82,7 +83,8 @@ class Job:
         """Store the files of a study that is not stored yet, or damaged."""
         with suppress(InputError):
             self.record()
-            return
+            return  # It is stored, with options that may have been chosen since.
+
         record = {
             "files": sorted(files),
             "seed": secrets.randbelow(1_000_000),
@@ -119,7 +121,7 @@ class Job:
 
     def run_state(self) -> str:
         """Whether the study is 'new', 'running', 'stopped', 'done', or 'changed' since its run."""
-        if running(self.folder.parent)[0] == self.name:
+        if running_job(self.folder.parent)[0] == self.name:
             return "running"
         command = self._last_command()
         if command != self.command():
@@ -127,9 +129,10 @@ class Job:
         return "done" if (self.folder / RESULTS / "report.html").is_file() else "stopped"
 
     def start(self) -> subprocess.Popen[bytes]:
-        """Analyse the study in a process group of its own, from the finished subjects on.
+        """Analyse the study in a process group of its own, without the finished subjects.
 
-        What the study had under other options is removed.
+        Results of the study under other options are removed. The process inherits the file of the
+        run's lock, and with it the lock, which is free again when the process ends.
 
         Raises
         ------
@@ -138,7 +141,7 @@ class Job:
         """
         words = self.command()
         with _open_lock(self.folder.parent, _RUN) as lock:
-            if not is_locked(lock):
+            if not take_lock(lock):
                 raise InputError("Another study is being analysed. Wait for it, or stop it.")
             store = self.folder / _STORE
             if self._last_command() != words:
@@ -160,7 +163,7 @@ class Job:
                 lock.truncate(0)
                 lock.write(f"{self.name} {process.pid}")
                 lock.flush()
-            except OSError:  # Nobody could stop it.
+            except OSError:  # Without its number in the lock, nobody could stop the process.
                 end_group(process.pid, signal.SIGKILL)
                 raise
         return process
@@ -175,7 +178,7 @@ class Job:
             archive.writestr("command.txt", self.state()["command"])
 
     def _write(self, name: str, content: object) -> None:
-        """Write a file of ours, whole or not at all."""
+        """Write a file of this module as JSON, whole or not at all."""
         write_whole(self.folder / name, json.dumps(content).encode())
 
     def _last_command(self) -> Any:
@@ -190,8 +193,8 @@ class Job:
 
 
 @contextmanager
-def held(home: Path) -> Iterator[None]:
-    """Hold the home folder for one server; what is missing of it is made.
+def home_lock(home: Path) -> Iterator[None]:
+    """Hold the home folder for one server; make the folder and its locks where they are missing.
 
     Raises
     ------
@@ -204,16 +207,16 @@ def held(home: Path) -> Iterator[None]:
     with reporting(home):
         home.mkdir(mode=0o700, parents=True, exist_ok=True)
         locks.mkdir(mode=0o700, exist_ok=True)
-        others = {path.name for path in locks.iterdir()} - {_SERVER, _RUN}
-        if locks.is_symlink() or others:
+        foreign_files = {path.name for path in locks.iterdir()} - {_SERVER, _RUN}
+        if locks.is_symlink() or foreign_files:
             raise OutputError(
                 f"{format_path(locks)}: a link, or holds files that this program did not write; "
                 "name another folder with --folder"
             )
-        running(home)
+        running_job(home)  # raises if the lock of the run cannot be opened
         server_lock = _open_lock(home, _SERVER)
     with server_lock:
-        if not is_locked(server_lock):
+        if not take_lock(server_lock):
             raise InputError(
                 f"{format_path(home)}: in use by another bayes-toe app; use its page, or name "
                 "another folder with --folder"
@@ -223,24 +226,28 @@ def held(home: Path) -> Iterator[None]:
 
 def job_of(home: Path, files: Mapping[str, bytes]) -> Job:
     """The study of these files; its folder is named after their names and contents."""
-    contents = [[name, sha256(content).hexdigest()] for name, content in sorted(files.items())]
-    return Job(home / _checksum(contents)[:16])
+    checksums = [[name, sha256(content).hexdigest()] for name, content in sorted(files.items())]
+    return Job(home / _checksum(checksums)[:16])
 
 
 def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
-    """Contents by the names that the files get; each file comes with its name in the browser.
+    """Contents by the names that the files get here.
+
+    `files` has the path that the browser gives of each file, and its content.
 
     Raises
     ------
     InputError
         If there is no file, two get one name, or a name has another suffix.
     """
-    contents, paths = dict[str, bytes](), dict[str, str]()
+    contents = {}
+    paths: dict[str, str] = {}
     for path, content in files:
         name = file_name(path)
-        other = paths.setdefault(name.casefold(), path)  # one name on some disks
-        if len(paths) == len(contents):
-            raise InputError(f"{other!r} and {path!r} get one name here. Rename one of them.")
+        key = name.casefold()  # Some disks do not distinguish a.csv and A.csv.
+        if key in paths:
+            raise InputError(f"{paths[key]!r} and {path!r} get one name here. Rename one of them.")
+        paths[key] = path
         contents[name] = content
     if not contents:
         raise InputError("A study is one file, or several files.")
@@ -248,7 +255,7 @@ def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
 
 
 def file_name(path: str) -> str:
-    """A name for a file from a browser: of one folder, without signs that mean something.
+    """A safe name for a file from a browser: without folders, and without signs of shells.
 
     A long name ends with a checksum, so that it differs from others with the same beginning.
 
@@ -263,16 +270,17 @@ def file_name(path: str) -> str:
         raise InputError(
             f"{quoted(last)}: the page reads files whose names end in {', '.join(TABLE_SUFFIXES)}"
         )
-    if len(stem.encode()) > 120:
+    if len(stem.encode()) > 120:  # Disks take names of 255 bytes, and hidden files add some.
         stem = f"{stem[:30]}-{_checksum(stem)[:8]}"
     return f"{stem}{suffix}"
 
 
 def _checksum(value: object) -> str:
+    """A checksum of a value that JSON can hold, 64 hexadecimal digits."""
     return sha256(json.dumps(value).encode()).hexdigest()
 
 
-def jobs(home: Path) -> tuple[list[Job], list[str]]:
+def list_jobs(home: Path) -> tuple[list[Job], list[str]]:
     """The studies of a home folder, the newest first, and the folders of none or a damaged one."""
     created, damaged = {}, []
     for file in home.glob(f"*/{RECORD}"):
@@ -306,14 +314,16 @@ def require_options(content: bytes) -> Record:
         raise InputError("The options are no record") from None
     for name, value in options.items():
         texts = [*value, *value.values()] if isinstance(value, dict) else value
-        has_other_kinds = isinstance(texts, list) and not {*map(type, texts)} <= {str}
-        if type(value) is not _KINDS.get(name) or has_other_kinds:
+        is_valid = type(value) is _KINDS.get(name)
+        if isinstance(texts, list):
+            is_valid = is_valid and {str}.issuperset(map(type, texts))
+        if not is_valid:
             raise InputError(f"The option {name}, or its value, is unknown")
     return options
 
 
 def option_words(options: Mapping[str, Any]) -> list[str]:
-    """Options as they are typed, in one order.
+    """Options as they are typed, in the order of their names.
 
     Examples
     --------
@@ -325,13 +335,14 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
         option = f"--{name.replace('_', '-')}"
         if isinstance(value, dict):
             value = [f"{ours}={theirs}" for ours, theirs in sorted(value.items())]
-        if name == "columns":
-            value = [",".join(value)]
-        if isinstance(value, bool):
-            words += [option] * value
+        if name == "columns":  # All columns are one value; the option is typed once.
+            value = ",".join(value)
+
+        if value is True:
+            words.append(option)
         elif isinstance(value, str):
             words += [option, value]
-        else:
+        elif isinstance(value, list):
             for text in value:
                 words += [option, text]
     return words
@@ -340,10 +351,13 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
 # --- The run --------------------------------------------------------------------------------------
 
 
-def running(home: Path) -> tuple[str, int]:
-    """The study that is analysed now and its process group; '' and 0 where there is none."""
+def running_job(home: Path) -> tuple[str, int]:
+    """The study that is analysed now and its process group; '' and 0 where there is none.
+
+    The lock of the run has them as text, '0123456789abcdef 4711'.
+    """
     with _open_lock(home, _RUN) as lock:
-        if is_locked(lock):
+        if take_lock(lock):
             return "", 0
         lock.seek(0)
         name, _, group = lock.read().partition(" ")
@@ -351,19 +365,23 @@ def running(home: Path) -> tuple[str, int]:
 
 
 def end_group(group: int, number: signal.Signals) -> None:
-    """Send a signal to the processes of a run."""
+    """Send a signal to the processes of a run; 0 is no group."""
     if group:
         with suppress(ProcessLookupError):
             os.killpg(group, number)
 
 
 def _open_lock(home: Path, name: str) -> IO[str]:
+    """Open a file that can be locked; a link is refused, and the content stays."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
     return open(os.open(home / _LOCKS / name, flags, 0o666), "a+", encoding="utf-8")
 
 
-def is_locked(lock: IO[str]) -> bool:
-    """Whether this process has the lock now; a child that inherits the file keeps it."""
+def take_lock(lock: IO[str]) -> bool:
+    """Take a lock, unless another process has it; whether it was taken.
+
+    It is free again when this process, and each child that inherits the file, has closed the file.
+    """
     import fcntl  # Windows has none.
 
     try:

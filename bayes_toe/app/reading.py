@@ -27,7 +27,10 @@ from bayes_toe.data.text_table import TextTable
 
 
 def read_job(job: Job) -> Record:
-    """The columns of the files and the study, or the problem and its remedies."""
+    """What the page shows of the files: the columns and the study, or problems and remedies.
+
+    What cannot be read is None.
+    """
     record = job.record()
     paths = [job.folder / name for name in record["files"]]
     options = dict(record["options"])
@@ -36,11 +39,12 @@ def read_job(job: Job) -> Record:
     try:
         table = read_table(
             paths[0],
-            set,
+            set,  # all columns
             LARGEST_STUDY,
             sheet=options.get("sheet"),
             encoding=options.get("encoding"),
         )
+        # Automatic roles stay on the page if the options are refused.
         reading["table"] = {**describe_table(table), **describe_roles(table, bt.ReadOptions())}
         read_options = _read_options(options)
         reading["table"] |= describe_roles(table, read_options)
@@ -54,7 +58,10 @@ def read_job(job: Job) -> Record:
 
 
 def _read_options(options: Record) -> bt.ReadOptions:
-    """The options of the page; column names that no command can name are refused."""
+    """The options of the page as those of reading.
+
+    Names of columns that the command `bayes-toe run` cannot name are refused.
+    """
     untypable = [name for name in options.get("columns", {}).values() if "," in name]
     untypable += [name for name in options.get("where", {}) if "=" in name]
     if untypable:
@@ -69,7 +76,10 @@ def _read_options(options: Record) -> bt.ReadOptions:
 
 
 def describe_table(table: TextTable) -> Record:
-    """Names, first rows, and the counts of texts of columns with few of them."""
+    """Names of columns, the first six rows, and how often a column has each text.
+
+    Columns of more than twelve different texts are not counted: they are no codes.
+    """
     texts = {}
     for name, column in table.columns.items():
         counts = Counter(column.codes.tolist()).most_common()
@@ -87,7 +97,10 @@ def describe_table(table: TextTable) -> Record:
 
 
 def describe_roles(table: TextTable, options: bt.ReadOptions) -> dict[str, dict[str, str]]:
-    """Columns of roles; `automatic` are those where the page names none."""
+    """The column of each role, such as {'s1': 'first'}.
+
+    `roles` has those of the options, and `automatic` those if the page names no columns.
+    """
     return {
         "roles": _roles(table.names, options),
         "automatic": _roles(table.names, replace(options, columns={})),
@@ -95,7 +108,7 @@ def describe_roles(table: TextTable, options: bt.ReadOptions) -> dict[str, dict[
 
 
 def _roles(names: Sequence[str], options: bt.ReadOptions) -> dict[str, str]:
-    """The column of each of our roles that is in the table."""
+    """The column of each role, chosen or likely, that is in the table."""
     likely = with_likely_columns(names, options)
     return {ours: likely.name(ours) for ours in COLUMNS if likely.name(ours) in names}
 
@@ -119,7 +132,7 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
 
 
 def _describe_finding(finding: Finding) -> dict[str, str]:
-    """A finding in words, and what `--swap` or `--exclude` are given to act on it."""
+    """A finding in words, and the value of its option: 'A08:2' of '--swap A08:2'."""
     target = ""
     if finding.option.startswith(("--swap ", "--exclude ")):
         _, target = shlex.split(finding.option)

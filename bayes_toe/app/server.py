@@ -31,13 +31,13 @@ from bayes_toe.app.job import (
     RESULTS,
     Job,
     end_group,
-    held,
+    home_lock,
     job_of,
-    jobs,
+    list_jobs,
     named_files,
     require_options,
     result_files,
-    running,
+    running_job,
 )
 from bayes_toe.arrays import Record
 from bayes_toe.data.messages import format_path
@@ -73,7 +73,8 @@ class Site:
     readings: dict[tuple[str, ...], Record] = field(default_factory=dict)
     #: One reading at a time, so that the last one belongs to the last options.
     is_reading: asyncio.Lock = field(default_factory=asyncio.Lock)
-    process: subprocess.Popen[bytes] | None = None  # of the run
+    #: The process of the last run. While it is referenced here, Python collects its exit code.
+    process: subprocess.Popen[bytes] | None = None
 
     @property
     def host(self) -> str:
@@ -86,7 +87,11 @@ class Site:
         return f"bayes_toe_{self.port}"
 
     async def read(self, job: Job, options: Record | None = None) -> Record:
-        """Read the files of a study in a process of its own, with new options or if need be."""
+        """Return what the page shows of the files of a study; new options are saved first.
+
+        The files are read only if no earlier reading under the same options is stored, or if
+        options are given, which the user may do after a change of the files.
+        """
         async with self.is_reading:
             if options is not None:
                 job.save_options(options)
@@ -96,18 +101,19 @@ class Site:
         return self.readings[key]
 
     async def stop(self) -> None:
-        """End the run, gently at first."""
-        _, group = running(self.home)
+        """End the run: ask it to end, and kill it if it goes on for :data:`ENDING_TIME`."""
+        _, group = running_job(self.home)
         for number in (signal.SIGTERM, signal.SIGKILL):
             end_group(group, number)
             for _ in range(ENDING_TIME * 10):
-                if not running(self.home)[0]:
+                name, _ = running_job(self.home)
+                if not name:
                     return
                 await asyncio.sleep(0.1)
 
 
 async def read_in_process(job: Job) -> Record:
-    """What the reading process prints, or why it did not end well."""
+    """The record that the reading process prints, or one with the problem if it prints none."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "bayes_toe.app.reading", str(job.folder)),
         cwd=job.folder,
@@ -121,7 +127,7 @@ async def read_in_process(job: Job) -> Record:
         process.kill()
         await process.wait()
         problem = f"Reading takes longer than {READING_TIME} seconds."
-    except ValueError:
+    except ValueError:  # The process has died, and its output is no JSON.
         problem = "The file cannot be read. It is probably damaged."
     return {"table": None, "problems": [problem], "remedies": [], "study": None}
 
@@ -144,7 +150,7 @@ class Handler(RequestHandler):
             self.set_header(name, value)
 
     def prepare(self) -> None:
-        """Refuse foreign requests."""
+        """Refuse a request of another site, without the token, or without the header."""
         host, origin = self.request.headers.get("Host"), self.request.headers.get("Origin")
         if host != self.site.host or origin not in (None, f"http://{self.site.host}"):
             raise HTTPError(403, reason="Another site may not use this page")
@@ -171,8 +177,8 @@ class Handler(RequestHandler):
         results = f"results/{self.site.key}/{job.name}/"
         self.finish({**job.state(), "reading": reading, "results": results})
 
-    def set_kind(self, name: str) -> None:
-        """Say what the file is that is sent."""
+    def set_content_type(self, name: str) -> None:
+        """Say in the response what kind of file is sent, by the ending of its name."""
         kind, _ = mimetypes.guess_type(name)
         self.set_header("Content-Type", kind or "application/octet-stream")
 
@@ -183,21 +189,23 @@ class Handler(RequestHandler):
             await self.flush()
 
     def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
-        """Log bugs only."""
+        """Log bugs, not errors that :meth:`send_error` explains on the page."""
         if not isinstance(error, InputError | OSError):
             super().log_exception(kind, error, trace)
 
     def send_error(self, status_code: int = 500, **details: Any) -> None:
-        """Answer with the problem; our errors are bad requests, or files that cannot be written."""
+        """Answer with the problem of a bad input (400), of a folder (507), or of an HTTPError."""
         error = details["exc_info"][1]
         self.clear()
         self.set_status(status_code, getattr(error, "reason", None))
-        problem = self._reason
+        problem = self._reason  # set by set_status, the code's usual words if there is no reason
+
         if isinstance(error, InputError):
             self.set_status(400)
             problem = str(error)
         elif isinstance(error, OSError):
             self.set_status(507)
+            # An OutputError is an OSError without number, whose cause is that of the system.
             reason = getattr(error.__cause__ or error, "strerror", None) or error
             problem = f"The folder {self.site.home} cannot be used: {reason}"
         self.finish({"problem": problem})
@@ -211,10 +219,10 @@ class Page(Handler):
         return self.get_query_argument("token", None) or super().token()
 
     def get(self, name: str) -> None:
-        """Send a file of the page."""
+        """Send a file of the page, page.html if the address names none."""
         name, site = name or "page.html", self.site
         self.set_cookie(site.cookie, site.token, httponly=True, samesite="Strict", path="/")
-        self.set_kind(name)
+        self.set_content_type(name)
         self.finish((files("bayes_toe.app") / name).read_bytes())
 
 
@@ -223,7 +231,7 @@ class Jobs(Handler):
 
     def get(self) -> None:
         """List names and states, and the folders of no study or a damaged one."""
-        studies, damaged = jobs(self.site.home)
+        studies, damaged = list_jobs(self.site.home)
         listed = []
         for job in studies:
             listed.append({"id": job.name, "run": job.run_state(), **job.record()})
@@ -246,7 +254,7 @@ class OneJob(Handler):
         await self.send_state(self.job(name))
 
     async def post(self, name: str, action: str) -> None:
-        """Do what a button of the page says."""
+        """Do what a button of the page says, and send the state of the study afterwards."""
         job, site = self.job(name), self.site
         is_running = job.run_state() == "running"
         if action == "options":
@@ -257,8 +265,9 @@ class OneJob(Handler):
             if (await site.read(job))["study"] is None:
                 raise InputError("A question about the file is open")
             site.process = job.start()
-        elif is_running:  # stop, delete
+        elif is_running:  # The actions 'stop' and 'delete' end the run.
             await site.stop()
+
         if action == "delete":
             shutil.rmtree(job.folder)
             self.finish({})
@@ -267,7 +276,7 @@ class OneJob(Handler):
 
 
 class Results(Handler):
-    """Files of a results folder; pages of it get an origin of their own."""
+    """Files of a results folder; they get an origin of their own by :data:`_REPORT_POLICY`."""
 
     def token(self) -> str | None:
         """The token of this server if the address has the key."""
@@ -282,7 +291,7 @@ class Results(Handler):
         if path not in listed:
             raise HTTPError(404, reason="There is no such file")
         self.set_header("Content-Security-Policy", _REPORT_POLICY)
-        self.set_kind(path)
+        self.set_content_type(path)
         with open(listed[path], "rb") as file:
             await self.send(file)
 
@@ -298,7 +307,7 @@ class Archive(Handler):
         with tempfile.TemporaryFile(dir=job.folder) as file:
             await asyncio.to_thread(job.write_zip, file)
             file.seek(0)
-            self.set_kind("results.zip")
+            self.set_content_type("results.zip")
             await self.send(file)
 
 
@@ -320,7 +329,7 @@ def application(site: Site) -> Application:
 
 
 def _no_log(_: RequestHandler) -> None:
-    """Addresses hold the token, and belong in no log."""
+    """Log no request, because its address may hold the token."""
 
 
 # --- The command ----------------------------------------------------------------------------------
@@ -346,16 +355,18 @@ def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
     if os.name != "posix":
         raise InputError("app needs Linux or macOS; on Windows use WSL")
     expanded = Path(os.path.expanduser(home))
+    # An empty HOME makes '/x' of '~/x', and an unknown user's '~name/x' stays as it is.
     has_home = os.environ.get("HOME") != "" and expanded.is_absolute()
     if str(home).startswith("~") and not has_home:
         raise InputError(
             f"{format_path(home)}: there is no such home folder; name a folder with --folder"
         )
-    with held(expanded):
+    with home_lock(expanded):
         return asyncio.run(_serve(expanded.resolve(), port, ready))
 
 
 async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
+    """Serve the page, as :func:`serve` does, from a home folder that exists and is held."""
     try:
         listening = socket.create_server((ADDRESS, port))
     except OSError as error:
@@ -364,14 +375,16 @@ async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
             f"port {port}: cannot be used ({reason}); --port 0 takes a free one"
         ) from None
     listening.setblocking(False)
+
     site = Site(home, listening.getsockname()[1])
     server = HTTPServer(application(site), max_body_size=LARGEST_UPLOAD)
     server.add_socket(listening)
+
     signals: asyncio.Queue[int] = asyncio.Queue()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         asyncio.get_running_loop().add_signal_handler(number, signals.put_nowait, number)
     ready(f"http://{site.host}/?token={site.token}")
-    first = await signals.get()
+    first_signal = await signals.get()
     server.stop()
     await site.stop()
-    return first
+    return first_signal

@@ -71,7 +71,10 @@ def flagged(
 
 
 def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
-    """A row for every subject, the reasons of `(a)`, and what needs action."""
+    """Print the table of subjects, the reasons of '(a)' in it, and the problems.
+
+    If subjects are many, only those that need action have a row. `file` has all.
+    """
     names = names_to_show([answer.subject for answer in answers], flagged(answers))
     selected = [answer for answer in answers if answer.subject in names]
     letters = reason_letters(selected)
@@ -89,7 +92,7 @@ def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
 
 
 def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
-    """The table of subjects. If it is too wide, words are shortened, one kind after the other."""
+    """Print the table of subjects; if it is too wide, one kind of words after the other is cut."""
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
     name_width = max(len(row[0]) for row in (headings, *rows))
 
@@ -102,7 +105,7 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
 
 
 def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
-    """The conclusion of a subject as a row of the table."""
+    """The conclusion of a subject as a row of the table; `letters` has those of reasons."""
     name = f"{answer.subject} {answer.mark}".rstrip()
     if not answer.is_interpretable:
         return [name, f"not interpreted: {answer.flags[0]}"]
@@ -112,6 +115,7 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     cells = [name]
     for question, line in answer.lines.items():
         cells.append(letters.get(line.reason) or str(answer.words[question]))
+    # The headings have the units: '+12 dB [8, 16]' -> '+12 [8, 16]'.
     unit = f" {answer.unit.of_differences}"
     for question in SIZE_OF:
         size = answer.lines[question].size
@@ -130,7 +134,10 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
 
 
 def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
-    """Print problems: those that need action with an option to type, then all others."""
+    """Print problems by mark: '!' needs action, '?' depends on the prior, '-' is a note.
+
+    If several subjects have an option, the command with all options follows the first group.
+    """
     notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
     options = []  # the first of each subject
     marked = {answer.subject: _marked_problems(answer) for answer in answers}
@@ -142,19 +149,23 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
         for mark, message, option in problems:
             if option and len(options) == 1:
                 option = f"{command} {option}"
+            # A text without the subject's numbers: the notes of many subjects become one.
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
                 message = "With another prior width, a 'yes' or a 'no' becomes undecided."
             notes[mark].append((subject, message, option))
 
-    for mark, of_mark in notes.items():
-        out.notes(of_mark, mark, file=file)
+    for mark, notes_of_mark in notes.items():
+        out.notes(notes_of_mark, mark, file=file)
         if mark == "!" and len(options) > 1:
             out.line("To apply all of these, type:")
             out.lines(command_lines(f"{command} {' '.join(options)}", "  "))
 
 
 def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
-    """Mark, message and option of each problem; only the first if it is not interpreted."""
+    """Mark, message and option of each problem, such as ('!', 'The model does not fit.', '').
+
+    Of a subject that is not interpreted, only the reason counts.
+    """
     if not answer.is_interpretable:
         first = answer.problems[answer.flags[0]]
         return [("!", first.message, first.option)]
@@ -179,7 +190,10 @@ def print_answer(
     closing: Texts = (),
     group: PopulationResult | None = None,
 ) -> None:
-    """The answer of a study: counts, directions, the group, and what is not counted."""
+    """Print the answer of a study: counts, directions, the group, and what is not counted.
+
+    `closing` has the sentences of the last line.
+    """
     lines = [*answer_lines(study, answers, group), *group_lines]
     for answer in answers:
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
@@ -188,7 +202,7 @@ def print_answer(
 
 
 def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | None) -> list[str]:
-    """The counts and directions of the answer of a study."""
+    """The sentences of the answer of a study: counts and directions for each question."""
     units = study.conditions is not None
     return study_lines(answers, group, synthetic=study.synthetic, units=units)
 

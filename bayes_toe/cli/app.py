@@ -59,12 +59,12 @@ FORMER_OPTIONS = {
 
 
 class Commands(TyperGroup):
-    """The commands, of which the words that were typed are kept."""
+    """The group of all commands; it stores in `TYPED` the words that were typed."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that the first argument names; former names of options become today's."""
+        """Find the command that the first argument names, with today's names of options."""
         for i, word in enumerate(args):
-            option, sign, value = word.partition("=")
+            option, sign, value = word.partition("=")  # '--turn=A08:2' or '--turn'
             args[i] = f"{FORMER_OPTIONS.get(option, option)}{sign}{value}"
         TYPED[:] = args
         return super().resolve_command(ctx, args)
@@ -74,7 +74,7 @@ class Command(TyperCommand):
     """A command whose help is one screen: only `check` lists how to read files in other layouts."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options; the task of the example may be missing."""
+        """Read the options, of which `--example` may be without its value."""
         return super().parse_args(ctx, complete_example(args))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:

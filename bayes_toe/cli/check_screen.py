@@ -33,9 +33,9 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool)
     for part in study.by_task:
         if part.task != study.task:
             out.line()
-            part = replace(part, notes=())
+            part = replace(part, notes=())  # They are of the whole study, and already printed.
         findings += _print_task(out, part, prior, shows_prior=shows_prior)
-    lines, commands = answer_of_check(study, findings, _by_subject(findings))
+    lines, commands = answer_of_check(study, findings)
     out.answer(lines)
     for command in commands:
         out.lines(command_lines(command, "  "))
@@ -64,14 +64,17 @@ def _print_task(
 
 
 def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) -> None:
-    """A row for each subject with a problem, and in full what does not fit into it."""
+    """A row for each subject with a problem, and notes with what does not fit into the row.
+
+    If there are few subjects and no problems, each has a row.
+    """
     names = list(by_subject)
     if not names and len(study) < MANY_SUBJECTS:
         names = list(study.names)
     rows, full = [], []
     for name in names:
         findings = by_subject.get(name, [])
-        if name not in study.names:  # a subject with several conditions
+        if name not in study.names:  # A subject with conditions, whose rows have other names.
             full += findings
             continue
 
@@ -81,6 +84,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
             sentence = findings[0].message.partition(". ")[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
         short = textwrap.shorten(problem, 52, placeholder="...")
+        # The row has the first sentence of the first finding, if it is not too long.
         full += findings if short != problem else findings[1:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
         rows.append([name, str(subject.total_trials), share, short])
@@ -92,18 +96,20 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
     out.notes((item.subject, item.message, "") for item in full)
 
 
-def answer_of_check(
-    study: Study, findings: Findings, by_subject: FindingsBySubject
-) -> tuple[list[str], list[str]]:
-    """What the design can show, the subjects that need a decision, and the next commands."""
+def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[str]]:
+    """Sentences of the answer, and the commands to type next.
+
+    The sentences say what the design can show, and how many subjects need a decision.
+    """
     lines = _limits_of_design(study, findings)
-    if common_scales(*study) is None:
+    if common_scales(*study) is None:  # No pair has different stimuli, so that no command can run.
         return lines, []
     obstacle = _obstacle(study, findings)
     if obstacle:
         return [*lines, obstacle], []
 
-    options = []
+    by_subject = _by_subject(findings)
+    options = []  # the first one of each subject
     for of_subject in by_subject.values():
         options += [finding.option for finding in of_subject if finding.option][:1]
     run = typed_command("run" if len(study.by_task) == 1 else "contrast")
@@ -113,6 +119,7 @@ def answer_of_check(
             decision = "Read the problems above. No subject must be excluded. Type:"
         return [*lines, decision], [run]
 
+    # Blocks that look swapped may be swapped or excluded: two commands.
     exclude = [option.replace("--swap", "--exclude", 1) for option in options]
     commands = []
     if exclude != options:
@@ -129,7 +136,7 @@ def answer_of_check(
 
 
 def _obstacle(study: Study, findings: Findings) -> str:
-    """Why nothing can be analysed yet; empty where something can."""
+    """A sentence on why nothing can be analysed yet; '' if something can."""
     codes = [finding.code for finding in findings]
     if "other_task" in codes:
         question = "All subjects need a decision: was the task 'same or different?'"
@@ -143,7 +150,7 @@ def _obstacle(study: Study, findings: Findings) -> str:
 
 
 def _limits_of_design(study: Study, findings: Findings) -> list[str]:
-    """The effects that the design can show, and those that it cannot, with numbers of subjects."""
+    """Sentences on the effects that the design can show, and on those that it cannot."""
     all_subjects = plural(len(study), "subject")
     identified = [identify(subject) for subject in study]
     effects = []
@@ -171,7 +178,7 @@ def describe_pairs(study: Study) -> str:
     'Pairs: 1 equal one, and 1 different one, in both orders'
     """
     pairs = set(chain.from_iterable(subject.pairs for subject in study))
-    orders = Counter(tuple(sorted(pair)) for pair in pairs)
+    orders = Counter(tuple(sorted(pair)) for pair in pairs)  # (low, high): 1 or 2 orders
     n_equal = sum(low == high for low, high in orders)
     n_both = sum(n_orders == 2 for n_orders in orders.values())
     n_single = len(orders) - n_equal - n_both

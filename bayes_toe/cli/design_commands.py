@@ -63,7 +63,7 @@ class StudyPlan:
     observers: Observers = None
 
     def designs(self, files: Sequence[Path]) -> Mapping[str, StudyDesign]:
-        """Designs by the names of their files and, of several tasks, the name of the task."""
+        """Designs by the name of their file, or of file and task if there are several tasks."""
         designs = {}
         for question in self.questions.split(","):
             for name, design in _read_designs(files, question, self.unit).items():
@@ -95,6 +95,7 @@ def power(
 
     numbers, sizes = _whole_numbers("--trials", plan.trials), []
     observers = plan.observers
+    # Studies of several subjects also simulate how subjects differ.
     if plan.subjects is not None:
         sizes = _whole_numbers("--subjects", plan.subjects, 2)
         observers = observers or GROUPS
@@ -103,7 +104,7 @@ def power(
     designs = plan.designs(design or ())
     n_data_sets = 0
     for of_task in designs_by_task(designs):
-        # A bad file is refused before any work.
+        # Only the number of kinds is used here, but a bad file is refused before any work.
         assumed = assume_observers(observers, plan.simulated, 0, list(of_task.values()))
         n_data_sets += len(of_task) * len(numbers) * len(assumed)
     table = context.work(
@@ -148,7 +149,7 @@ def _write_power(
 def _read_designs(
     files: Sequence[Path], question: str, unit: str | None
 ) -> Mapping[str, StudyDesign]:
-    """Designs by the names of their files; the paper's where there is none."""
+    """Designs by the names of their files; if no file is given, the paper's design."""
     from bayes_toe.design.power import name_designs
 
     designs = [bt.design.read_study_design(file, question, unit) for file in files]
@@ -164,7 +165,7 @@ def _read_designs(
 
 
 def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
-    """Whole numbers of an option, ascending, each once."""
+    """Parse whole numbers, ascending and each once: '480,240' -> [240, 480]."""
     try:
         numbers = sorted({*map(int, text.split(","))})
     except ValueError:
@@ -214,25 +215,26 @@ class SearchOptions:
     )
 
     def log_levels(self) -> FloatArray:
-        """Levels, natural-log intensity."""
+        """The levels that pairs can have, natural-log intensity, from the range or the file."""
         from bayes_toe.design.optimal_pairs import levels_between, read_levels
 
+        options = self.reading()
         if self.levels is not None:
             if self.lowest is not None or self.highest is not None:
                 raise bt.InputError(
                     "The range is given twice. Use either --levels, or --lowest and --highest."
                 )
-            return read_levels(self.levels, self.reading())
+            return read_levels(self.levels, options)
         if self.lowest is None or self.highest is None:
             raise bt.InputError(
                 "No range of stimuli is given. Use --lowest and --highest with --unit (natural "
                 "logs without it), or --levels levels.csv."
             )
-        options = self.reading()
         option = f"--lowest {self.lowest:g} --highest {self.highest:g}"
         if options.has_intensities and not (self.lowest > 0.0 and self.highest > 0.0):
             raise bt.InputError(f"{option}: found with a unit, allowed: positive numbers")
         is_log = self.unit is None and not options.has_intensities
+        # exp(10) is 22,000: such numbers are more probably intensities.
         if is_log and max(self.highest - self.lowest, self.lowest) > 10.0:
             raise bt.InputError(
                 f"{option}: no natural logs of intensities are so large or so far apart",
@@ -328,7 +330,7 @@ def _find_design(
 
     optimal = context.work(
         "simulating and analysing",
-        2 * 6 * simulated,
+        2 * 6 * simulated,  # the optimised and an even design, six kinds of observers
         bt.design.optimal_design,
         search.log_levels(),
         search.trials,
@@ -361,7 +363,10 @@ def _find_design(
 def _list_trials(
     file: Path, search: SearchOptions, lists: ListOptions, context: RunContext
 ) -> None:
-    """Write randomised, counterbalanced trials of a design, which run reads once answered."""
+    """Write the trials of a given design in random order, for the experiment to present.
+
+    The table has an empty column of responses. When it is filled, `run` reads the table.
+    """
     import pandas as pd
 
     from bayes_toe.data.tables import write_table
@@ -387,21 +392,23 @@ def _list_trials(
         levels = differences.conditions.levels
     study_design = bt.design.read_study_design(file, search.question, search.unit)
     seed = root_seed(context.seed)
-    list_of = partial(
-        bt.design.trial_list,
-        study_design,
-        blocks=lists.blocks,
-        seed=seed,
-        conditions=levels,
-        unit=search.shown_unit(),
-    )
-    tables = [list_of(subject=name) for name in subject_names(lists.subjects)]
+    tables = []
+    for name in subject_names(lists.subjects):
+        table = bt.design.trial_list(
+            study_design,
+            blocks=lists.blocks,
+            seed=seed,
+            conditions=levels,
+            unit=search.shown_unit(),
+            subject=name,
+        )
+        tables.append(table)
     write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
     context.print_written(_describe_list(lists, study_design.total, levels), seed)
 
 
 def _describe_list(lists: ListOptions, n_trials_each: int, levels: Texts) -> str:
-    """What is in a list with so many trials of each subject in each condition."""
+    """A sentence on the list; `n_trials_each` counts the trials of a subject in a condition."""
     from bayes_toe.design.trial_list import MOST_EQUAL
 
     n_trials = n_trials_each * max(1, len(levels))

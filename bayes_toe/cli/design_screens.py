@@ -18,7 +18,7 @@ from bayes_toe.model.parameters import CONSTANT_ERROR
 
 
 def print_power(out: Terminal, table: PowerTable) -> None:
-    """Shares of 'yes' and 'probably' by observers: a table for each design."""
+    """Print the shares of 'yes' and 'probably' by observers, in a table for each design."""
     headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
     for design in table.different("design"):
         rows = []
@@ -31,7 +31,10 @@ def print_power(out: Terminal, table: PowerTable) -> None:
 
 
 def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
-    """A row for each kind of observers; the number of trials stands in the first."""
+    """A row for each kind of observers; only the first has the number of trials.
+
+    A share stands in brackets if the observers do not have the effect.
+    """
     rows = list[list[str]]()
     for kind in table.different("observers"):
         cells = [f"{trials:,}" if not rows else "", kind]
@@ -51,10 +54,11 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
 def print_groups(
     out: Terminal, table: PowerTable, groups: GroupPowerTable, unit: StimulusUnit
 ) -> None:
-    """Subjects and group means that studies detect, by the number of subjects."""
+    """Print how many subjects, and how often group means, studies of several sizes detect."""
     for design, trials in table.designs:
         heading = f"{capitalized(design)}, {trials:,} trials"
         kinds = groups.select(design, trials, "order_effect")
+        # Each kind of observers has a row for each size of a study; the sizes are the same.
         sizes = [f"{row.subjects} subjects" for row in next(iter(kinds.values()))]
         rows = []
         for kind, of_kind in kinds.items():

@@ -37,7 +37,10 @@ class Stopped(BaseException):
 
 
 def main() -> None:
-    """Entry point of the `bayes-toe` command."""
+    """Run the command that is typed, and exit with its code.
+
+    The code is 128 + n after signal n, and 2 if standard output could not be written.
+    """
     output = open_streams()
     require_usable_process()
     require_cache()
@@ -53,7 +56,7 @@ def main() -> None:
         except SystemExit as end:
             code = end.code
         finally:
-            _ignore(handled)
+            _ignore(handled)  # The command is over, and a signal must not change its exit code.
     except Stopped as stop:
         say_stopped(stop.number)
         raise SystemExit(128 + stop.number) from None
@@ -85,7 +88,7 @@ class Log(io.FileIO):
     failed: OSError | None = None
 
     def write(self, data: Any, /) -> int:
-        """Write; what comes after a failure is dropped."""
+        """Write, or drop the data after a failure; return the number of bytes in both cases."""
         if self.failed is None:
             try:
                 return super().write(data)
@@ -110,7 +113,7 @@ def open_streams() -> Log:
 
 
 def _open_log(number: int, earlier: Any) -> tuple[Log, io.TextIOWrapper]:
-    """A log, and a stream of texts into it with the settings of the stream that it replaces."""
+    """A log on a file number, and a text stream into it with the settings of an earlier stream."""
     encoding = getattr(earlier, "encoding", "utf-8")
     is_by_line = getattr(earlier, "line_buffering", False)
     log = Log(number, "w", closefd=False)
@@ -119,9 +122,9 @@ def _open_log(number: int, earlier: Any) -> tuple[Log, io.TextIOWrapper]:
 
 
 def require_cache() -> None:
-    """Give libraries a folder for this run if they cannot make their own.
+    """Give libraries a temporary cache folder if the user's own cannot be written.
 
-    Some fail without one, or make it in the working folder.
+    Some libraries fail without one, or make it in the working folder.
     """
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     with suppress(OSError):
@@ -137,7 +140,10 @@ def require_cache() -> None:
 
 
 def listen() -> list[signal.Signals]:
-    """Raise :class:`Stopped` at the first signal; what is ignored, as under nohup, stays so."""
+    """From now on, raise :class:`Stopped` at the first signal; return the signals that do so.
+
+    A signal that is ignored, as under nohup, stays ignored.
+    """
     handled = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
     def stop(number: int, _: FrameType | None) -> None:
@@ -158,5 +164,6 @@ def say_stopped(number: int) -> None:
 
 
 def _ignore(signals: list[signal.Signals]) -> None:
+    """Ignore signals from now on."""
     for number in signals:
         signal.signal(number, signal.SIG_IGN)

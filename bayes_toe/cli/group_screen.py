@@ -31,7 +31,7 @@ from bayes_toe.inference.diagnostics import worst
 
 
 def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck) -> None:
-    """The table of the group, its fit, a new subject, and what needs action."""
+    """Print the table of the group, a new subject, the fit of the group, and problems."""
     headings = ["", "mean", "SD between\nsubjects", "BF of mean\nnot 0", ""]
     out.table(headings, [parameter_row(result, name) for name in LABELS])
     for title, headings, comparisons in comparison_tables(result):
@@ -49,7 +49,7 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
 
 
 def print_problems(out: Terminal, result: PopulationResult, contradictions: Sequence[str]) -> None:
-    """Print what to know before any number of the group is used."""
+    """Print the problems of the draws, and how the responses contradict the group model."""
     out.notes(("", capitalized(text), "") for text in (*result.problems, *contradictions))
 
 
@@ -57,18 +57,19 @@ def print_problems(out: Terminal, result: PopulationResult, contradictions: Sequ
 
 
 def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> None:
-    """A row for each subject, comparison and quantity; what is not compared."""
+    """Print a row for each subject, comparison and quantity, and the subjects without a row."""
     out.table_of_subjects(*_contrast_table(table), len(table.subjects), file)
     if len({row.comparison for row in table}) > 1:
         out.line("BF and word refer to a difference between any two conditions.")
     if any(row.robust == "no" for row in table):
         out.line("? The word changes if the lapse rate may differ between conditions.")
-    left_out = {name: why for name, why in table.left_out.items() if name not in table.failed}
-    out.reasons("Not compared", left_out, "-", file=file)
+    # Failures are problems, which the command prints by itself.
+    reasons = {key: text for key, text in table.left_out.items() if key not in table.failed}
+    out.reasons("Not compared", reasons, "-", file=file)
 
 
 def print_one_observer(out: Terminal, table: ContrastTable, file: str) -> None:
-    """The order effect of each subject, if one observer does all tasks."""
+    """Print the order effect of each subject, if one observer does all tasks."""
     out.line()
     out.line("If one observer does all tasks of a subject:")
     print_subjects(out, table.answers, file)
@@ -82,9 +83,9 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
     rows = []
     for labels, quantities in groupby(table, attrgetter("subject", "comparison")):
         for row in quantities:
-            if row.quantity == ORDER_EFFECT:
+            if row.quantity == ORDER_EFFECT:  # The answer has it, in a sentence.
                 continue
-            word, size = row.short_word, "-"
+            word, size = row.short_word, "-"  # no size of a difference that is not there
             if word not in ("no", "probably not"):
                 size = row.size(table.unit)
             if row.robust == "no":
@@ -92,6 +93,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
             rows.append([*labels, row.quantity, size, row.factor, word])
             labels = "", ""
 
+    # The column of a single comparison is left out, and the heading of its sizes names it.
     if len(comparisons) == 1:
         headings[3] = f"{comparisons.pop()} [95 % interval]"
         for cells in [headings, *rows]:
@@ -102,8 +104,8 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
 # --- Serial dependence ---------------------------------------------------------------------------
 
 
-def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) -> None:
-    """Print both effects of every subject, and the meaning of their sizes."""
+def print_history(out: Terminal, table: SerialDependence, file: str) -> None:
+    """Print word and size of both effects of every subject, and subjects without a result."""
     rows, failed = [], {}
     for row in table:
         if not row.has_result:
@@ -126,7 +128,7 @@ def print_history(out: Terminal, table: SerialDependence, file: str = OUTPUT) ->
 
 
 def history_lines(table: SerialDependence) -> list[str]:
-    """How many subjects have each word, for both effects."""
+    """Sentences on how many subjects have each word, one for each effect; none without results."""
     rows = [row for row in table if row.has_result]
     if not rows:
         return []

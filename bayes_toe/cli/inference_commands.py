@@ -21,7 +21,6 @@ from bayes_toe.data.messages import capitalized, plural
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
     from bayes_toe.answers.evidence_table import EvidenceTable
-    from bayes_toe.groups.predictive_check import PredictiveCheck
 
 _HEADINGS = {
     "constant_error": "constant\nerror, ln",
@@ -45,6 +44,8 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
+    from bayes_toe.cli.answer_screen import print_subjects
+    from bayes_toe.cli.group_screen import print_contrast, print_problems
     from bayes_toe.cli.results_folder import PRODUCTS, write_results
     from bayes_toe.explorer.page import require_bokeh, require_few
     from bayes_toe.groups.predictive_check import predictive_check
@@ -58,15 +59,22 @@ def run(
     context.require_folder(output, PRODUCTS)
     keep = context.partial_folder(output)
     read, prior = context.read_and_describe(study)
-    if explore:
+    if explore:  # Many subjects are refused before the work, not when the page is made.
         require_few(len(read), "subjects")
     _require_fitting(context, read, prior)
 
     analysis = context.work(
         "sampling", len(read), bt.run, read, draws=context.draws, prior=prior, keep=keep
     )
-    check = None if analysis.group is None else predictive_check(analysis.group)
-    _print_analysis(context.out, analysis, check, output)
+    files = f"{output / 'report.html'} and {output / 'evidence.csv'}"
+    print_subjects(context.out, analysis.answers, files)
+    print_failed(context.out, analysis.draws)
+    if analysis.contrast is not None:
+        print_contrast(context.out, analysis.contrast)
+    check = None
+    if analysis.group is not None:
+        check = predictive_check(analysis.group)
+        print_problems(context.out, analysis.group, check.warnings)
 
     write_results(analysis, output, context, check=check, figures=figures, has_explorer=explore)
     failed = analysis.draws.failed
@@ -79,26 +87,10 @@ def run(
     context.end(problems)
 
 
-def _print_analysis(
-    out: Terminal, analysis: Analysis, check: PredictiveCheck | None, folder: Path
-) -> None:
-    """The tables of subjects and conditions, and what needs action."""
-    from bayes_toe.cli.answer_screen import print_subjects
-    from bayes_toe.cli.group_screen import print_contrast, print_problems
-
-    files = f"{folder / 'report.html'} and {folder / 'evidence.csv'}"
-    print_subjects(out, analysis.answers, files)
-    print_failed(out, analysis.draws)
-    if analysis.contrast is not None:
-        print_contrast(out, analysis.contrast)
-    if analysis.group is not None and check is not None:
-        print_problems(out, analysis.group, check.warnings)
-
-
 def _print_conclusion(
     out: Terminal, analysis: Analysis, problems: Collection[str], folder: Path
 ) -> None:
-    """The answer of the study and of the group, and where to go on."""
+    """Print the answer of the study and of the group, and the file with which to go on."""
     from bayes_toe.answers.group_answer import good_fits_answer, group_answer
     from bayes_toe.cli.answer_screen import print_answer, without_decision
 
@@ -156,7 +148,7 @@ def sample(
 def _require_fitting(
     context: RunContext, study: bt.Study, prior: bt.Prior, model: str = "paper"
 ) -> None:
-    """Refuse, before the work, more draws than fit into one file."""
+    """Refuse, before the work, draws of so many subjects that no file can hold them."""
     from bayes_toe.inference.draws import require_fitting
     from bayes_toe.inference.sampling import SamplerSettings
     from bayes_toe.model.models import require_model
@@ -193,28 +185,30 @@ def evidence(
 
 
 def print_draws(out: Terminal, draws: bt.Draws) -> None:
-    """Medians, intervals and convergence of every subject."""
+    """Print medians, intervals and convergence of every subject, or of those with a problem."""
     from bayes_toe.answers.order_effect import format_draws
     from bayes_toe.model.models import model_title
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
     stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
     columns = ["constant_error", "contraction", "jnd"]
-    if "mu1" in draws.parameters:
+    if "mu1" in draws.parameters:  # the paper's model
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     keys = [key for key in columns if key in draws.parameters]
 
     rows = []
     for name in names_to_show(draws.names, missed):
         subject_stats = stats.sel(subject=name)
-        # The smallest effective size of all quantities: errors are then rather too large.
+        # Digits are shown as far as they are certain. The smallest effective size of all quantities
+        # shows rather too few.
         n_effective = float(subject_stats["min_ess"])
         row = [f"{name} !" if name in missed else name]
         for key in keys:
             scale = QUANTITY_BY_NAME[key].scale
             decimals = 2 if scale == 1.0 else 0
             text = format_draws(scale * draws.values(name, key), n_effective, decimals)
-            if key in ("sigma_p", "sigma_l", "q0", "lapse_rate"):  # without interval
+            # The table has no room for all intervals: '.12 [.09, .15]' -> '.12'.
+            if key in ("sigma_p", "sigma_l", "q0", "lapse_rate"):
                 text, *_ = text.split()
             row.append(without_zeros(text))
         rows.append([*row, f"{n_effective:.0f}", f"{float(subject_stats['max_r_hat']):.3f}"])
@@ -230,13 +224,14 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
 
 
 def print_failed(out: Terminal, draws: bt.Draws) -> None:
-    """Subjects whose draws did not converge, or are too few."""
+    """Print the subjects whose draws did not converge, or are too few, with the reasons."""
     out.reasons("The draws did not converge", draws.not_converged)
     out.reasons("The draws are not precise enough", draws.imprecise)
 
 
 def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None:
     """Log evidences of the four models, and of the paper's model (H1) against H0."""
+    # A space stands in place of the star that marks the best model.
     headings = ["subject", "none ", "constant ", "contraction ", "both "]
     headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
     rows = []

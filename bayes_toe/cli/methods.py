@@ -53,7 +53,7 @@ from bayes_toe.inference.diagnostics import worst
 
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
-#: Words of the screens in a paper. Sentences with names from outside are not changed by them.
+#: Words of the screens, and the words of a paper in their place, one after the other.
 _IN_PAPER = {
     "subject": "participant",
     "directions differ": "directions differed",
@@ -103,20 +103,21 @@ def write_methods(analysis: Analysis, path: Path) -> None:
 
 
 def _wrap(paragraph: str) -> str:
-    """A paragraph in short lines; the lines of a table stay."""
+    """A paragraph in lines of at most 88 characters; the lines of a table stay."""
     if paragraph.startswith("|"):
         return paragraph
     return fill(" ".join(paragraph.split()), 88, break_long_words=False, break_on_hyphens=False)
 
 
 def _escaped(text: str) -> str:
-    """A text from outside, so that it is no markup."""
+    r"""A text from outside without markup: 'a*b' -> 'a\*b'."""
     return visible(text).translate(_ESCAPED)
 
 
 def _methods(analysis: Analysis) -> Record:
-    """What the template says, besides what the analysis has."""
+    """The values of the template by name."""
     study = analysis.study
+    # The notes on trials that are left out or changed, of all notes of reading.
     words_of_changes = "dropped|excluded|merged|swapped|only rows|only pairs"
     changes = [note for note in study.notes if re.search(words_of_changes, note)]
     trials_by_subject: Counter[str] = Counter()
@@ -161,7 +162,10 @@ def _largest_error(answers: Sequence[OrderEffect]) -> float:
 
 
 def _in_paper(sentence: str) -> str:
-    """A sentence of the screens in the past tense; it has no names from outside."""
+    """A sentence of the screens as a paper has it, in the past tense: 'differs' -> 'differed'.
+
+    The sentence has no names from outside, in which words could be replaced.
+    """
     for word, paper_word in _IN_PAPER.items():
         sentence = sentence.replace(word, paper_word)
     return sentence

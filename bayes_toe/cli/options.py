@@ -65,7 +65,7 @@ Question = Annotated[
 
 
 def complete_example(words: list[str]) -> list[str]:
-    """The words of a command, in which `--example` without a task gets its default.
+    """The words of a command, with the default task after an `--example` that has none.
 
     Examples
     --------
@@ -75,27 +75,28 @@ def complete_example(words: list[str]) -> list[str]:
     if "--example" in words:
         from bayes_toe.data.tasks import task_named
 
-        after = words.index("--example") + 1
-        if task_named("".join(words[after : after + 1])) is None:
-            words = [*words[:after], FIRST_EXAMPLE, *words[after:]]
+        i = words.index("--example") + 1
+        next_word = "".join(words[i : i + 1])  # '' after the last word
+        if task_named(next_word) is None:
+            words = [*words[:i], FIRST_EXAMPLE, *words[i:]]
     return words
 
 
 def writes(metavar: str, help_text: str) -> Any:
-    """The option that names what is written."""
+    """The option --output, which names a folder if it is shown as DIR, or else a file."""
     parser = folder_name if metavar == "DIR" else file_name
     return typer.Option("-o", "--output", metavar=metavar, help=help_text, parser=parser)
 
 
 def folder_name(value: str | Path) -> Path:
-    """The name of a folder that is written; a default is a path already."""
+    """Parse the name of a folder that is written. Typer gives a default as a path."""
     if str(value) == "-":
         raise typer.BadParameter("found '-', allowed: the name of a file or folder")
     return Path(value)
 
 
 def file_name(value: str | Path) -> Path:
-    """The name of a file that is written."""
+    """Parse the name of a file that is written."""
     if str(value).endswith(("/", os.sep)):
         raise typer.BadParameter(f"found '{value}', allowed: the name of a file")
     return folder_name(value)
@@ -141,12 +142,15 @@ LAYOUT_OPTIONS = {
 
 
 def layout_options() -> Iterator[Parameter]:
-    """The parameters of a command that say how to read files in another layout."""
+    """Yield a parameter of a command for each of :data:`LAYOUT_OPTIONS`."""
     for name, (kind, metavar, help_text) in LAYOUT_OPTIONS.items():
         typed = option(f"--{name.replace('_', '-')}", metavar, help_text, LAYOUT)
-        default = False if kind is bool else None
-        parameter = Parameter(name, Parameter.KEYWORD_ONLY, default=default)
-        yield parameter.replace(annotation=Annotated[kind, typed])
+        yield Parameter(
+            name,
+            Parameter.KEYWORD_ONLY,
+            default=False if kind is bool else None,
+            annotation=Annotated[kind, typed],
+        )
 
 
 @dataclass(frozen=True)
@@ -220,13 +224,13 @@ class StudyFile:
         return changed(study, self.swap or (), self.exclude or ())
 
     def data_files(self) -> tuple[Path, ...]:
-        """The files of the study, with the tables of a folder in place of the folder."""
+        """The files that the command reads: a folder stands for the tables in it."""
         from bayes_toe.data.study_files import table_files
 
         return tuple(table_files(self.files or ())[0])
 
     def _paths(self) -> list[Path]:
-        """The files; some shells leave a name with * to the program."""
+        """The files; a name with * that the shell has not replaced becomes those that match."""
         paths = []
         for file in self.files or ():
             matches = [] if os.path.exists(file) else sorted(map(Path, glob(str(file))))
@@ -234,11 +238,11 @@ class StudyFile:
         return paths
 
     def _read_options(self) -> ReadOptions:
-        """The options of reading."""
+        """The options of the command line as those of reading, without the options not typed."""
         from bayes_toe.data.options import ReadOptions, parse_columns, parse_pairs
 
         options = {name: value for name, value in self.reading.items() if value is not None}
-        options.pop("task", None)
+        options.pop("task", None)  # `read` compares it with the task of the responses.
         options["columns"] = parse_columns(",".join(options.get("columns", ())))
         options["where"] = parse_pairs(
             "--where", options.get("where", ()), "COLUMN=TEXT", may_be_empty=True

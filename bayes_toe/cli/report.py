@@ -121,6 +121,7 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
 
 
 def _write(template: Template, context: Mapping[str, Any], path: Path) -> None:
+    """Write a page with a security policy."""
     path.write_text(with_policy(template.render(context)), encoding="utf-8")
 
 
@@ -163,7 +164,7 @@ def _environment() -> Environment:
 
 
 def _without_control_characters(value: object) -> object:
-    """A text that a template fills in; markup of the template itself, another type, stays."""
+    """A value of a template: a text without control characters; Markup, a subclass, stays."""
     return visible(value) if type(value) is str else value
 
 
@@ -172,7 +173,7 @@ def _png_uri(content: bytes) -> str:
 
 
 def _number(value: float | None, digits: int = 2) -> str:
-    """A number with some decimals; a dash where there is none."""
+    """A number with some decimals; a dash for None and NaN."""
     if value is None or isnan(value):
         return "–"
     return _typeset(f"{value:.{digits}f}")
@@ -207,7 +208,7 @@ def _context(analysis: Analysis, facts: Record) -> Record:
 def _subjects(
     analysis: Analysis, asymmetries: AsymmetryTable, findings: Findings
 ) -> Iterator[Record]:
-    """The sections of the subjects; each one is made when it is written."""
+    """Yield the values of the section of each subject when the section is written."""
     stats = analysis.draws.group("sample_stats")
     messages = defaultdict(list)
     for finding in findings:
@@ -220,6 +221,7 @@ def _subjects(
         name = counts.name
         log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []
+        # A finding names a subject, or a subject in a condition, which has a name of its own.
         for label in dict.fromkeys([name, counts.subject_name]):
             remarks += messages[label]
         yield {
@@ -237,7 +239,10 @@ def _subjects(
 
 
 def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
-    """A parameter of the paper's model, and its estimates with the digits that are certain."""
+    """A row of the summary, its estimate as text, and for differences also that in their unit.
+
+    The texts have the digits that are certain: 'median [95 % interval]'.
+    """
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)
     difference = ""

@@ -95,7 +95,7 @@ def write_results(
 
 
 def _write_tables(analysis: Analysis, check: PredictiveCheck | None, folder: Path) -> None:
-    """The tables of subjects, of their conditions and of the group, with figures and draws."""
+    """Write the tables of subjects, conditions and the group, with figures and draws of these."""
     study, seed = analysis.study, analysis.settings.seed
     contrast, group = analysis.contrast, analysis.group
     units = study.conditions is not None
@@ -115,7 +115,7 @@ def _write_tables(analysis: Analysis, check: PredictiveCheck | None, folder: Pat
 def _drawing_jobs(
     analysis: Analysis, stems: Mapping[str, str], folder: Path, curves: Path
 ) -> list[partial[None]]:
-    """What draws the corner plot and the curves of each subject."""
+    """A call of :func:`_draw_subject` for each subject of `stems`, which names the files."""
     study, jobs = analysis.study, []
     truths: Truth = {}
     if study.source == EXAMPLE and study.task == SAME_DIFFERENT:
@@ -123,9 +123,16 @@ def _drawing_jobs(
     if stems:
         (folder / "corner").mkdir()
     for name, stem in stems.items():
-        source = analysis.draws[name], analysis.settings.prior, truths, analysis.curve(name)
-        files = folder / "corner" / f"{stem}.png", curves / f"{stem}.png"
-        jobs.append(partial(_draw_subject, *source, *files))
+        job = partial(
+            _draw_subject,
+            analysis.draws[name],
+            analysis.settings.prior,
+            truths,
+            analysis.curve(name),
+            folder / "corner" / f"{stem}.png",
+            curves / f"{stem}.png",
+        )
+        jobs.append(job)
     return jobs
 
 
@@ -137,7 +144,7 @@ def _draw_subject(
     corner_file: Path,
     curve_file: Path,
 ) -> None:
-    """Draw the corner plot and the curves of the only subject of the draws."""
+    """Write the corner plot and the curves of the only subject of the draws."""
     [name] = draws.names
     corner_file.write_bytes(png(corner(draws, name, truths=truths, prior=prior)))
     title = "synthetic data" if draws.synthetic else ""

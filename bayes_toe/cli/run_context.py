@@ -82,18 +82,21 @@ class RunContext:
     # --- what is read -----------------------------------------------------------------------------
 
     def read(self, file: StudyFile, *, several_tasks: bool = False) -> tuple[Study, Prior]:
-        """The study and the prior; the prior is read first, because it is the shorter file."""
+        """Read the study and the prior; the prior first, because it is the shorter file.
+
+        A study with several tasks is refused, unless the command compares them.
+        """
         from bayes_toe.model.prior_file import preset_or_file, prior_for
 
         preset = preset_or_file(self.prior)
         study = file.read()
         if len(study.by_task) > 1 and not several_tasks:
-            # Without the condition, the refusal has the rows of each task to type.
+            # This fails: without a condition, several tasks are refused with the options to type.
             replace(file, reading={**file.reading, "condition": None}).read()
         return study, prior_for(study, preset)
 
     def read_and_describe(self, file: StudyFile, **options: bool) -> tuple[Study, Prior]:
-        """The study and the prior, which are described on the screen."""
+        """Read the study and the prior, and describe them on the screen."""
         study, prior = self.read(file, **options)
         self.introduce(study, prior)
         return study, prior
@@ -111,14 +114,14 @@ class RunContext:
             self.out.findings(urgent_findings(part, prior))
 
     def print_uninterpretable(self, study: Study) -> None:
-        """Subjects that this command uses although their responses cannot be interpreted."""
+        """Print the subjects in use whose responses cannot be interpreted, with the reasons."""
         from bayes_toe.checks.answer_checks import uninterpretable_findings
 
         for part in study.by_task:
             self.out.findings(uninterpretable_findings(part))
 
     def ask(self, study: StudyFile) -> tuple[StudyFile, RunContext]:
-        """The study that is asked for in a terminal, and the command that reads its files."""
+        """The study, asked for in a terminal if none is named, and the context with its files."""
         named_study = study.ask()
         files = named_study.files or []
         if named_study is not study:
@@ -141,10 +144,10 @@ class RunContext:
 
     def draw(self, jobs: Sequence[Callable[[], None]], names: Sequence[str]) -> None:
         """Draw figures side by side, with a progress bar; names are those of subjects or files."""
-        from bayes_toe.workers import of_this_machine, run_in_order
+        from bayes_toe.workers import local_processes, run_in_order
 
         with self.out.progress("drawing", len(jobs)) as tick:
-            run_in_order(jobs, of_this_machine(self.workers), tick, [(name,) for name in names])
+            run_in_order(jobs, local_processes(self.workers), tick, [(name,) for name in names])
 
     @cached_property
     def workers(self) -> Workers:
@@ -166,6 +169,7 @@ class RunContext:
         """
         from bayes_toe.result_store import discard, stored_files
 
+        # '.' and '..' have no name to which an ending can be added.
         target = output if output.name not in ("", "..") else output.resolve()
         folder = target.with_name(f"{target.name}.partial")
         n_stored = 0 if self.resume else len(stored_files(folder))
@@ -179,12 +183,15 @@ class RunContext:
         return folder
 
     def finish(self, folder: Path, failed: Mapping[str, str]) -> None:
-        """Say what was not computed again; remove the stored results unless a subject failed."""
+        """Print how many results of a stopped command were used, and remove the stored results.
+
+        If a subject failed, the results stay for another --resume.
+        """
         from bayes_toe.result_store import discard
 
-        standing = under_way.get(folder)
-        if self.resume and standing is not None:
-            self.out.line(f"{standing.taken} of {len(standing.files)} subjects taken from {folder}")
+        stored = under_way.get(folder)
+        if self.resume and stored is not None:
+            self.out.line(f"{stored.taken} of {len(stored.files)} subjects taken from {folder}")
         if not failed:
             discard(folder)
 
@@ -204,7 +211,7 @@ class RunContext:
             require_writable(file, overwrite=self.overwrite)
 
     def require_folder(self, folder: Path, products: Sequence[str]) -> None:
-        """The same for a folder and what it will hold."""
+        """Refuse, before the work, a folder whose products cannot be written or are read."""
         from bayes_toe.data.whole_files import require_folder
 
         self._require_unread(*(folder / name for name in products))
@@ -220,7 +227,10 @@ class RunContext:
                 )
 
     def write(self, writers: Mapping[Path, Callable[[Path], object]], seed: int) -> str:
-        """Write files; say which, and the seed. If one cannot be written, none is replaced."""
+        """Write each file by its function; return a sentence that names the files and the seed.
+
+        If one cannot be written, none is replaced.
+        """
         from bayes_toe.data.whole_files import whole_file
 
         with ExitStack() as files:
@@ -248,9 +258,10 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
-    records: dict[str, Any] = {}
+    records: dict[str, Any] = {}  # class and names of options, by the name of the parameter
     parameters = []
     for name, parameter in signature.parameters.items():
+        # Annotated[RunContext, "seed"] has a class and names of fields.
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
         options = [parameter]
         if is_dataclass(kind):
@@ -270,6 +281,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
                 if kind is StudyFile:
                     of_record["reading"] = {key: of_record.pop(key) for key in LAYOUT_OPTIONS}
                 values[name] = kind(**of_record)
+                # Each command has its study before the context, which gets these files too.
                 if kind is StudyFile:
                     inputs += values[name].data_files()
             with warnings.catch_warnings():
@@ -285,7 +297,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
-    """The paths among the values of options, without those of outputs."""
+    """The files that options name for reading: all paths but those of outputs."""
     paths = []
     for name, value in values.items():
         if not name.endswith("output"):
@@ -295,7 +307,10 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
 
 
 def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
-    """A parameter for each field of a record; a RunContext has only those that are named."""
+    """A parameter for each field of a record; a RunContext has only `names` and `quiet`.
+
+    The field `reading` of a StudyFile has a parameter for each of the layout options.
+    """
     hints = get_type_hints(kind, include_extras=True)
     options = []
     for field in fields(kind):
@@ -312,7 +327,7 @@ def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
 
 
 def print_error(error: BayesToeError, command: str) -> None:
-    """Print the problems of an error, then what to type."""
+    """Print the problems of an error, then what to type, one choice a line."""
     problems = str(error)
     choices = []
     if isinstance(error, InputError):
@@ -334,15 +349,19 @@ def print_error(error: BayesToeError, command: str) -> None:
     width = min(max((len(typed) for typed, _ in choices), default=0), 40)
     label = "type:"
     for typed, meanings in choices:
-        beside, *below = meanings if len(meanings) == 1 else ["", *meanings]
-        print_labelled(label, visible(f"{typed:<{width}}  {beside}".rstrip()))
-        for meaning in below:
-            print_labelled("", visible(f"    {meaning}"))
+        # One meaning stands beside the option, several below.
+        line = typed
+        if len(meanings) == 1:
+            line = f"{typed:<{width}}  {meanings[0]}"
+        print_labelled(label, visible(line.rstrip()))
+        if len(meanings) > 1:
+            for meaning in meanings:
+                print_labelled("", visible(f"    {meaning}"))
         label = ""
 
 
 def print_labelled(label: str, text: str) -> None:
-    """Print a line on standard error; a terminal gets it in lines of at most 80 columns."""
+    """Print a text on standard error behind a label; a terminal gets lines of 80 columns."""
     lines = [text]
     if sys.stderr.isatty():
         lines = wrap(text, WIDTH - 7, break_long_words=False, break_on_hyphens=False)

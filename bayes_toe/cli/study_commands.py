@@ -70,13 +70,14 @@ def fit(
     outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
     context.require_files(*outputs)
     read, prior = context.read(study)
-    asymmetries, why_none = None, ""
+    # A study without pairs in both orders cannot be tested, but its model can be fitted.
+    asymmetries, problem = None, ""
     try:
         asymmetries = bt.asymmetry(read)
     except bt.InputError as error:
         if asymmetry_output is not None:
             raise
-        why_none = str(error)
+        problem = str(error)
 
     context.introduce(read, prior)
     table = context.work(
@@ -87,13 +88,11 @@ def fit(
     table.save(output, **saving)
     print_fits(context.out, table)
     if asymmetries is None:
-        context.out.remarks([f"No test of asymmetry: {why_none}."])
+        context.out.remarks([f"No test of asymmetry: {problem}."])
     else:
         print_asymmetry(context.out, asymmetries)
         if asymmetry_output is not None:
-            asymmetries.save(
-                asymmetry_output, overwrite=context.overwrite, units=read.conditions is not None
-            )
+            asymmetries.save(asymmetry_output, **saving)
     context.print_written(f"Table in {', '.join(map(str, outputs))}", table.seed)
 
 
@@ -132,7 +131,7 @@ def print_fits(out: Terminal, table: FitTable) -> None:
         limits = row.intervals(table.level).tolist()
         for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
             text = number(value)
-            if not isnan(value) and not isnan(low):
+            if not isnan(value) and not isnan(low):  # not without a fit, or without replicates
                 text += f" [{low:.2f}, {high:.2f}]"
             cells.append(without_zeros(text))
         rows.append([*cells, f"{row.log_likelihood:.2f}", row.at_edge])

@@ -11,6 +11,7 @@ import shlex
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import isnan
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,9 @@ TYPED: list[str] = []
 #: Between words that stay on one line: an estimate with its unit and interval, or an option with
 #: its value.
 _GLUE = "\ufffe"
+#: 'p = .12 [.05, .19]', '+12 % [8, 16]' or a number alone.
 _ESTIMATE = re.compile(r"(p = )?[-+.\d]+( %)?( \[[^\]]*\])?")
+#: '--swap ' before a value, with the space.
 _OPTION = re.compile(r"(?<=\s)(--?\w[\w-]*) (?!-)")
 
 
@@ -52,7 +55,7 @@ class Terminal:
 
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[str], None]]:
-        """A progress bar on a terminal; call what it gives once for each finished part."""
+        """Show a progress bar on a terminal; yield a function that advances it by one part."""
         from rich.progress import Progress
 
         with Progress(
@@ -64,11 +67,11 @@ class Terminal:
             yield lambda _: bar.advance(task)
 
     def line(self, text: str = "", indent: int = 0) -> None:
-        """A text, wrapped at :data:`WIDTH`; further lines are indented."""
+        """Print a text, wrapped at :data:`WIDTH`; further lines are indented."""
         self.lines(wrap_line(text, indent))
 
     def lines(self, lines: Iterable[str], style: str = "") -> None:
-        """Lines as they stand."""
+        """Print lines as they are."""
         from rich.text import Text
 
         for line in lines:
@@ -81,7 +84,7 @@ class Terminal:
         numeric: Collection[int] = (),
         title: str = "",
     ) -> None:
-        """A table after an empty line, as :func:`format_table` has it."""
+        """Print a table after an empty line, as :func:`format_table` has it."""
         self.lines(["", title] if title else [""], "bold")
         lines = format_table(headings, rows, numeric)
         n_heading_lines = len(_heading_rows(headings))
@@ -96,14 +99,14 @@ class Terminal:
         file: str,
         **options: Any,
     ) -> None:
-        """A table of subjects, or the file that has it if they are many."""
+        """Print a table of subjects, or the file that has it if the subjects are many."""
         if n_subjects < MANY_SUBJECTS:
             self.table(headings, rows, **options)
         else:
             self.lines(["", f"All {n_subjects:,} subjects: {file}"])
 
     def notes(self, notes: Iterable[Note], mark: str = "!", *, file: str = OUTPUT) -> None:
-        """Notes after an empty line.
+        """Print notes after an empty line.
 
         Notes with the same text and no option become one.
         """
@@ -119,12 +122,12 @@ class Terminal:
     def reasons(
         self, text: str, reasons: Mapping[str, str], mark: str = "!", *, file: str = OUTPUT
     ) -> None:
-        """Notes that give the reason of each subject after the same words."""
+        """Print a note for each subject: the same words, a colon and its reason."""
         notes = [(name, f"{text}: {reason}.", "") for name, reason in reasons.items()]
         self.notes(notes, mark, file=file)
 
     def answer(self, lines: Iterable[str]) -> None:
-        """The answer, after an empty line and its heading."""
+        """Print the lines of the answer after an empty line and a heading."""
         self.lines(["", "Answer"], "bold")
         for line in lines:
             self.line(line)
@@ -134,7 +137,7 @@ class Terminal:
         self.notes(((item.subject, item.message, item.option) for item in findings), mark)
 
     def remarks(self, texts: Iterable[str]) -> None:
-        """Notes on no subject in particular."""
+        """Print notes on no subject in particular."""
         self.notes((("", text, "") for text in texts), "-")
 
 
@@ -151,7 +154,7 @@ def wrap_line(text: str, indent: int = 0) -> list[str]:
 
 
 def _wrap_glued(text: str, width: int, **options: Any) -> list[str]:
-    """A text in lines, none of which ends where words are glued."""
+    """A text in lines, none of which ends where words are glued; glue becomes a space."""
     lines = wrap(text, width, break_on_hyphens=False, **options)
     return [line.replace(_GLUE, " ") for line in lines]
 
@@ -167,7 +170,7 @@ def note_lines(mark: str, subjects: Texts, text: str, option: str = "") -> list[
     label = f"{mark} "
     if subjects:
         label += f"{join_names([*map(visible, subjects)], 5)}  "
-    # Further lines stand under the text, but not far to the right of many names.
+    # Further lines stand under the text; under a long label they begin at the eighth column.
     indent = len(label) if len(label) <= 12 else 7
     lines = wrap_line(label + text, indent)
     if option:
@@ -176,7 +179,7 @@ def note_lines(mark: str, subjects: Texts, text: str, option: str = "") -> list[
 
 
 def command_lines(command: str, start: str) -> list[str]:
-    r"""A command in lines that a shell joins.
+    r"""A command in lines that a shell joins: each but the last ends in a backslash.
 
     Examples
     --------
@@ -255,7 +258,10 @@ def is_narrow(headings: Texts, rows: Rows, first_width: int = 8) -> bool:
 
 
 def _heading_rows(headings: Texts) -> Rows:
-    """The lines of the headings, each a row; short headings stand in the last ones."""
+    r"""The lines of headings as rows, aligned at the last one.
+
+    ['subject', 'order\neffect'] -> [('', 'order'), ('subject', 'effect')]
+    """
     upwards = [heading.split("\n")[::-1] for heading in headings]
     return [*itertools.zip_longest(*upwards, fillvalue="")][::-1]
 
@@ -265,6 +271,7 @@ def _column_widths(rows: Rows) -> tuple[list[int], int]:
     n_columns = len(rows[0])
     widths = [0] * n_columns
     for row in rows:
+        # The last cell of a short row goes across the other columns.
         cells = row if len(row) == n_columns else row[:-1]
         for i, cell in enumerate(cells):
             widths[i] = max(widths[i], cell_width(cell))
@@ -280,7 +287,7 @@ def _table_line(row: Texts, widths: Sequence[int], gap: int, numeric: Collection
     line = ""
     for i, cell in enumerate(row):
         width = widths[i]
-        is_spanning = i == len(row) - 1 < len(widths) - 1
+        is_spanning = i == len(row) - 1 and len(row) < len(widths)
         if is_spanning:
             width = WIDTH - cell_width(line)
         text = shorten(cell, width)
@@ -304,11 +311,12 @@ def shorten(text: str, width: int) -> str:
     n_last = max(width - 3, 0) // 3
     n_first = max(width - 3 - n_last, 0)
     short = f"{text[:n_first]}...{text[len(text) - n_last :]}"
+    # Some characters take two columns.
     return short if cell_width(short) <= width else shorten(text, width - 1)
 
 
 def cell_width(text: str) -> int:
-    """Columns that a text takes on a terminal."""
+    """The number of columns that a text takes on a terminal."""
     from rich.cells import cell_len
 
     return cell_len(text)
@@ -379,8 +387,8 @@ def describe_amount(study: Study) -> str:
 
 
 def number(value: float | None) -> str:
-    """A number of a table; a dash where there is none."""
-    return "-" if value is None or value != value else f"{value:.2f}"
+    """A number of a table with two decimals; a dash for None and NaN."""
+    return "-" if value is None or isnan(value) else f"{value:.2f}"
 
 
 def without_zeros(text: str) -> str:
@@ -391,4 +399,5 @@ def without_zeros(text: str) -> str:
     >>> without_zeros("-0.38 [-0.71, -0.00]"), without_zeros("10.5"), without_zeros("0")
     ('-.38 [-.71, .00]', '10.5', '0')
     """
+    # Remove the sign of '-0.00', and the 0 of '0.38' but not that of '10.38'.
     return re.sub(r"-(?=0\.0+\b)|(?<![\d.])0(?=\.\d)", "", text)

@@ -7,7 +7,7 @@ the web page that analyses studies.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from itertools import chain
 from math import isnan
@@ -67,7 +67,7 @@ def explore(
 
 
 def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
-    """Read the true values of each subject, which figures mark; none without a file.
+    """Read the true values of each subject, which figures mark; {} without a file.
 
     The file has a column subject and one for each quantity that is known. Unknown values are empty.
     An InputError is raised if no subject has a true value of a quantity of the draws.
@@ -116,6 +116,7 @@ def corner(
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
     from bayes_toe.data.tables import file_stems
+    from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
     from bayes_toe.plots.corner import COORDINATES, quantity_names
     from bayes_toe.plots.figure_files import require_suffix
@@ -131,41 +132,31 @@ def corner(
     if parameters not in COORDINATES:
         coordinates = [name.strip() for name in parameters.split(",")]
     quantity_names(draws.posterior(names[0]), coordinates)  # raises for an unknown name
-    save = partial(
-        _save_corner,
-        coordinates=coordinates,
-        prior=draws.prior if show_prior else None,
-        truths=truths,
-    )
 
+    # Subjects that are named share a figure; otherwise each has one.
     stems = file_stems(draws.names)
-    figures = {}
+    subjects_of_file = {}
     for group in [names] if subject else [(name,) for name in names]:
         joint_stem = "+".join(stems[name] for name in group)
-        figures[f"{joint_stem}.{ending}"] = group
-    context.require_folder(output, list(figures))
-    _draw_corners(draws, figures, save, output, context)
-    context.print_written(f"{plural(len(figures), 'corner plot')} in {output}")
+        subjects_of_file[f"{joint_stem}.{ending}"] = group
+    files = list(subjects_of_file)
 
-
-def _draw_corners(
-    draws: bt.Draws,
-    figures: Mapping[str, tuple[str, ...]],
-    save: Callable[..., None],
-    output: Path,
-    context: RunContext,
-) -> None:
-    """Draw the corner plots of subjects into files of the output folder, side by side."""
-    from bayes_toe.data.whole_files import whole_folder
-
-    with whole_folder(output, list(figures), overwrite=context.overwrite) as folder:
+    context.require_folder(output, files)
+    with whole_folder(output, files, overwrite=context.overwrite) as folder:
         jobs = []
-        for file, names in figures.items():
-            # A process gets the draws of one subject.
-            drawn = draws[names[0]] if len(names) == 1 else draws
-            # Absolute, since a worker may be in another folder than this process.
-            jobs.append(partial(save, folder.absolute() / file, drawn, names))
-        context.draw(jobs, list(figures))
+        for file, group in subjects_of_file.items():
+            job = partial(
+                _save_corner,
+                folder.absolute() / file,  # A worker may be in another folder than this process.
+                draws[group[0]] if len(group) == 1 else draws,  # It gets the draws that it needs.
+                group,
+                coordinates=coordinates,
+                prior=draws.prior if show_prior else None,
+                truths=truths,
+            )
+            jobs.append(job)
+        context.draw(jobs, files)
+    context.print_written(f"{plural(len(files), 'corner plot')} in {output}")
 
 
 def _save_corner(file: Path, draws: bt.Draws, subjects: Sequence[str], **options: Any) -> None:

@@ -22,6 +22,7 @@ from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     QUESTIONS,
     SIZE_OF,
+    OrderEffect,
     Size,
     answer_subject,
     describe_fit,
@@ -59,14 +60,20 @@ from bayes_toe.plots.curves import pairs_with_weaker
 from bayes_toe.plots.style import MARKED, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
-#: Of badges the kind and the words, of questions the words of the answer.
+#: Kind and words of each badge, or questions with the words of the answer.
 Pairs = tuple[tuple[str, str], ...]
 #: What the two tabs are called.
 EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
-#: Sizes of the answer by quantity; differences are in per cent.
+#: The names of the sizes of an answer by quantity. Those of differences are in per cent.
 _SIZES = {**SIZE_OF, "jnd": "jnd_percent", "zone": "zone_percent"}
-#: Of every curve; with straight lines between them a bell is a bell.
+#: Points of every curve, which the page joins by straight lines: enough for a bell to look smooth.
 POINTS = 21
+#: Slices, which are panels of curves, of an entry.
+MOST_SLICES = 6
+#: Draws with an effect from which on the effect is shown.
+FEWEST_DRAWS = 100
+#: Margins, as shares of a range: of the plane of stimuli, and of a curve beyond its last pair.
+_PLANE_MARGIN, _CURVE_MARGIN = 0.08, 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +131,12 @@ class Entry:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All quantities, those that are shown first at the front."""
+        """All quantities, first those that :attr:`main` names."""
         return tuple(dict.fromkeys((*self.main, *self.target.names.all)))
 
     @property
     def main(self) -> tuple[str, ...]:
-        """The quantities that are shown first."""
+        """The quantities that the page shows when it opens."""
         return quantity_names(self.target, "natural")
 
     def columns(self) -> dict[str, FloatArray]:
@@ -137,17 +144,21 @@ class Entry:
         columns = {}
         for name in self.names:
             values = self.quantities[name]
-            if name in QUESTIONS:
+            if name in QUESTIONS:  # An effect is exactly 0 in the draws of a model without it.
                 values = np.where(values == 0.0, np.nan, values)
             if _is_plottable(~np.isnan(values)):
                 columns[name] = axis_values(name, values, self.unit)
         return columns
 
     def packed(self, rows: int) -> Record:
-        """The entry as the page stores it, with about so many draws."""
+        """The entry as the page stores it, with at most so many draws in `rows`.
+
+        Contours, intervals and spans are of all draws.
+        """
         draws = self.x.reshape(-1, self.x.shape[-1])
         n_rows = min(len(draws), rows)
-        index = np.arange(n_rows) * len(draws) // n_rows  # explorer.js inverts this rule
+        # Equally spaced draws; explorer.js inverts this rule to name the draw of a row.
+        index = np.arange(n_rows) * len(draws) // n_rows
 
         columns = self.columns()
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
@@ -155,14 +166,6 @@ class Entry:
         truth = {name: value for name, value in self.truth.items() if name in names}
         truth = all_true_values(truth, self.target)
         spans = axis_limits(present.values(), list(columns), self.target, truth)
-
-        prior, quantiles, shares = prior_values(self.target), [], []
-        for name in columns:
-            values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
-            quantiles.append(axis_values(name, values, self.unit))
-            # The models of the draws that have the quantity.
-            has_quantity = QUESTIONS.get(name, EVERY_MODEL) if self.is_averaged else EVERY_MODEL
-            shares.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
 
         return {
             "subject": visible(self.target.subject.name),
@@ -176,19 +179,30 @@ class Entry:
             "perChain": self.x.shape[1],
             "names": list(columns),
             "main": [name for name in self.main if name in columns],
-            "values": text_of(np.stack(list(columns.values()))[:, index]),
+            "values": to_base64(np.stack(list(columns.values()))[:, index]),
             "marked": [*map(self._interval, present, present.values())],
             "with": [*map(len, present.values())],
             "truth": truth,
             "spans": spans,
-            "contours": outlined(columns, spans),
-            "prior": text_of(quantiles),
-            "priorShares": shares,
-            **self._responses(draws[index], index),
+            "contours": packed_contours(columns, spans),
+            **self._packed_priors(list(columns)),
+            **self._packed_responses(draws[index], index),
         }
 
+    def _packed_priors(self, names: Sequence[str]) -> Record:
+        """Quantiles of the prior of each quantity, and the prior probability that it exists."""
+        prior, quantiles, shares = prior_values(self.target), [], []
+        for name in names:
+            values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
+            quantiles.append(axis_values(name, values, self.unit))
+            has_quantity = EVERY_MODEL  # which of the four models have it
+            if self.is_averaged:
+                has_quantity = QUESTIONS.get(name, EVERY_MODEL)
+            shares.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
+        return {"prior": to_base64(quantiles), "priorShares": shares}
+
     def _interval(self, name: str, values: FloatArray) -> list[float]:
-        """Median and ends of the interval of a quantity: those of the tables, or of the draws."""
+        """Median and ends of the interval of a quantity, from `estimates`, or else of its draws."""
         if name not in self.estimates:
             return np.quantile(values, MARKED).tolist()
         interval = np.asarray(self.estimates[name])
@@ -207,12 +221,14 @@ class Entry:
                 dominated.append(("dominated", name))
         return dominated
 
-    def _responses(self, x: FloatArray, index: IndexArray) -> Record:
-        """Counts, and curves over them at the draws x with this index."""
-        counts, target = self.target.subject, self.target
-        shared, position = along(counts)
+    def _packed_responses(self, x: FloatArray, index: IndexArray) -> Record:
+        """Counts, curves over them, and the line of stimuli that seem equal, at the draws x.
+
+        `x` has shape (rows, k), and `index` the numbers of these draws among all.
+        """
+        counts = self.target.subject
         low, high = float(counts.stimuli.min()), float(counts.stimuli.max())
-        pad = 0.08 * (high - low) or 0.5
+        pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
         ends = [low - pad, high + pad]
 
         pairs = {
@@ -223,83 +239,80 @@ class Entry:
             "order": presentation_order(counts),
             "estimate": laplace_estimate(counts.n_yes, counts.n_trials),
             "error": laplace_error(counts.n_yes, counts.n_trials),
-            "along": position,
+            "along": slice_and_position(counts)[1],
         }
 
-        stimuli = [", ".join(map(counts.unit.describe, pair)) for pair in counts.pairs]
+        stimuli = []
+        for pair in counts.pairs:
+            stimuli.append(", ".join(map(counts.unit.describe, pair)).replace("-", "−"))
         plane = None
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
 
-        # A slice without trials of different stimuli is left out, unless all slices are.
-        keys, index_of_key = np.unique(shared, return_inverse=True)
-        n_trials = np.bincount(index_of_key, counts.n_trials * (counts.s1 != counts.s2))
-        n_slices = max(1, int(np.count_nonzero(n_trials)))
-        # The six slices with the most trials, in the order of the fixed stimulus.
-        most_first = np.argsort(-n_trials, kind="stable")
-        shown_keys = np.sort(keys[most_first][: min(6, n_slices)]).tolist()
-        fitted = Predictor(target, x)
-
-        # The second stimulus that seems equal to the first, at both ends of a line.
-        quantities, first = self.quantities, np.array(ends)[:, None]
-        none = np.zeros_like(quantities["jnd"])
-        share = quantities.get("contraction", quantities.get("pull", none))
-        shift = quantities.get("constant_error", quantities.get("offset", none))
-        equal = first - share * (first - target.sbar) + shift
+        fitted = Predictor(self.target, x)
+        selected, n_slices = _selected_slices(counts)
+        slices = [pack_slice(fitted, fixed, has_title=n_slices > 1) for fixed in selected]
 
         return {
             "pairs": {
                 **{key: values.tolist() for key, values in pairs.items()},
-                "stimuli": [text.replace("-", "−") for text in stimuli],
+                "stimuli": stimuli,
             },
             "plane": plane,
-            "slices": [pack_slice(fitted, key, has_title=n_slices > 1) for key in shown_keys],
-            "undrawn": n_slices - len(shown_keys),
+            "slices": slices,
+            "undrawn": n_slices - len(selected),
             "ends": ends,
-            "axis": text_of(equal[:, index]),
+            "axis": to_base64(self._equal_stimuli(ends)[:, index]),
         }
+
+    def _equal_stimuli(self, ends: Sequence[float]) -> FloatArray:
+        """The second stimulus that seems equal to each of two first ones, shape (2, draws)."""
+        quantities = self.quantities
+        first = np.array(ends)[:, None]
+        none = np.zeros_like(quantities["jnd"])
+        # The paper's model has 'pull' and 'offset' in place of contraction and constant error.
+        contraction = quantities.get("contraction", quantities.get("pull", none))
+        constant_error = quantities.get("constant_error", quantities.get("offset", none))
+        return first - contraction * (first - self.target.sbar) + constant_error
 
 
 def _is_plottable(is_present: BoolArray) -> bool:
     """Whether enough draws have an effect to show it."""
-    return bool(is_present.sum() >= min(100, len(is_present)))
+    return bool(is_present.sum() >= min(FEWEST_DRAWS, len(is_present)))
 
 
-def outlined(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
-    """Contours that hold shares of the draws, of every two quantities; the inner one first.
+def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
+    """The contours of every two quantities, each a text; the one with the fewest draws first.
 
-    Each has its x, then its y, with NaN between two lines. There are none where few draws have
+    A contour has its x, then its y, with NaN between two lines. There are none where few draws have
     both quantities.
     """
     from bokeh.plotting.contour import contour_data
 
-    packed = list[list[str]]()
-    for (x, across), (y, up) in combinations(zip(columns.values(), spans, strict=True), 2):
+    packed = []
+    for (x, x_span), (y, y_span) in combinations(zip(columns.values(), spans, strict=True), 2):
         is_present = ~np.isnan(x + y)
-        packed.append([])
+        contours = list[str]()
         if _is_plottable(is_present):
-            grid = contour_grid(x[is_present], y[is_present], across, up)
+            grid = contour_grid(x[is_present], y[is_present], x_span, y_span)
             lines = contour_data(*grid, want_fill=False).line_data
             assert lines is not None
-            for points in zip(lines.xs[::-1], lines.ys[::-1], strict=True):
-                packed[-1].append(text_of(points))
+            for points in zip(lines.xs, lines.ys, strict=True):
+                contours.insert(0, to_base64(points))  # Bokeh has the outermost one first.
+        packed.append(contours)
     return packed
 
 
 def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Truth) -> list[Entry]:
-    """The entries of subjects in a file of draws.
+    """The entries of subjects in a file of draws; `label` names the model on the page.
 
     If the draws are of the paper's model, each subject also has an entry with the average of the
     four models.
     """
     refused = draws.not_interpreted
-    source = f"{draws.study.source}, seed {draws.seed}"
-    average_label = label.replace(model_title(draws.model), "four models averaged")
-    prior = draws.prior.observer
     entries = []
     for name in subjects:
-        subject = draws.subject(name)
-        answer, _ = answer_subject(subject, draws.seed, prior)
+        answer, _ = answer_subject(draws.subject(name), draws.seed, draws.prior.observer)
         answer = answer.in_study(len(draws.names))
         words = tuple((line.question, line.word) for line in answer.lines.values())
         if name in refused:
@@ -313,48 +326,53 @@ def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Trut
             words,
             truths.get(name, {}),
             synthetic=draws.synthetic,
-            description=f"{label}: {source}, prior {draws.described_prior()}.",
+            description=f"{label}: {draws.study.source}, seed {draws.seed}, prior "
+            f"{draws.described_prior()}.",
         )
-
         entries.append(entry)
-        if entry.tab == EFFECTS_TAB:
-            continue
-
-        (evidence,) = order_evidence(
-            [subject], draws.seed, prior, Precision(effective_draws=3000.0)
-        )
-        average = evidence.averaged()
-        flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
-        sizes = answer.sizes
-        estimates = {name: sizes[size] for name, size in _SIZES.items() if size in sizes}
-        points = average.resampled(generator(draws.seed, name, "explorer"), 4000)
-        averaged = replace(
-            entry,
-            label=average_label,
-            target=average.posterior,
-            x=points[None],
-            badges=(_fit_badge(answer.fit_p, answer.n_subjects), *flags),
-            estimates=estimates,
-            is_averaged=True,
-            description=f"{average_label} by their posterior probabilities: {source}, prior "
-            f"{prior.describe(subject.task)}. Draws are resampled by their weights.",
-        )
-        entries.append(averaged)
+        if entry.tab == PAPER_TAB:
+            entries.append(_averaged_entry(entry, answer, draws))
     return entries
 
 
+def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
+    """The entry of the four models averaged, in place of that of the paper's model."""
+    subject, prior = entry.target.subject, draws.prior.observer
+    (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
+    average = evidence.averaged()
+    # The page takes draws of equal weight, here as one chain.
+    points = average.resampled(generator(draws.seed, subject.name, "explorer"), 4000)
+    flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
+    sizes = answer.sizes
+    label = entry.label.replace(model_title(draws.model), "four models averaged")
+    return replace(
+        entry,
+        label=label,
+        target=average.posterior,
+        x=points[None],
+        badges=(_fit_badge(answer.fit_p, answer.n_subjects), *flags),
+        estimates={name: sizes[size] for name, size in _SIZES.items() if size in sizes},
+        is_averaged=True,
+        description=f"{label} by their posterior probabilities: {draws.study.source}, "
+        f"seed {draws.seed}, prior {prior.describe(subject.task)}. Draws are resampled by their "
+        "weights.",
+    )
+
+
 def badges(draws: Draws, name: str) -> Pairs:
-    """Whether the draws converged and the model fits."""
+    """Badges of a subject: whether the draws converged, and whether the model fits."""
     fit = draws.fit(name)
     shortfall = draws.not_converged.get(name)
     sampled = ("unconverged", shortfall) if shortfall else ("fine", "converged")
     is_testable = fit.degrees_of_freedom > 0
+    # The draws may determine as many parameters as there are pairs: then there is no p-value.
     if is_testable and np.isnan(fit.fit_p):
         return (sampled,)
     return sampled, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
 
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
+    """The badge of a p-value of fit, or None for one that is not testable."""
     text = describe_fit(fit_p, n_subjects)
     if fit_p is None:
         return "untold", f"fit: {text}"
@@ -367,45 +385,47 @@ def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
 
 
 def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
-    """Pairs with one fixed stimulus (ln), and curves over them, as the page stores them.
+    """Pack a slice: the pairs with one fixed stimulus, and the curves of one panel over them.
 
-    One panel of curves shows them. There is a curve for each order: -1 weaker first, 1 stronger
-    first, 0 equal stimuli of several intensities, and the only curve of 'which is stronger'.
+    There is a curve for each order: -1 weaker first, 1 stronger first, 0 equal stimuli of several
+    intensities. 'Which is stronger' has one curve, 0.
 
     Parameters
     ----------
     fitted : Predictor
     fixed : float
-        The weaker stimulus of the pairs, or the first one in 'which is stronger'.
+        The weaker stimulus of the pairs (ln), or the first one in 'which is stronger'.
     has_title : bool
         Whether the fixed stimulus stands above the panel.
     """
     counts = fitted.target.subject
     unit, is_by_first = counts.unit, counts.task == WHICH_STRONGER
-    shared, position = along(counts)
-    if is_by_first:
-        is_member, orders = shared == fixed, [0]
-        start, end = float(position.min() - 0.04 * np.ptp(position)), float(position.max())
-        low = start
-    else:
+    slice_of_pair, position = slice_and_position(counts)
+    if is_by_first:  # Position is s2 - s1, of which all panels show the same range.
+        is_member, orders = slice_of_pair == fixed, [0]
+        start = float(position.min() - _CURVE_MARGIN * np.ptp(position))
+        end, low = float(position.max()), start
+    else:  # Position is the stronger stimulus, and curves start at the weaker one.
         is_member = pairs_with_weaker(counts, fixed)
         position, order = position[is_member], presentation_order(counts)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
+        # A single pair of equal stimuli is a point of the other curves, if there are any.
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
         start, end = fixed, float(position.max())
         low = min(fixed, float(position.min()))
 
-    # A curve goes on beyond its last pair.
-    x = np.linspace(start, end + 0.04 * max(end - start, 1e-9), POINTS)
+    # A curve goes on beyond its last pair, also where all pairs are in one place.
+    x = np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
     ends = [low, float(x[-1])]
-    same = np.full_like(x, fixed)
-    presented = {-1: (same, x), 1: (x, same), 0: (x, x)}
+    fixed_stimuli = np.full_like(x, fixed)
+    # The first and the second stimuli of the curve of each order.
+    presented = {-1: (fixed_stimuli, x), 1: (x, fixed_stimuli), 0: (x, x)}
     scale = stimulus_scale("stronger stimulus", unit, 0.0, ends)
     if is_by_first:
-        presented[0] = same, same + x
+        presented[0] = fixed_stimuli, fixed_stimuli + x
         scale = difference_scale(unit, ends)
-    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
+    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])  # (orders, POINTS, rows)
 
     title = f"{counts.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
     return {
@@ -415,20 +435,21 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         "x": x.tolist(),
         "scale": _packed_scale(scale, ends) if unit.of_stimuli else None,
         "orders": orders,
-        "yes": text_of(np.rint(curves * 65535), "<u2"),
+        # Probabilities as whole numbers of 16 bits, which the page divides by the largest one.
+        "yes": to_base64(np.rint(curves * 65535), "<u2"),
     }
 
 
 def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
-    """A scale as the page stores it; none for natural logs."""
+    """Label and ticks of a scale between two ends; None for natural logs."""
     if scale.unit is None:
         return None
     positions, texts = scale.ticks(*ends)
     return {"label": scale.label, "at": positions.tolist(), "texts": texts}
 
 
-def along(counts: Subject) -> ArrayPair:
-    """The stimulus that a pair shares with its slice, and its position there, shape (pairs,) each.
+def slice_and_position(counts: Subject) -> ArrayPair:
+    """The fixed stimulus of the slice of each pair, and its position there, shape (pairs,) each.
 
     These are the weaker and the stronger stimulus, or the first one and s2 - s1 in 'which is
     stronger'.
@@ -438,26 +459,40 @@ def along(counts: Subject) -> ArrayPair:
     return np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2)
 
 
+def _selected_slices(counts: Subject) -> tuple[list[float], int]:
+    """The fixed stimuli of the slices with the most trials, ascending; the number of all slices.
+
+    A slice without trials of different stimuli does not count, unless there are only such slices.
+    """
+    slice_of_pair, _ = slice_and_position(counts)
+    fixed, index = np.unique(slice_of_pair, return_inverse=True)
+    n_trials = np.bincount(index, counts.n_trials * (counts.s1 != counts.s2))
+    n_slices = max(1, int(np.count_nonzero(n_trials)))
+    most_first = np.argsort(-n_trials, kind="stable")
+    selected = fixed[most_first][: min(MOST_SLICES, n_slices)]
+    return np.sort(selected).tolist(), n_slices
+
+
 # --- numbers as text ------------------------------------------------------------------------------
 
 
-def text_of(values: npt.ArrayLike, kind: str = "<f4") -> str:
+def to_base64(values: npt.ArrayLike, kind: str = "<f4") -> str:
     """An array as text: float32 or another kind, such as "<u2", unsigned integers of 16 bits.
 
     Examples
     --------
-    >>> text_of([1.0])
+    >>> to_base64([1.0])
     'AACAPw=='
     """
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode("ascii")
 
 
-def island(content: Any) -> str:
+def json_for_script(content: Any) -> str:
     r"""JSON for a script element: nothing in it ends the element, whatever a subject is called.
 
     Examples
     --------
-    >>> island({"subject": "</script>"})
+    >>> json_for_script({"subject": "</script>"})
     '{"subject":"\\u003c/script>"}'
     """
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))

@@ -21,7 +21,7 @@ from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
-from bayes_toe.explorer.entry import Entry, entries_of, island
+from bayes_toe.explorer.entry import Entry, entries_of, json_for_script
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.libraries import __version__
 from bayes_toe.model.models import model_title
@@ -66,7 +66,7 @@ class Explorer:
         return f"Explorer({len(self.html) / 1e6:.1f} MB; save it with .save('explorer.html'))"
 
     def _repr_html_(self) -> str:
-        """In a frame of its own, so that the notebook's styles and the page's do not meet."""
+        """The page in a frame, so that the notebook's styles do not change it."""
         style = "width:100%;height:1150px;border:0"
         page = html.escape(self.html)
         return f'<iframe srcdoc="{page}" style="{style}" title="bayes_toe explorer"></iframe>'
@@ -114,6 +114,7 @@ def entries(
     truths: Truth | None = None,
 ) -> list[Entry]:
     """The entries of the page, with the arguments and errors of :func:`explore`."""
+    truths = truths or {}
     by_label = _draws_by_label(draws)
     all_names = list(dict.fromkeys(chain.from_iterable(part.names for part in by_label.values())))
     names = all_names if subjects is None else list(dict.fromkeys(subjects))
@@ -130,11 +131,11 @@ def entries(
 
     page_entries = list[Entry]()
     for label, part in by_label.items():
-        true_values = truths or {}
+        true_values = truths
         if not truths and part.study.source == EXAMPLE:
             true_values = example_truth(part.study.task)
         page_entries += entries_of(part, label, selected[label], true_values)
-    _require_quantities(truths or {}, page_entries)
+    _require_quantities(truths, page_entries)
     return page_entries
 
 
@@ -152,7 +153,10 @@ def _require_quantities(truths: Truth, page_entries: Sequence[Entry]) -> None:
 
 
 def _draws_by_label(draws: _Sources) -> dict[str, Draws]:
-    """Draws by their names on the page."""
+    """Draws by their names on the page: those of a mapping, or the titles of the models.
+
+    Of two draws of one model, the second is called 'both (2)'.
+    """
     if isinstance(draws, Mapping):
         by_label = dict(draws)
     else:
@@ -172,7 +176,10 @@ def page(
     page_entries: Sequence[Entry],
     progress: Progress | None = None,
 ) -> Explorer:
-    """The page of these entries; `progress` is called with the name of every finished subject."""
+    """The page of these entries, which have one task and one unit.
+
+    `progress` is called with the name of every finished subject.
+    """
     from bayes_toe.explorer.panels import SLOTS
 
     task = page_entries[0].target.subject.task
@@ -181,12 +188,14 @@ def page(
     units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
     if len(units) > 1:
         raise InputError("explore: found draws in two units, allowed: one in a page")
+    # If differences of any entry are too large for per cent, all are shown as natural logs.
     unit = shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
     if unit.has_log_differences:
         page_entries = [
             replace(entry, target=in_unit(entry.target, unit)) for entry in page_entries
         ]
 
+    # Fewer of each entry on a page of many, but enough to see a posterior.
     rows = max(150, min(2000, _ROWS // len(page_entries)))
 
     contents, list_of_entries = {}, []
@@ -216,8 +225,10 @@ def page(
     head, tail = _frame(task).split(_ISLANDS)
     parts = [head]
     for name, content in {"index": index, **contents}.items():
-        parts.append(f'<script type="application/json" id="{name}">{island(content)}</script>\n')
-    # Bokeh makes functions of texts.
+        parts.append(
+            f'<script type="application/json" id="{name}">{json_for_script(content)}</script>\n'
+        )
+    # Bokeh's script makes functions of texts, which browsers refuse without this word.
     return Explorer(with_policy("".join([*parts, tail]), "'unsafe-eval'"))
 
 
@@ -230,7 +241,7 @@ def require_bokeh() -> None:
 
 
 def require_few(n_entries: int, noun: str) -> None:
-    """Refuse none, and more than a page holds."""
+    """Refuse a page without entries, or with more than :data:`MOST_ENTRIES`."""
     if n_entries == 0:
         raise InputError("explore: found no subjects, allowed: at least one")
     if n_entries > MOST_ENTRIES:
@@ -242,7 +253,7 @@ def require_few(n_entries: int, noun: str) -> None:
 
 @cache
 def _frame(task: Task) -> str:
-    """The page without its posteriors: the same for all of a task."""
+    """The HTML of a page before its posteriors are put in; it depends only on the task."""
     from bokeh.embed import file_html
     from bokeh.resources import INLINE
 

@@ -35,21 +35,22 @@ from bayes_toe.plots.style import ORDERS
 
 #: Quantities that are shown together.
 SLOTS = 6
-#: The two entries, in other colours than the orders of stimuli have, with their markers, dashes and
-#: marks of the truth.
+#: The two entries that are shown together: colour, marker, dash of lines, and marker of the truth.
+#: The colours differ from those of the orders of stimuli.
 LETTERS = {
     "a": ("#4B3B8F", "circle", "solid", "x"),
     "b": ("#00795C", "triangle", "dashed", "cross"),
 }
 #: Orders under the names that sources have, with Bokeh's names of markers.
 KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
-#: Of letters and of edges; explorer.js changes them, and LETTERS, on a dark page.
+#: Colours of text and of the page; explorer.js changes them, and those of LETTERS, on a dark page.
 _INK, _PAGE = "#222222", "#FFFFFF"
+#: Columns of a source of :func:`_band`: the mean over all draws, and mean and ends of the brushed.
 _BAND = ("x", "all", "kept", "low", "high")
 
 
 def document(task: Task) -> Document:
-    """All figures; their names are also those of the places where the page embeds them."""
+    """All figures of the page; each has the name of the place that embeds it."""
     sources = _Sources()
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
     roots = [_distribution(sources, ranges, i) for i in range(SLOTS)]
@@ -64,7 +65,7 @@ def document(task: Task) -> Document:
 
 
 class _Sources(dict[str, ColumnDataSource]):
-    """Sources by name, each plot when it is first asked for, with empty columns."""
+    """Sources of plots by name; each is made when it is first asked for, with empty columns."""
 
     def get_source(self, name: str, *columns: str) -> ColumnDataSource:
         """The source, which has at least these columns."""
@@ -75,7 +76,7 @@ class _Sources(dict[str, ColumnDataSource]):
 
 
 def _plot(name: str, tools: list[Any], **options: Any) -> Any:
-    """A figure that fills its place; explorer.js widens borders that have numbers."""
+    """An empty figure that fills its place; explorer.js widens borders that have numbers."""
     plot = figure(
         name=name,
         tools=tools,
@@ -109,7 +110,7 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
 
 
 def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
-    """A panel of the corner, which can be brushed; axes are switched on where they are wanted."""
+    """A panel of the corner, which can be brushed; explorer.js shows the axes at the edges."""
     select = BoxSelectTool(dimensions=dimensions, renderers=[], continuous=True)
     plot = _plot(name, [select], x_range=x, y_range=y)
     plot.toolbar.active_drag = select
@@ -133,9 +134,9 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
 
 
 def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
-    """The diagonal: histogram of all draws and of the brushed ones, and the prior.
+    """The panel of quantity i on the diagonal, in which a drag selects an interval.
 
-    A drag takes an interval.
+    It has the prior, histograms of all draws and of the brushed ones, and the truth.
     """
     plot = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width")
     x, y = f"x{i}", f"y{i}"
@@ -157,7 +158,10 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
 
 
 def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
-    """Below the diagonal: draws, contours, truth."""
+    """The panel of quantities i (up) and j (across): draws, contours and truth.
+
+    Later glyphs cover earlier ones: all draws are behind, the true values in front.
+    """
     name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
     plot = _panel(name, ranges[j], ranges[i], "both")
     for letter, (colour, marker, *_) in LETTERS.items():
@@ -189,7 +193,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
 
     for letter, (colour, *_, cross) in LETTERS.items():
         truth = sources.get_source(f"truth-{letter}", x, y)
-        for edge, width in ((_PAGE, 6), (colour, 3)):
+        for edge, width in ((_PAGE, 6), (colour, 3)):  # a cross with an edge in the page's colour
             plot.add_glyph(
                 truth,
                 Scatter(x=x, y=y, marker=cross, size=13, line_color=edge, line_width=width),
@@ -201,7 +205,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
 
 
 def _hover(renderers: list[Any], task: Task) -> HoverTool:
-    """A pair under the mouse, and how often it was answered so."""
+    """A box that names the pair under the mouse, and how often its answer was the counted one."""
     return HoverTool(
         renderers=renderers,
         tooltips=[
@@ -214,9 +218,9 @@ def _hover(renderers: list[Any], task: Task) -> HoverTool:
 
 
 def _curves(sources: _Sources, letter: str, task: Task) -> Any:
-    """P of the counted answer in both orders, with the answers.
+    """Curves of the probability of the counted answer by order, and the pairs of one slice.
 
-    The axis is the stronger stimulus, or s2 - s1.
+    The axis along x is the stronger stimulus, or s2 - s1.
     """
     stimulus = "s₂ − s₁" if task == WHICH_STRONGER else "stronger stimulus"
     plot = _plot(
@@ -265,7 +269,7 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
 
 
 def _band(plot: Any, source: ColumnDataSource, colour: str) -> None:
-    """A line over all draws, another over the brushed ones, and the band of these."""
+    """Add the mean over all draws (dotted), that over the brushed ones, and their band."""
     plot.add_glyph(source, VArea(x="x", y1="low", y2="high", fill_color=colour, fill_alpha=0.2))
     plot.add_glyph(
         source, Line(x="x", y="all", line_color=colour, line_width=1.5, line_dash="dotted")
@@ -274,10 +278,10 @@ def _band(plot: Any, source: ColumnDataSource, colour: str) -> None:
 
 
 def _plane(sources: _Sources, letter: str, task: Task) -> Any:
-    """The plane of stimuli.
+    """The plane of both stimuli.
 
-    Pairs that were presented, filled by how often the counted answer was given, and the axis of
-    symmetry.
+    It has the pairs, filled by how often the counted answer was given, and the line of pairs that
+    seem equal.
     """
     side = Range1d(0, 1, name=f"plane-{letter}-range")
     plot = _plot(
@@ -314,7 +318,7 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
 
 
 def _small_words(plot: Any, axes_of_stimuli: Any) -> None:
-    """Small words; explorer.js sets the numbers of the axes of stimuli."""
+    """Make labels small, and leave the ticks of the axes of stimuli to explorer.js."""
     for axis in plot.axis:
         axis.update(axis_label_text_font_size="12px", ticker=BasicTicker(desired_num_ticks=4))
     for axis in axes_of_stimuli:

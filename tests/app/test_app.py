@@ -26,7 +26,7 @@ from browsers import Opened
 from commands import good, inside
 
 pytest.importorskip("tornado")
-from bayes_toe.app.job import end_group, held, job_of, jobs, named_files, running
+from bayes_toe.app.job import end_group, home_lock, job_of, list_jobs, named_files, running_job
 from bayes_toe.app.server import read_in_process
 from bayes_toe.errors import InputError, OutputError
 
@@ -188,13 +188,13 @@ def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again
         (tmp_path / name / "study").write_text(record)
     (tmp_path / "mine" / "study").mkdir(parents=True)
     job = job_of(tmp_path, TWO_FILES)
-    with held(tmp_path):
+    with home_lock(tmp_path):
         job.store(TWO_FILES)
         for name in ("command", "study"):
             (job.folder / name).write_text("")  # as after a loss of power
-        assert jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
+        assert list_jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
         job.store(TWO_FILES)
-        assert jobs(tmp_path) == ([job], sorted([*records, "mine"]))
+        assert list_jobs(tmp_path) == ([job], sorted([*records, "mine"]))
         assert job.run_state() == "new"
     assert stat.S_IMODE(job.folder.stat().st_mode) == 0o700
 
@@ -202,8 +202,8 @@ def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again
 @pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
 def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
     home, mine = tmp_path / "home", tmp_path / "mine"
-    with held(home), pytest.raises(InputError, match="in use by another bayes-toe app"):
-        held(home).__enter__()
+    with home_lock(home), pytest.raises(InputError, match="in use by another bayes-toe app"):
+        home_lock(home).__enter__()
     (mine / ".bayes_toe_app").mkdir(parents=True)
     notes = mine / ".bayes_toe_app" / "notes"
     notes.write_text("of the user")
@@ -216,7 +216,7 @@ def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
     (home / link).symlink_to(target)
     for folder in (home, mine):
         with pytest.raises(OutputError, match=str(folder)):
-            held(folder).__enter__()
+            home_lock(folder).__enter__()
     assert [path.read_text() for path in notes.parent.iterdir()] == ["of the user"]
 
 
@@ -401,7 +401,7 @@ def finished(tmp_path_factory, file):
         job = first.add_trials(file)
         first.state(job, "/run", "")
         first.wait(job, lambda state: state["done"] > 0)
-        _, group = running(home)
+        _, group = running_job(home)
         end_group(group, signal.SIGSTOP)  # the run waits until the next server is there
         first.process.kill()
         assert first.process.communicate()[1] == ""
@@ -452,7 +452,7 @@ def test_a_run_is_the_only_one_and_ends_with_its_server_alone(tmp_path, file):
         assert server.study(job, "/options", "{}").code == 400
         one_line(inside("app --folder", tmp_path, "--port", "0"), "in use by another bayes-toe app")
         assert server.state(job)["run"] == "running"
-        _, group = running(tmp_path)
+        _, group = running_job(tmp_path)
         assert server.end() == (128 + signal.SIGINT, "")
     with pytest.raises(ProcessLookupError):
         os.killpg(group, 0)

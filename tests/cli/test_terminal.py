@@ -62,7 +62,7 @@ def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
     sizes = {"rho": (0.1, 0.3, 0.5), "kappa": (0.2, 0.4, 0.6)}
     log_evidence = np.where(EFFECT_MODELS["carry_over"], -1.5, 0.0)
     row = SubjectDependence("A", ("none", "contraction"), log_evidence, **sizes)
-    print_history(Terminal(), SerialDependence((row,), small_study, 1, bt.Prior()))
+    print_history(Terminal(), SerialDependence((row,), small_study, 1, bt.Prior()), "history.csv")
     text = capsys.readouterr().out
     assert re.search(r"^A +probably not +- +undecided +.40 \[.20, .60\]$", text, re.MULTILINE)
 
