@@ -23,6 +23,7 @@ from bayes_toe.data.messages import display_name
 from bayes_toe.data.options import COLUMNS, changed
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.study import pooled
+from bayes_toe.data.study_files import with_sheets
 from bayes_toe.data.text_table import TextTable
 
 
@@ -37,12 +38,14 @@ def read_job(job: Job) -> Record:
     swap, exclude = options.pop("swap", ()), options.pop("exclude", ())
     reading: Record = {"table": None, "problems": [], "remedies": [], "study": None}
     try:
+        file_options = bt.ReadOptions(sheet=options.get("sheet"), encoding=options.get("encoding"))
+        sheets, file_options = with_sheets(paths, file_options, set)
         table = read_table(
-            paths[0],
+            sheets[0],
             set,  # all columns
             LARGEST_STUDY,
-            sheet=options.get("sheet"),
-            encoding=options.get("encoding"),
+            sheet=file_options.sheet,
+            encoding=file_options.encoding,
         )
         # Automatic roles stay on the page if the options are refused.
         reading["table"] = {**describe_table(table), **describe_roles(table, bt.ReadOptions())}

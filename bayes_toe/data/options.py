@@ -111,7 +111,8 @@ class ReadOptions:
     encoding : str, optional
         Of a text that is neither UTF-8 nor UTF-16, such as 'cp1252'.
     sheet : str, optional
-        The sheet of an Excel file of which several have tables.
+        The sheet of an Excel file of which several have tables. Or a pattern, with {} where the
+        name of the sheet has the subject and * for any other text: "{}", "*", "session *".
 
     Raises
     ------

@@ -52,7 +52,7 @@ from bayes_toe.data.responses import (
 )
 from bayes_toe.data.stimulus_unit import ALLOWED_STIMULI, merge_rounded, out_of_range
 from bayes_toe.data.study import Study, Subject, units_by_subject
-from bayes_toe.data.study_files import read_files, table_files
+from bayes_toe.data.study_files import read_files, table_files, with_sheets
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     THREE_ANSWERS,
@@ -193,6 +193,7 @@ def read_study(
     )
     paths = list(path) if isinstance(path, list | tuple) else [path]
     paths, folder_notes = table_files(paths)
+    paths, options = with_sheets(paths, options, partial(_known_names, options=options))
 
     def read(with_options: ReadOptions) -> Study:
         studies = read_files(paths, partial(_read, options=with_options))

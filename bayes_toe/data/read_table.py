@@ -16,6 +16,8 @@ import tomllib
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -111,7 +113,8 @@ def read_table(
     encoding : str, optional
         Of a CSV or JSON file; see :func:`~bayes_toe.data.text_table.decoded`.
     sheet : str, optional
-        Of an Excel file with several tables.
+        Of an Excel file with several tables. The path of an Excel file may also end in the sheet,
+        as in study.xlsx/S01.
 
     Raises
     ------
@@ -132,6 +135,9 @@ def read_table(
         )
 
     path = Path(source)
+    is_sheet = is_excel(path.parent) and path.parent.is_file()
+    if is_sheet:
+        path, sheet = path.parent, path.name
     require_parquet(path)
     try:
         data = input_bytes(path, largest)
@@ -143,14 +149,17 @@ def read_table(
         ) from error
 
     name = display_name(path.name)
+    if is_sheet:
+        name = display_name(f"{path.name}/{sheet}")
     suffix = path.suffix.lower()
     if suffix in _NOT_READ:
         raise InputError(f"{name}: found {_NOT_READ[suffix]}")
-    if sheet is not None and suffix not in _EXCEL_SUFFIXES:
+    if sheet is not None and not is_excel(path):
         raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
 
-    if suffix in _EXCEL_SUFFIXES:
-        return _read_excel(name, data, choice, sheet)
+    if is_excel(path):
+        table = _read_excel(name, data, choice, sheet)
+        return replace(table, notes=()) if is_sheet else table
     if suffix in _JSON_SUFFIXES or (suffix in _TEXT_SUFFIXES and re.match(_JSON_START, data)):
         return _read_json(name, data, choice, encoding)
     if suffix == ".parquet":
@@ -255,8 +264,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
     title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
     if title not in sheets:
-        titles = join_names(map(display_name, sheets))
-        raise InputError(f"{source}: found the sheets {titles}, allowed: one of them")
+        raise _no_such_sheet(source, sheets)
 
     rows = sheets[title]
     first, names = heads[title]
@@ -286,16 +294,47 @@ def _chosen_sheet(
 
     An InputError if several have most of our columns.
     """
-    if not sheets:
+    tables = _sheets_with_tables(source, heads, choice)
+    if len(tables) > 1 and n_chosen(heads[tables[0]][1], choice):
+        titles = join_words(list(map(display_name, tables)))
+        remedies = [
+            Remedy("sheet", "{}", "if each sheet is a subject"),
+            Remedy("sheet", "*", "if the sheets have a column of subjects"),
+        ]
+        remedies += [Remedy("sheet", title) for title in tables]
+        raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
+    return max(tables, key=lambda title: len(sheets[title]))
+
+
+def _sheets_with_tables(
+    source: str, heads: Mapping[str, tuple[int, list[str]]], choice: Choice
+) -> list[str]:
+    """The titles of the sheets with most of our columns."""
+    if not heads:
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
     n_names = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
     largest_count = max(n_names.values())
-    tables = [title for title, count in n_names.items() if count == largest_count]
-    if len(tables) > 1 and largest_count:
-        titles = join_words(list(map(display_name, tables)))
-        remedies = [Remedy("sheet", title) for title in tables]
-        raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
-    return max(tables, key=lambda title: len(sheets[title]))
+    return [title for title, count in n_names.items() if count == largest_count]
+
+
+def sheet_paths(path: StrPath, pattern: str, choice: Choice) -> list[Path]:
+    """The paths of the sheets that have the tables of a study, as in study.xlsx/S01.
+
+    Their titles fit a pattern in which * stands for any text. A sheet of notes is none of them: it
+    has fewer of our columns.
+    """
+    source = display_name(Path(path).name)
+    sheets = _excel_sheets(source, input_bytes(path))
+    titles = [title for title in sheets if fnmatchcase(title, pattern)]
+    if not titles:
+        raise _no_such_sheet(source, sheets)
+    heads = {title: _sheet_names(sheets[title], choice) for title in titles}
+    return [Path(path, title) for title in _sheets_with_tables(source, heads, choice)]
+
+
+def _no_such_sheet(source: str, titles: Iterable[str]) -> InputError:
+    names = join_names(map(display_name, titles))
+    return InputError(f"{source}: found the sheets {names}, allowed: one of them")
 
 
 def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, list[str]]:
@@ -529,6 +568,11 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
         rule = "one that a Parquet writer has finished"
         raise damaged(source, "Parquet", error, rule) from None
     return _table_of_frame(source, "Parquet", "schema", frame, 1, choice)
+
+
+def is_excel(path: StrPath) -> bool:
+    """Whether a file is one by its name."""
+    return Path(path).suffix.lower() in _EXCEL_SUFFIXES
 
 
 def is_parquet(path: StrPath) -> bool:

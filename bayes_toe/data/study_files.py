@@ -1,6 +1,7 @@
 """The files of a study: folders, and tables that are put together.
 
-`table_files` replaces a folder by the tables in it, `read_files` reads the files, and `together`
+`table_files` replaces a folder by the tables in it, `with_sheets` a workbook by its sheets,
+`read_files` reads the files, and `together`
 makes one study of them. The answers of a subject who is in more than one file are put together,
 each file as a block.
 """
@@ -34,9 +35,10 @@ from bayes_toe.data.messages import (
     plural,
     sum_of_notes,
 )
-from bayes_toe.data.options import subject_in
-from bayes_toe.data.read_table import TABLE_SUFFIXES
+from bayes_toe.data.options import ReadOptions, subject_in
+from bayes_toe.data.read_table import TABLE_SUFFIXES, is_excel, sheet_paths
 from bayes_toe.data.study import Study, Subject, pooled
+from bayes_toe.data.text_table import Choice
 from bayes_toe.errors import InputError, Remedy
 
 #: A file, by its name or as a study, and a line about it.
@@ -45,6 +47,8 @@ Line: TypeAlias = tuple[Any, str]
 _IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
 #: Where the name of a file or of its folder may have the subject.
 _SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
+#: The same for a sheet of an Excel file, as in study.xlsx/S01.
+_SUBJECT_IN_SHEET = ("{}", "{}_*")
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
@@ -95,6 +99,24 @@ def _is_table(file: Path) -> bool:
     """Whether a file of a folder may be a table: not hidden, and not a lock of Excel, ~$a.xlsx."""
     is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
     return file.suffix.lower() in TABLE_SUFFIXES and not is_hidden
+
+
+def with_sheets(
+    paths: Sequence[Any], options: ReadOptions, choice: Choice
+) -> tuple[list[Any], ReadOptions]:
+    """Several sheets in the place of each Excel file, where `sheet` is a pattern.
+
+    The pattern is then no longer among the options. It may have {} where the subject stands.
+    """
+    pattern = options.sheet or ""
+    if "*" not in pattern and "{}" not in pattern:
+        return list(paths), options
+    sheets = list[Any]()
+    for path in paths:
+        is_workbook = isinstance(path, StrPath) and is_excel(path) and os.path.isfile(path)
+        sheets += sheet_paths(path, pattern.replace("{}", "*"), choice) if is_workbook else [path]
+    subject_from = pattern if "{}" in pattern else options.subject_from
+    return sheets, replace(options, sheet=None, subject_from=subject_from)
 
 
 # --- A study in several files ---------------------------------------------------------------------
@@ -161,7 +183,8 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     For a/x.csv and b/x.csv, '{}/*' is such a part.
     """
     by_subjects = dict[tuple[str, ...], Remedy]()
-    for pattern in _SUBJECT_PLACES:
+    are_sheets = all(isinstance(path, StrPath) and is_excel(Path(path).parent) for path in paths)
+    for pattern in _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"

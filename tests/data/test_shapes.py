@@ -263,6 +263,14 @@ READ = {
     f"german.xlsx {GERMAN_PAIR}": excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN),
     f"title.xlsx {GERMAN_PAIR}": excel(Daten=WITH_TITLE),
     "two_sheets.xlsx --sheet B": excel(A=IN_LOGS, B=IN_LOGS),
+    "a_sheet_a_subject.xlsx --sheet {}": excel(
+        **{name: rows.drop(columns="subject") for name, rows in IN_LOGS.groupby("subject")},
+        Codes=pd.DataFrame({"response": ["first"], "meaning": ["the first was stronger"]}),
+    ),
+    "a_sheet_a_session.xlsx --sheet *": excel(A=IN_LOGS[:30], B=IN_LOGS[30:]),
+    "some_sheets.xlsx --sheet 'day *'": excel(
+        **{"day 1": IN_LOGS[:9], "day 2": IN_LOGS[9:], "practice": IN_LOGS}
+    ),
     "errors_elsewhere.xlsx": excel(Trials=WITH_ERRORS, Info=pd.DataFrame(["#REF!"])),
     # As Excel saves it if all formulas give an empty text.
     "empty_texts.xlsx": with_part(excel(T=WITH_FORMULA), rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"'),
@@ -364,6 +372,7 @@ NOTES = """
     separators.jsonl | trial rows, JSON, UTF-8, resp
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
+    a_sheet_a_session.xlsx | 1 subject in several files
     german.xlsx | sheet Daten read, not Info
     title.xlsx | rows above row 2 left out
     missing_words.csv | 10 trials without a response dropped ('-99', '999', '.', 'timeout',
@@ -425,11 +434,21 @@ REFUSED = {
     "two_sheets.xlsx": (
         excel(A=IN_LOGS, B=IN_LOGS),
         "the sheets A and B have tables",
+        "--sheet '{}'  if each sheet is a subject",
+        "--sheet '*'   if the sheets have a column of subjects",
         "--sheet A",
     ),
     "two_sheets.xlsx --sheet C": (
         excel(A=IN_LOGS, B=IN_LOGS),
         "found the sheets A, B, allowed: one of them",
+    ),
+    "two_sheets.xlsx --sheet C{}": (
+        excel(A=IN_LOGS, B=IN_LOGS),
+        "found the sheets A, B, allowed: one of them",
+    ),
+    "no_subjects.xlsx --sheet *": (
+        excel(A=WITHOUT_SUBJECT, B=WITHOUT_SUBJECT),
+        "--subject-from '{}'",
     ),
     "a.csv --sheet A": (IN_LOGS, "a.csv: found --sheet A, allowed: with an Excel file\n"),
     "formula.xlsx": (
