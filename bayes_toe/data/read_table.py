@@ -16,7 +16,6 @@ import tomllib
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
 from itertools import chain
@@ -135,22 +134,14 @@ def read_table(
         )
 
     path = Path(source)
-    is_sheet = is_excel(path.parent) and path.parent.is_file()
-    if is_sheet:
-        path, sheet = path.parent, path.name
+    book = path.parent
+    if is_excel(book) and book.is_file():
+        table = read_table(book, choice, largest, sheet=path.name)
+        table.problems.source = display_name(f"{book.name}/{path.name}")
+        return table
     require_parquet(path)
-    try:
-        data = input_bytes(path, largest)
-    except (OSError, ValueError) as error:  # a ValueError for a path with a NUL character
-        reason = getattr(error, "strerror", error)
-        raise InputError(
-            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
-            "may be read"
-        ) from error
-
+    data = _readable_bytes(path, largest)
     name = display_name(path.name)
-    if is_sheet:
-        name = display_name(f"{path.name}/{sheet}")
     suffix = path.suffix.lower()
     if suffix in _NOT_READ:
         raise InputError(f"{name}: found {_NOT_READ[suffix]}")
@@ -158,8 +149,7 @@ def read_table(
         raise InputError(f"{name}: found --sheet {sheet}, allowed: with an Excel file")
 
     if is_excel(path):
-        table = _read_excel(name, data, choice, sheet)
-        return replace(table, notes=()) if is_sheet else table
+        return _read_excel(name, data, choice, sheet)
     if suffix in _JSON_SUFFIXES or (suffix in _TEXT_SUFFIXES and re.match(_JSON_START, data)):
         return _read_json(name, data, choice, encoding)
     if suffix == ".parquet":
@@ -167,6 +157,18 @@ def read_table(
     if suffix == ".mat":
         return _read_matlab(name, data, choice)
     return read_csv(name, data, choice, encoding)
+
+
+def _readable_bytes(path: Path, largest: int) -> bytes:
+    """The content of a file; an InputError if it cannot be read."""
+    try:
+        return input_bytes(path, largest)
+    except (OSError, ValueError) as error:  # a ValueError for a path with a NUL character
+        reason = getattr(error, "strerror", error)
+        raise InputError(
+            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
+            "may be read"
+        ) from error
 
 
 def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
