@@ -28,7 +28,7 @@ OBSERVER = {"noise": 0.2, "q0": 0.93, "lapse_rate": 0.03, "contraction": 0.3}
 def respond(pair: tuple[float, ...], rng: np.random.Generator) -> bool:
     """Whether an observer who draws the first stimulus to the mean responds 'equal'."""
     observer = make_observer("O1", "contraction", OBSERVER, SAME_DIFFERENT)
-    return bool(rng.uniform() < observer.p_yes(*pair, sbar=float(LEVELS.mean())))
+    return bool(rng.uniform() < observer.p_questions(*pair, sbar=LEVELS.mean())[0])
 
 
 def main() -> None:

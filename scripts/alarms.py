@@ -151,7 +151,7 @@ def learning_p(observer: Observer, keys: FloatArray, sbar: float) -> list[float]
     p_yes = []
     for noise, (s1, s2) in zip(noises.tolist(), keys, strict=True):
         now = replace(observer, parameters={**observer.parameters, "noise": noise})
-        p_yes.append(now.p_yes(s1, s2, sbar))
+        p_yes.append(now.p_questions(s1, s2, sbar)[0])
     return p_yes
 
 
@@ -167,14 +167,15 @@ def simulate(observer: Observer, kind: str, n_levels: int, repeats: int, rng: Rn
 
     uniform = rng.random(n_trials)
     sbar = s1.mean()
-    is_yes = uniform < observer.p_yes(s1, s2 + shift, sbar)
+    is_yes = uniform < observer.p_questions(s1, s2 + shift, sbar)[0]
     if kind == "learning":
         is_yes = uniform < learning_p(observer, keys, sbar)
     if kind == "lapses to one response":
         is_yes |= rng.random(n_trials) < 0.08
     if kind == "previous response":
-        after_no = observer.p_yes(s1, s2 - 0.3 * noise, sbar)
-        after_yes = observer.p_yes(s1, s2 + 0.3 * noise, sbar)
+        after_no, after_yes = (
+            observer.p_questions(s1, s2 + step * noise, sbar)[0] for step in (-0.3, 0.3)
+        )
         for trial in range(1, n_trials):
             p_yes = after_yes if is_yes[trial - 1] else after_no
             is_yes[trial] = uniform[trial] < p_yes[trial]
@@ -185,7 +186,7 @@ def simulate(observer: Observer, kind: str, n_levels: int, repeats: int, rng: Rn
     elif kind == "swapped keys":
         is_yes = ~is_yes
     elif kind == "one swapped block":
-        is_yes = is_yes ^ (block == 1)
+        is_yes ^= block == 1
     if kind == "repeated trials":
         n_copied = n_trials // 3
         keys[-n_copied:], is_yes[-n_copied:] = keys[:n_copied], is_yes[:n_copied]

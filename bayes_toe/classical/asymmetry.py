@@ -23,9 +23,10 @@ there.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import starmap
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,8 +48,7 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """One pair of different stimuli in both orders, and the responses of one subject.
 
     Attributes
@@ -99,7 +99,7 @@ class Comparison:
     is_maximal: bool
 
 
-ASYMMETRY_COLUMNS = (*(field.name for field in fields(Comparison)), "accuracy")
+ASYMMETRY_COLUMNS = (*Comparison._fields, "accuracy")
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         rows = []
         for row in self.rows:
             for comparison in row.comparisons:
-                rows.append([*astuple(comparison), row.accuracy])
+                rows.append([*comparison, row.accuracy])
         columns = [key.replace("equal", self.task.compared_answer) for key in ASYMMETRY_COLUMNS]
         return pd.DataFrame(rows, columns=columns)
 
@@ -188,12 +188,12 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         total = plural(len(maxima), "subject")
         sentences = ["The counts are for the pair of each subject whose two orders differ most."]
         for sign, stimulus in ((1, "stronger"), (-1, "weaker")):
-            side = [row for row in maxima if sign * row.asymmetry > 0]
-            significant = sum(row.p_value < 0.05 for row in side)
-            corrected = sum(row.p_adjusted < 0.05 for row in side)
+            of_sign = [row for row in maxima if sign * row.asymmetry > 0]
+            significant = sum(row.p_value < 0.05 for row in of_sign)
+            corrected = sum(row.p_adjusted < 0.05 for row in of_sign)
             sentences.append(
-                f"{len(side)} of {total} gave more {self.share_of} responses with the {stimulus} "
-                "stimulus first than in the other order. The difference is significant "
+                f"{len(of_sign)} of {total} gave more {self.share_of} responses with the {stimulus}"
+                " stimulus first than in the other order. The difference is significant "
                 f"(p < .05) in {significant} of them, in {corrected} after Holm's correction."
             )
         return " ".join(sentences)
@@ -245,15 +245,16 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 
     There is no comparison if no pair was presented in both orders.
     """
+    # Rows with the weaker stimulus first, and with the stronger one first.
     weak, strong = pairs_in_both_orders(subject).T
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
-    counts = np.column_stack([n_wrong, subject.n_trials])
-    q, error = laplace_estimate(*counts.T), laplace_error(*counts.T)
+    q, error = laplace_estimate(n_wrong, subject.n_trials), laplace_error(n_wrong, subject.n_trials)
     difference = q[strong] - q[weak]
+    counts = np.column_stack([n_wrong, subject.n_trials])
     tables = np.hstack([counts[strong], counts[weak]]).tolist()
     tests = pd.DataFrame(starmap(equality_test, tables), columns=["p_value", "test"])
     p_values = tests["p_value"].to_numpy(np.float64)
-    # Of two alike, the one with the smaller p-value.
+    # Of differences that are equal up to rounding, the one with the smaller p-value comes first.
     largest_first = np.lexsort((p_values, -np.abs(difference).round(12)))
 
     columns = {
@@ -276,8 +277,8 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     }
     rows = pd.DataFrame(columns).itertuples(index=False, name=None)
     comparisons = tuple(Comparison(subject.name, *row) for row in rows)
-    different = {frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]}
-    n_one_order = len(different) - len(comparisons)
+    in_any_order = {frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]}
+    n_one_order = len(in_any_order) - len(comparisons)
     return SubjectAsymmetry(subject.name, accuracy(subject), comparisons, n_one_order)
 
 
@@ -294,10 +295,10 @@ def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) ->
     (0.008382, 'boschloo')
     """
     table = [[k1, k2], [n1 - k1, n2 - k2]]
-    side = "less" if k1 * n2 < k2 * n1 else "greater"
+    side = "less" if k1 * n2 < k2 * n1 else "greater"  # k1/n1 < k2/n2
     if n1 + n2 > most_trials:
         return min(1.0, 2.0 * float(fisher_exact(table, side).pvalue)), "fisher"
-    # Of 32 points, rarely, none leads to the supremum.
+    # Of 32 points, SciPy's default, none leads to the supremum in rare cases.
     return min(1.0, 2.0 * float(boschloo_exact(table, side, n=64).pvalue)), "boschloo"
 
 
@@ -311,6 +312,7 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
     """
     p = np.asarray(p_values, np.float64)
     order = np.argsort(p, kind="stable")
+    # The smallest of n counts n times, the next one n - 1 times; none is below the one before.
     raised = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
     adjusted = np.empty_like(p)
     adjusted[order] = np.minimum(raised, 1.0)

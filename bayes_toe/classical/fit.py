@@ -14,7 +14,6 @@ Methods, with the exponent corrected: p(q | n_Eq) is q^n_Eq (1 - q)^n_Diff.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
@@ -88,28 +87,31 @@ class PenalisedLikelihood:
 
     @cached_property
     def step(self) -> float:
-        """Root mean square step between the stimuli of a pair; 0.3 where all are equal."""
+        """Root mean square of s2 - s1 over different stimuli, which sets the scale of a search."""
         steps = self.subject.s2 - self.subject.s1
         if not steps.any():
-            return 0.3
+            return 0.3  # any value: without different stimuli the width is not determined
         return float(np.sqrt(np.mean(np.square(steps[steps != 0.0]))))
 
     @cached_property
     def bounds(self) -> FloatArray:
-        """Lowest and highest value of each coordinate, (4, 2)."""
+        """Lowest and highest value of each coordinate, (4, 2): that of gamma is the paper's."""
         log_widths = np.log(self.step) + np.log(_LARGEST_WIDTH) * np.array([-1.0, 1.0])
         return np.array([(-np.inf, np.inf), log_widths, (0.0, 1.0), _SHARES])
 
     @cached_property
     def grid(self) -> FloatArray:
         """Points from which searches may start, shape (4 values of mu1, points of each, 4)."""
-        first = float(np.average(self.subject.s1, weights=self.subject.n_trials))
-        mu1 = first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
+        sbar = float(np.average(self.subject.s1, weights=self.subject.n_trials))
+        # Far below the stimuli, among them on both sides of the mean, and far above them. No two
+        # are at the same distance: a symmetric design has equal maxima on both sides.
+        mu1 = sbar + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)
-        shares = np.array([0.03, 0.15, 0.4, 0.7])
+        gammas = (0.01, 0.1, 0.3, 0.9)
+        shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
         if self.subject.task.lapses == "q0":
             shares = 1.0 - shares
-        points = np.array([*product(mu1, log_widths, (0.01, 0.1, 0.3, 0.9), shares)])
+        points = np.array([*product(mu1, log_widths, gammas, shares)])
         return points.reshape(len(mu1), -1, 4)
 
     def starts(self, n_yes: IntArray) -> FloatArray:
@@ -125,11 +127,10 @@ class PenalisedLikelihood:
         p, width = float(pull(gamma)), np.exp(log_width)
         lever = self.subject.s1 - mu1
         z = (self.subject.s2 - self.subject.s1 + p * lever) / width
-        curve = _guessing
-        if self.subject.task.lapses == "q0":
-            curve = _bell
+        curve = _bell if self.subject.task.lapses == "q0" else _guessing
         value, by_z, by_share = curve(z, share, n_yes, self.subject.n_trials - n_yes)
 
+        # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z and dz/dp = lever/w.
         deviation = (mu1 - self.mu1_mean) / self.mu1_sd
         by_mu1 = -p * by_z.sum() / width - deviation / self.mu1_sd
         # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
@@ -140,7 +141,7 @@ class PenalisedLikelihood:
     def search(self, n_yes: IntArray, starts: FloatArray) -> Maxima:
         """Search the maxima for counts, (pairs,), from starts, (starts, 4)."""
         counts = n_yes.astype(np.float64)
-        # The first step of a search has the length 1.
+        # The first step of a search has the length 1: small, in units of each coordinate.
         scale = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
 
         def scaled(point: FloatArray) -> tuple[float, FloatArray]:
@@ -164,11 +165,11 @@ class PenalisedLikelihood:
 
     def objective(self, x: FloatArray, n_yes: IntArray) -> FloatArray:
         """Log likelihood minus penalty of counts, (rows, pairs), at points: (rows, points)."""
-        mu1, log_width, gamma, share = x.T[:, :, None]
+        mu1, log_width, gamma, share = x.T[:, :, None]  # (points, 1) each
         pairs = self.subject
         z = (pairs.s2 - pairs.s1 + pull(gamma) * (pairs.s1 - mu1)) / np.exp(log_width)
         answers_at, _ = CURVES[pairs.task.lapses]
-        log_yes, log_no = answers_at(z, logit(share))
+        log_yes, log_no = answers_at(z, logit(share))  # (points, pairs) each
         log_likelihood = n_yes @ log_yes.T + (pairs.n_trials - n_yes) @ log_no.T
         deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd
         return np.asarray(log_likelihood - 0.5 * np.square(deviation))
@@ -180,16 +181,16 @@ class PenalisedLikelihood:
         return np.stack([mu1, sigma_p, sigma_p * np.sqrt(gamma), share], axis=-1)
 
     def reached_bounds(self, x: FloatArray) -> str:
-        """The bounds on which a point lies, joined with ';', empty inside."""
+        """The bounds on which a point lies, such as 'gamma=0;q0=1'; empty inside."""
         names = ("mu1", "width", "gamma", self.subject.task.lapses)
-        parts = []
+        reached = []
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
             if np.abs(bounds - value).min() < 1e-6:
-                number = round(value, 6)
-                if name == "width":
+                number = round(value, 6)  # 1, not the bound 1 - 1e-9
+                if name == "width":  # its coordinate is the logarithm
                     number = np.exp(value)
-                parts.append(f"{name}={number:.3g}")
-        return ";".join(parts)
+                reached.append(f"{name}={number:.3g}")
+        return ";".join(reached)
 
 
 def _bell(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
@@ -200,8 +201,8 @@ def _bell(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> S
     log_shape = -LN2 * z * z
     q = share * np.exp(log_shape)
     value = n_yes @ (np.log(share) + log_shape) + n_no @ np.log1p(-q)
-    excess = n_yes - n_no * q / (1.0 - q)
-    return float(value), -2.0 * LN2 * z * excess, float(excess.sum()) / share
+    by_log_q = n_yes - n_no * q / (1.0 - q)
+    return float(value), -2.0 * LN2 * z * by_log_q, float(by_log_q.sum()) / share
 
 
 def _guessing(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
@@ -226,7 +227,7 @@ def _guessing(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) 
 def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
     """New counts of every pair, (replicates, pairs).
 
-    Q' ~ Beta(n_yes + 1, n_no + 1), n' ~ Binomial(n, q').
+    With q' ~ Beta(n_yes + 1, n_no + 1), they are n' ~ Binomial(n, q').
     """
     q = rng.beta(
         subject.n_yes + 1.0,
@@ -411,9 +412,10 @@ def fit(
     require_number("replicates", replicates)
     require_study(study)
     root, penalty = root_seed(seed), prior_for(study, prior)
-    jobs: list[Callable[[], SubjectFit]] = []
-    for subject in study:
-        jobs.append(partial(subject_fit, subject, penalty, seed=root, replicates=replicates))
+    jobs = [
+        partial(subject_fit, subject, penalty, seed=root, replicates=replicates)
+        for subject in study
+    ]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return FitTable(tuple(rows), level, replicates, root, penalty, study.task)
 
@@ -427,11 +429,12 @@ def subject_fit(
     """
     likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    counts = np.vstack([subject.n_yes, resampled])
+    counts = np.vstack([subject.n_yes, resampled])  # the first row is the fit's own
     searches = [*map(likelihood.search, counts, likelihood.starts(counts))]
     natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
     n_failed = sum(not maxima.has_converged[maxima.is_highest].any() for maxima in searches)
 
+    # What differs between equally high maxima is not determined.
     maxima, parameters = searches[0], natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
     parameters[np.ptp(equally_high, axis=0) > _TOLERANCE] = np.nan

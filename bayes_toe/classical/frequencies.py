@@ -55,10 +55,11 @@ def accuracy(subject: Subject) -> float:
     if not n_judged:
         return float("nan")
     n_wrong = subject.task.wrong(difference, subject.n_yes, subject.n_trials).sum()
-    asked = subject.two_answers
-    if asked is not None and subject.task.has_three_answers:
+    directions = subject.two_answers
+    if directions is not None and subject.task.has_three_answers:
         # 'First' or 'second' is wrong, too, where the other one would be right.
-        n_wrong += asked.task.wrong(asked.s2 - asked.s1, asked.n_yes, asked.n_trials).sum()
+        steps = directions.s2 - directions.s1
+        n_wrong += directions.task.wrong(steps, directions.n_yes, directions.n_trials).sum()
     return float(1.0 - n_wrong / n_judged)
 
 

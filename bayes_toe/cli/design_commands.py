@@ -91,7 +91,8 @@ def power(
     """
     from bayes_toe.cli.design_screens import print_groups, print_power
     from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS, assume_observers
-    from bayes_toe.design.power import designs_by_task, group_power, observer_prior
+    from bayes_toe.design.power import designs_by_task, group_power
+    from bayes_toe.model.prior_file import preset_or_file
 
     numbers, sizes = _whole_numbers("--trials", plan.trials), []
     observers = plan.observers
@@ -117,7 +118,7 @@ def power(
         data_sets=plan.simulated,
         prior=context.prior,
     )
-    groups = group_power(table, sizes, observer_prior(context.prior))
+    groups = group_power(table, sizes, preset_or_file(context.prior).observer)
     _write_power(table, groups, output, overwrite=context.overwrite)
 
     if sizes:

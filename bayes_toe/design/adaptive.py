@@ -20,7 +20,6 @@ from bayes_toe.data.messages import format_path
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.design.power import observer_prior
 from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError, require_number
 from bayes_toe.inference.engine import SHARP, PriorMixture, fresh_draws
@@ -32,10 +31,13 @@ from bayes_toe.inference.prediction import answer_probabilities
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
 
 #: An answer: whether it is the one that the task counts; of three answers, its word.
 Response = bool | str
+#: s1, s2 and the answer.
+Trial = tuple[float, float, Response]
 #: What answers may be asked about: which of the four models, or all of their parameters too.
 MODEL, PARAMETERS = "model", "parameters"
 DRAWS = 4000
@@ -77,12 +79,16 @@ class Particles:
         return self.draws.x[:, self.rule.is_free]
 
     def add(self, answer: Subject) -> None:
-        """Take in further answers."""
-        gained = self.rule.for_subject(answer).log_likelihood(self.x)
-        self.draws = replace(self.draws, log_posterior=self.draws.log_posterior + gained)
+        """Take in further answers: the draws stay, their posterior density changes."""
+        log_likelihood = self.rule.for_subject(answer).log_likelihood(self.x)
+        self.draws = replace(self.draws, log_posterior=self.draws.log_posterior + log_likelihood)
 
     def renew(self, subject: Subject, rng: Rng) -> None:
-        """Make the draws anew, for all answers so far."""
+        """Make the draws anew, for all answers so far.
+
+        They come from the adapted mixture. If there is none, or fewer than a quarter of its draws
+        would count, the posterior is fitted anew.
+        """
         posterior, size = self.rule.for_subject(subject), len(self.draws.x)
         mixture, draws = self.mixture, self.draws
         if mixture is not None:
@@ -143,27 +149,22 @@ class Adaptive:
         require_number("draws", draws, _FEWEST_JUDGES)
         task = task_of(task)
         if not isinstance(pairs, StudyDesign):
-            try:
-                columns = np.asarray(pairs, np.float64).T
-            except (TypeError, ValueError) as error:
-                raise InputError(f"pairs: allowed are rows of s1 and s2 ({error})") from error
-            if columns.ndim != 2 or len(columns) != 2:
-                raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2)")
-            pairs = each_once(*columns, task=task)
+            pairs = _design_of_rows(pairs, task)
         self.pairs = pairs
-        self.prior = observer_prior(prior)
+        self.prior = preset_or_file(prior).observer
         self.seed = root_seed(seed)
         self.about = about
         self.draws = draws
-        # About 512,000 predicted answers are kept of each model.
+        # Each model keeps the probabilities of about 512,000 answers: pairs times draws.
         self._n_judges = min(draws, max(_FEWEST_JUDGES, 512_000 // self.pairs.n_pairs))
-        self._answers: list[tuple[float, float, Response]] = []
+        self._answers: list[Trial] = []
         self._particles = {}
         for name in MODEL_NAMES:
             rule = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
             rng = generator(self.seed, "adaptive", name, "prior")
             points = rule.full_points(rule.sample_prior(rng, draws))
             log_prior = rule.array.log_prior(points)[0]
+            # Before the first answer, the posterior and what was drawn from are the prior, too.
             prior_draws = WeightedDraws(points[0], log_prior, log_prior, log_prior)
             self._particles[name] = Particles(rule, prior_draws)
 
@@ -171,8 +172,8 @@ class Adaptive:
 
     def next(self) -> tuple[float, float]:
         """The pair whose answer is expected to tell most; of equals any, by chance."""
-        worth = self.information()
-        best = np.flatnonzero(worth >= worth.max() - 1e-12)
+        information = self.information()
+        best = np.flatnonzero(information >= information.max() - 1e-12)  # equal up to rounding
         rng = generator(self.seed, "adaptive", "next", self.trials)
         return self.pairs.pairs[rng.choice(best)]
 
@@ -206,34 +207,42 @@ class Adaptive:
         self._renew_worst()
 
     def _renew_worst(self) -> None:
-        """Make the draws of one model anew, where fewer than half count: the one that matters."""
-        share = self.probabilities
-        error = {}
+        """Make the draws of one model anew, if fewer than half of its first ones still count.
+
+        Of several such models it is the one whose Monte Carlo error matters most: in proportion to
+        its probability, and to one over the root of its effective number of draws.
+        """
+        probabilities = self.probabilities
+        errors = {}
         for name, particles in self._particles.items():
             if particles.draws.efficiency < 0.5 * particles.first_efficiency:
-                error[name] = share[name] / np.sqrt(particles.draws.effective_number)
-        if error:
-            worst = max(error, key=error.__getitem__)
+                errors[name] = probabilities[name] / np.sqrt(particles.draws.effective_number)
+        if errors:
+            worst = max(errors, key=errors.__getitem__)
             rng = generator(self.seed, "adaptive", worst, "particles", self.trials)
             self._particles[worst].renew(self.subject, rng)
 
     def information(self) -> FloatArray:
-        """Expected information of one answer to each pair about what is asked, nats, (pairs,)."""
-        mean = np.zeros((len(self.pairs.task.answers), self.pairs.n_pairs))
-        left = np.zeros(self.pairs.n_pairs)  # entropy where what is asked about is known
+        """Expected information of one answer to each pair about what is asked, nats, (pairs,).
+
+        It is the entropy of the answer, less its mean entropy when the model is known, or the model
+        and its parameters.
+        """
+        p_answers = np.zeros((len(self.pairs.task.answers), self.pairs.n_pairs))
+        known_entropy = np.zeros(self.pairs.n_pairs)
         judges = slice(self._n_judges)
         for name, probability in self.probabilities.items():
             particles = self._particles[name]
-            if particles.p_answers is None:
+            if particles.p_answers is None:  # (answers, draws, pairs)
                 particles.p_answers = answer_probabilities(particles.rule, particles.x[judges])
             weights = particles.draws.part(judges).shares
-            of_model = weights @ particles.p_answers
-            mean += probability * of_model
+            p_answers_of_model = weights @ particles.p_answers
+            p_answers += probability * p_answers_of_model
             if self.about == MODEL:
-                left += probability * _entropy(of_model)
+                known_entropy += probability * _entropy(p_answers_of_model)
             else:
-                left += probability * (weights @ _entropy(particles.p_answers))
-        return _entropy(mean) - left
+                known_entropy += probability * (weights @ _entropy(particles.p_answers))
+        return _entropy(p_answers) - known_entropy
 
     # --- What is known ----------------------------------------------------------------------------
 
@@ -243,7 +252,7 @@ class Adaptive:
         return len(self._answers)
 
     @property
-    def answers(self) -> list[tuple[float, float, Response]]:
+    def answers(self) -> list[Trial]:
         """s1, s2 and the answer of every trial in order."""
         return list(self._answers)
 
@@ -351,9 +360,21 @@ class Adaptive:
             ) from error
         return session
 
-    def _make_subject(self, answers: Sequence[tuple[float, float, Response]]) -> Subject:
-        s1, s2, responses = zip(*answers, strict=True)
+    def _make_subject(self, trials: Sequence[Trial]) -> Subject:
+        """The subject who has answered these trials."""
+        s1, s2, responses = zip(*trials, strict=True)
         return Subject.from_trials("adaptive", s1, s2, responses, task=self.pairs.task)
+
+
+def _design_of_rows(rows: npt.ArrayLike, task: Task) -> StudyDesign:
+    """A design of each row of s1 and s2 once."""
+    try:
+        columns = np.asarray(rows, np.float64).T
+    except (TypeError, ValueError) as error:
+        raise InputError(f"pairs: allowed are rows of s1 and s2 ({error})") from error
+    if columns.ndim != 2 or len(columns) != 2:
+        raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2)")
+    return each_once(*columns, task=task)
 
 
 def _entropy(p_answers: FloatArray) -> FloatArray:

@@ -54,37 +54,46 @@ class Information:
     is_target: BoolArray
 
     def total(self, n_trials: IntArray) -> FloatArray:
-        """Information of so many trials of each pair, (pairs,), and the prior.
+        """Precision after so many trials of each pair, (pairs,): their information and the prior's.
 
         The shape is (observers, k, k).
         """
-        index = np.flatnonzero(n_trials)
+        index = np.flatnonzero(n_trials)  # pairs without trials cost time
         n_observers, _, n_questions, k = self.rows.shape
-        rows = self.rows[:, index].reshape(n_observers, -1, k)
+        rows = self.rows[:, index].reshape(n_observers, -1, k)  # all questions of all pairs
         weighted = rows * np.repeat(n_trials[index], n_questions)[:, None]
         return self.prior + np.swapaxes(rows, 1, 2) @ weighted
 
-    def utility(self, total: FloatArray) -> float:
-        """Half the log determinant of the precision of what is asked about, mean over observers."""
+    def utility(self, n_trials: IntArray) -> float:
+        """Half the log determinant of the precision of what is asked about, mean over observers.
+
+        Once the others are estimated, that precision is a Schur complement of the total, with the
+        determinant det(total) / det(block of the others).
+        """
+        total = self.total(n_trials)
         log_nuisance = np.linalg.slogdet(self._nuisance_block(total))[1]
         return float(0.5 * (np.linalg.slogdet(total)[1] - log_nuisance).mean())
 
-    def utilities(self, total: FloatArray, n_more: float) -> FloatArray:
-        """The same with so many trials more of each pair, one pair after the other: (pairs,)."""
+    def utilities(self, n_trials: IntArray, n_more: float) -> FloatArray:
+        """The utility with `n_more` trials added to one pair, for each pair: (pairs,)."""
+        total = self.total(n_trials)
         growth = _log_growth(total, self.rows, n_more)
         nuisance_rows = self.rows[..., ~self.is_target]
         nuisance_growth = _log_growth(self._nuisance_block(total), nuisance_rows, n_more)
-        return self.utility(total) + 0.5 * (growth - nuisance_growth).mean(axis=0)
+        return self.utility(n_trials) + 0.5 * (growth - nuisance_growth).mean(axis=0)
 
     def _nuisance_block(self, total: FloatArray) -> FloatArray:
-        """The block of all other coordinates."""
+        """The block of the coordinates that are not asked about."""
         return total[:, ~self.is_target][:, :, ~self.is_target]
 
 
 def _log_growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArray:
-    """Log of the growth of the determinant by n more trials of a pair: (observers, pairs)."""
-    spread = rows @ np.linalg.inv(total)[:, None]
-    products = (spread[:, :, :, None] * rows[:, :, None]).sum(axis=-1)
+    """Log of the growth of the determinant by n more trials of a pair: (observers, pairs).
+
+    With R the rows of a pair, det(T + n R'R) = det(T) det(1 + n R T^-1 R').
+    """
+    solved = rows @ np.linalg.inv(total)[:, None]
+    products = (solved[:, :, :, None] * rows[:, :, None]).sum(axis=-1)  # R T^-1 R'
     return np.asarray(np.log(np.linalg.det(np.eye(rows.shape[2]) + n_more * products)))
 
 
@@ -102,23 +111,24 @@ def information(
     """
     posterior = OrderModel("both").posterior(pairs.unanswered, prior)
     n_questions = len(pairs.task.questions)
-    arrays = {}
+    parameters = {}
     for name in posterior.coordinates:
-        arrays[name] = np.array([observer.parameters[name] for observer in observers])
+        parameters[name] = np.array([observer.parameters[name] for observer in observers])
     # At a lapse rate of 0 its information is not defined.
-    arrays["lapse_rate"] = np.maximum(arrays["lapse_rate"], 1e-3)
-    points = posterior.full_points(posterior.points(arrays))
+    parameters["lapse_rate"] = np.maximum(parameters["lapse_rate"], 1e-3)
+    points = posterior.full_points(posterior.points(parameters))  # (1, observers, k)
 
     answers, yes_slopes, _ = posterior.rows.answer_slopes(points)
     # A trial asks the second question as often as the answer to the first one is not 'equal'.
-    of_trial = posterior.rows.expected_trials(answers)[0] / np.tile(pairs.n_trials, n_questions)
-    odds_root = np.exp(0.5 * (answers.yes - answers.no))[0] * np.sqrt(of_trial)
+    n_asked = posterior.rows.expected_trials(answers)[0] / np.tile(pairs.n_trials, n_questions)
+    # The root of q/(1 - q), (observers, pairs of all questions), times the slopes of log q.
+    odds_root = np.exp(0.5 * (answers.yes - answers.no))[0] * np.sqrt(n_asked)
     scaled_slopes = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
-    slopes = np.stack(np.split(scaled_slopes, n_questions, axis=1), axis=2)
+    rows = np.stack(np.split(scaled_slopes, n_questions, axis=1), axis=2)
 
-    curvature = posterior.array.prior_slopes(points)[1][0]
+    curvature = posterior.array.prior_slopes(points)[1][0]  # (observers, k)
     is_target = np.isin(posterior.coordinates, AIMS[aim])
-    return Information(slopes, curvature[:, :, None] * np.eye(len(is_target)), is_target)
+    return Information(rows, curvature[:, :, None] * np.eye(len(is_target)), is_target)
 
 
 # --- Exchange -------------------------------------------------------------------------------------
@@ -145,48 +155,53 @@ def exchange_trials(
     turned : ndarray of int, shape (pairs,)
         The place of each pair in the other order; both are shown equally often.
     """
-    movable = np.zeros_like(fixed)
-    has_turn = turned != np.arange(len(turned))
-
-    def present_trials() -> IntArray:
-        """Trials of every pair: half of those that move are of the pair in the other order."""
-        return fixed + (movable + movable[turned]) // 2
-
-    def best_pair(size: int, most_pairs: int) -> int:
-        """The pair where so many trials more tell most, among those that are still allowed."""
-        n_trials = present_trials()
-        utilities = information.utilities(information.total(n_trials), size)
-        is_new = n_trials == 0
-        n_new = is_new + (is_new[turned] & has_turn).astype(int)
-        is_possible = (n_new == 0) | (np.count_nonzero(n_trials) + n_new <= most_pairs)
-        both_orders = utilities + utilities[turned]
-        return int(np.where(is_possible, both_orders, -np.inf).argmax())
-
-    # About two portions for each pair.
-    portion = 2 * max(1, trials // (4 * most_pairs))
+    # About two portions for each pair; half of a portion is in the other order.
+    half = max(1, trials // (4 * most_pairs))
+    portion = 2 * half
+    n_trials = fixed
     for _ in range(trials // portion):
-        movable[best_pair(portion, most_pairs)] += portion
+        n_trials = _add_trials(information, n_trials, turned, portion, most_pairs)
 
-    utility, last_utility = information.utility(information.total(present_trials())), -np.inf
+    # Portions of each pair move to the best pair, until no move is worth it.
+    utility, last_utility = information.utility(n_trials), -np.inf
     while utility > last_utility + _GAIN:
         last_utility = utility
-        for pair in np.flatnonzero(movable).tolist():
-            # Portions of the pair move elsewhere as long as that is worth it.
-            while movable[pair]:
-                movable[pair] -= portion
-                target = best_pair(portion, most_pairs)
-                movable[target] += portion
-                moved = information.utility(information.total(present_trials()))
-                if moved < utility + _GAIN:
-                    movable[target] -= portion
-                    movable[pair] += portion
+        is_first_order = turned >= np.arange(len(turned))  # of both orders, or the only one
+        for pair in np.flatnonzero(is_first_order & (n_trials > fixed)).tolist():
+            while n_trials[pair] > fixed[pair]:
+                without = n_trials.copy()
+                without[pair] -= half
+                without[turned[pair]] -= half
+                moved = _add_trials(information, without, turned, portion, most_pairs)
+                utility_of_move = information.utility(moved)
+                if utility_of_move < utility + _GAIN:
                     break
-                utility = moved
+                n_trials, utility = moved, utility_of_move
 
-    # What is left goes to pairs that there are.
+    # What is left goes to pairs that the design has.
     for _ in range(trials % portion // 2):
-        movable[best_pair(2, 0)] += 2
-    n_trials = present_trials()
-    if (n_trials - fixed).sum() < trials:
-        n_trials[best_pair(1, 0)] += 1
+        n_trials = _add_trials(information, n_trials, turned, 2, most_pairs=0)
+    if trials % 2:
+        n_trials = _add_trials(information, n_trials, turned, 1, most_pairs=0)
     return n_trials
+
+
+def _add_trials(
+    information: Information, n_trials: IntArray, turned: IndexArray, size: int, most_pairs: int
+) -> IntArray:
+    """Trials of every pair with so many more where they tell most: of a pair in both orders.
+
+    A new pair may join if there are then at most so many.
+    """
+    is_new = n_trials == 0
+    # With its other order, which equal stimuli lack, a pair makes 0, 1 or 2 new ones.
+    is_other_order = turned != np.arange(len(turned))
+    n_new = is_new + (is_new[turned] & is_other_order).astype(int)
+    is_possible = (n_new == 0) | (np.count_nonzero(n_trials) + n_new <= most_pairs)
+    utilities = information.utilities(n_trials, size)
+    best = int(np.where(is_possible, utilities + utilities[turned], -np.inf).argmax())
+
+    more_trials = n_trials.copy()
+    more_trials[turned[best]] += size // 2
+    more_trials[best] += size - size // 2
+    return more_trials

@@ -41,6 +41,8 @@ from bayes_toe.seeds import generator
 Range = tuple[float, float]
 #: Ranges of parameters by kind.
 Kinds = Mapping[str, Mapping[str, Range]]
+#: Parameters that an observer must have, where its task has them; others are 0 by default.
+REQUIRED = ("noise", "q0")
 #: Ranges of what is not an effect of order; observers are uniform in them.
 COMMON = {
     "noise": (0.15, 0.25),
@@ -105,13 +107,6 @@ class Observer:
         effects = {name: self.parameters[name] != 0.0 for name in ("constant_error", "contraction")}
         return {"order_effect": any(effects.values()), **effects}
 
-    def p_yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike, sbar: float) -> FloatArray:
-        """Probability of the answer that the task counts, for every trial.
-
-        The arguments are those of :meth:`p_questions`.
-        """
-        return self.p_questions(s1, s2, sbar)[0]
-
     def p_questions(
         self,
         s1: npt.ArrayLike,
@@ -130,17 +125,19 @@ class Observer:
             By how much the first stimulus is expected above sbar, after the trial before.
         """
         s1, s2 = np.asarray(s1, np.float64), np.asarray(s2, np.float64)
-        trials = (s1 - sbar - expected, s2 - s1, 0.5 * (s1 + s2) - sbar)
-        first, difference, middle = (column.reshape(-1, 1, 1) for column in trials)
+        columns = (s1 - sbar - expected, s2 - s1, 0.5 * (s1 + s2) - sbar)
+        # Of the shape (rows, points, pairs): each trial is a row with one pair.
+        first, difference, middle = (column.reshape(-1, 1, 1) for column in columns)
 
-        scales = StimulusScales(sbar, sbar, 1.0, 1.0, 0.0)
-        pair = each_once([0.0], [0.0], task=self.task)
-        posterior = ObserverPosterior(pair.unanswered, OrderModel("both"), given_scales=scales)
+        # With D = R = 1 the observer's units are those of its parameters, natural-log intensity.
+        scales = StimulusScales(sbar, sbar, step=1.0, spread=1.0, first_spread=0.0)
+        any_pair = each_once([0.0], [0.0], task=self.task)
+        posterior = ObserverPosterior(any_pair.unanswered, OrderModel("both"), given_scales=scales)
         rows = replace(posterior.rows, first=first, difference=difference, middle=middle)
         parameters = {name: np.asarray(value) for name, value in self.parameters.items()}
-        points = posterior.points(parameters)
-        log_yes = rows.log_answers(points.reshape(-1, 1, points.shape[-1])).yes
-        return np.exp(log_yes[:, 0].T).reshape(-1, *trials[0].shape)
+        point = posterior.points(parameters).reshape(1, 1, -1)
+        log_yes = rows.log_answers(point).yes[:, 0]  # (trials, questions)
+        return np.exp(log_yes.T).reshape(-1, *columns[0].shape)
 
     def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
         """:meth:`p_questions` for trials in their order, shape (questions, trials).
@@ -160,10 +157,10 @@ class Observer:
     def answers(self, design: StudyDesign, seed: int) -> Subject:
         """Simulated counts; the random stream is keyed by the name and the number of trials."""
         rng = generator(seed, self.name, "answers", design.total)
-        p_yes, *p_second = self.p_design(design)
-        n_yes, n_second = rng.binomial(design.n_trials, p_yes), None
-        for p in p_second:  # of three answers, the question after 'not equal'
-            n_second = rng.binomial(design.n_trials - n_yes, p)
+        probabilities = self.p_design(design)
+        n_yes, n_second = rng.binomial(design.n_trials, probabilities[0]), None
+        if self.task.has_three_answers:  # the second question follows an answer 'not equal'
+            n_second = rng.binomial(design.n_trials - n_yes, probabilities[1])
         return design.answered(n_yes, self.name, n_second)
 
 
@@ -173,7 +170,7 @@ def parameter_names(task: Task) -> list[str]:
 
 
 def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task) -> Observer:
-    """An observer of these parameters; others are 0.
+    """An observer of these parameters; others are 0, but for :data:`REQUIRED`.
 
     Raises
     ------
@@ -181,7 +178,7 @@ def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task)
         If a parameter is missing, unknown or out of its range.
     """
     names = parameter_names(task)
-    for key in ("noise", "q0"):
+    for key in REQUIRED:
         if key in names and key not in values:
             raise InputError(f"observer {name!r}: {key} is missing")
     return Observer(name, kind, {**dict.fromkeys(names, 0.0), **values}, task)
@@ -190,7 +187,10 @@ def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task)
 def _problems(
     values: Mapping[str, object], names: Sequence[str], *, has_ranges: bool = False
 ) -> Iterator[str]:
-    """Problems of parameters, or of their ranges, a line each."""
+    """Problems of parameters, or of their ranges, a line each: unknown names, numbers out of range.
+
+    With `has_ranges` a value may be [lowest, highest].
+    """
     limits = {parameter.name: parameter.limits for parameter in PARAMETERS}
     for name, value in values.items():
         if name not in names:
@@ -198,6 +198,7 @@ def _problems(
             continue
         low, high = _range(value) if has_ranges else (real(value), real(value))
         lower_limit, upper_limit, description = limits[name]
+        # What is no number is NaN, for which this comparison fails.
         if not lower_limit < low <= high < upper_limit:
             or_range = ", or [LOWEST, HIGHEST] of such" if has_ranges else ""
             yield f"{name}: found {format_value(value)}, allowed: a number {description}{or_range}"
@@ -287,18 +288,22 @@ def _ranges_of(source: StrPath | None, task: Task) -> Kinds:
 
 
 def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool) -> list[Observer]:
-    """Observers that are uniform in ranges; those of :data:`COMMON` hold where none is given."""
+    """Observers that are uniform in ranges; those of :data:`COMMON` hold where none is given.
+
+    With `is_even` each range is cut into as many equal parts as there are observers, each of whom
+    has the middle of one part. The parts of each parameter are shuffled.
+    """
     common = {name: COMMON[name] for name in parameter_names(task) if name in COMMON}
     observers = []
     for kind, effects in kinds.items():
         ranges = {**common, **effects}
-        orders = {key: generator(seed, kind, key, "even").permutation(size) for key in ranges}
+        parts = {key: generator(seed, kind, key, "even").permutation(size) for key in ranges}
         for i in range(size):
             name = f"{kind} {i + 1}"
             rng = generator(seed, name, "observer")
             values = {}
             for key, (low, high) in ranges.items():
-                position = (orders[key][i] + 0.5) / size if is_even else rng.uniform()
+                position = (parts[key][i] + 0.5) / size if is_even else rng.uniform()
                 values[key] = float(low + (high - low) * position)
             observers.append(make_observer(name, kind, values, task))
     return observers
@@ -330,7 +335,7 @@ def read_ranges(path: StrPath, task: Task = SAME_DIFFERENT) -> dict[str, dict[st
 
 
 def _range(value: object) -> Range:
-    """Lowest and highest value; NaN where a value is neither a number nor two."""
+    """Lowest and highest value of a number or of [lowest, highest]; NaN for anything else."""
     if not isinstance(value, list):
         return real(value), real(value)
     if len(value) != 2:
@@ -376,8 +381,8 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
         rng = generator(seed, "earlier study", number, "observer")
         subject = draws.names[rng.integers(len(draws.names))]
         posterior = draws.posterior(subject)
-        points = np.concatenate(draws.points(subject))
-        x = points[[rng.integers(len(points))]]
+        points = np.concatenate(draws.points(subject))  # of all chains
+        x = points[[rng.integers(len(points))]]  # one point, shape (1, k)
         observer = _from_point(f"earlier study {number}", "earlier study", posterior, x)
         observers.append(observer)
         no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
@@ -386,14 +391,15 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
 
 
 def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None:
-    """Refuse a design to which all observers of a kind practically always answer alike."""
+    """Refuse a design to which all observers of a kind always answer alike, but for lapses."""
     p_yes = defaultdict(list)
     for observer in observers:
         attentive = {**observer.parameters, "lapse_rate": 0.0}
         p_yes[observer.kind].append(replace(observer, parameters=attentive).p_design(design)[0])
     task = design.task
-    for kind, p in p_yes.items():
-        for answer, highest in ((task.yes, np.max(p)), (task.no, 1.0 - np.min(p))):
+    for kind, p_of_kind in p_yes.items():
+        highest_p = {task.yes: np.max(p_of_kind), task.no: 1.0 - np.min(p_of_kind)}
+        for answer, highest in highest_p.items():
             if highest <= 0.01:  # the other answer is practically certain
                 raise InputError(
                     f"observers: of the kind {kind!r} all practically never answer {answer!r} to "

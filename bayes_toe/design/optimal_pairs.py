@@ -20,7 +20,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import number
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import Observer, assume_observers
-from bayes_toe.design.power import PowerTable, observer_prior, simulate_power
+from bayes_toe.design.power import PowerTable, simulate_power
 from bayes_toe.design.study_design import (
     StudyDesign,
     all_pairs,
@@ -33,6 +33,7 @@ from bayes_toe.errors import InputError, Remedy, require_number
 from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -112,16 +113,16 @@ class OptimalDesign:
     @property
     def design(self) -> StudyDesign:
         """The design that is asked for."""
-        return next(iter(self.designs.values()))
+        return self.designs[self.name]
 
     def reasons(self) -> list[str]:
-        """The first stimuli, and what these pairs cannot show, in sentences."""
-        first, index = np.unique(self.design.s1, return_inverse=True)
+        """The most frequent first stimuli, and what these pairs cannot show, in sentences."""
+        stimuli, index = np.unique(self.design.s1, return_inverse=True)
         share = np.bincount(index, self.design.n_trials / self.design.total)
-        frequent = np.sort(np.argsort(-share)[:4])
-        levels, name = self.unit.numbers(first[frequent], first.mean())
+        frequent = np.sort(np.argsort(-share)[:4])  # four, in the order of their intensity
+        levels, name = self.unit.numbers(stimuli[frequent], stimuli.mean())
         if not self.unit.of_stimuli:
-            levels, name = [f"{value:g}" for value in first[frequent]], "ln"
+            levels, name = [f"{value:g}" for value in stimuli[frequent]], "ln"
         firsts = ", ".join(
             f"{level} {name} ({percent:.0f} %)"
             for level, percent in zip(levels, 100 * share[frequent], strict=True)
@@ -149,14 +150,13 @@ class OptimalDesign:
         if self.name == EVEN:
             return ""
         design = self.design
-        kinds = {
+        ends = [design.s1.min(), design.s1.max()]
+        regularities = {
             "have equal pairs": design.s1 == design.s2,
-            "begin with the weakest or strongest stimulus": np.isin(
-                design.s1, [design.s1.min(), design.s1.max()]
-            ),
+            "begin with the weakest or strongest stimulus": np.isin(design.s1, ends),
         }
         parts = []
-        for words, is_pair in kinds.items():
+        for words, is_pair in regularities.items():
             n_trials = design.n_trials[is_pair].sum()
             if 3 * n_trials > design.total:
                 parts.append(f"{n_trials} of {design.total} trials {words}")
@@ -179,7 +179,7 @@ class OptimalDesign:
     def text(self) -> str:
         """The design, why it is so, and what it shows, as a file of Markdown."""
         frame, unit = self.frame(), self.unit.of_stimuli
-        if unit:
+        if unit:  # its columns of stimuli come last, before n_trials
             names = [f"first, {unit}", f"second, {unit}", "n_trials"]
             frame = frame.iloc[:, -3:].set_axis(names, axis=1)
         rows = [[*frame.columns], ["---"] * frame.shape[1], *frame.map("{:g}".format).to_numpy()]
@@ -190,18 +190,26 @@ class OptimalDesign:
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:
-    """Levels from lowest to highest."""
-    n_steps = np.floor((highest - lowest) / step + 1e-9)
+    """Levels from lowest to highest; the highest is one of them if whole steps lead to it.
+
+    Examples
+    --------
+    >>> grid(-0.5, 0.6, 0.25).tolist()
+    [-0.5, -0.25, 0.0, 0.25, 0.5]
+    """
+    n_steps = np.floor((highest - lowest) / step + 1e-9)  # rounding may make 3 steps 2.999...
+    # Without the rounding errors of the steps; the sum turns -0.0 into 0.0.
     return np.round(lowest + step * np.arange(n_steps + 1), 12) + 0.0
 
 
 def levels_between(
     lowest: float, highest: float, step: str | None, options: ReadOptions
 ) -> FloatArray:
-    """Levels from the lowest to the highest stimulus in a unit, natural-log intensity.
+    """Natural logs of levels, from the lowest to the highest stimulus in the unit of the options.
 
-    A step is a number in the unit, or per cent of intensity, which is adjusted so that both ends
-    are levels; without one, it is 5 per cent. Intensities have four digits at most.
+    A step such as '10' is a number in this unit. A step such as '5%' is per cent of intensity; it
+    is adjusted so that both ends are levels. Without one, it is 5 per cent. Intensities have four
+    digits at most.
 
     Examples
     --------
@@ -228,8 +236,9 @@ def levels_between(
             "smaller one"
         )
     width = np.ptp(ends)
-    if not width / (_MOST_LEVELS - 1) <= size <= width:
-        least = 1.01 * width / (_MOST_LEVELS - 1)
+    smallest = width / (_MOST_LEVELS - 1)
+    if not smallest <= size <= width:
+        least = 1.01 * smallest  # so that three digits of it are allowed
         remedy = f"{100.0 * np.expm1(least):.3g}%" if is_percent else f"{least:.3g}"
         raise InputError(
             f"--step {step}: allowed is a step that makes 2 to {_MOST_LEVELS} levels from "
@@ -255,7 +264,7 @@ def read_levels(path: StrPath, options: ReadOptions) -> FloatArray:
             f"{path}: column {column}: found {len(levels)} level, allowed: at least two different "
             "ones"
         )
-    return np.asarray(levels)
+    return levels
 
 
 def optimal_design(
@@ -293,9 +302,10 @@ def optimal_design(
         If something is not allowed.
     """
     goal = goal or DesignGoal()
-    root, own_prior = root_seed(seed), observer_prior(prior)
+    root, own_prior = root_seed(seed), preset_or_file(prior).observer
     levels = np.unique(np.asarray(levels, np.float64))
     plane = _pairs_to_show(levels, goal)
+    # Five observers of each kind are enough for the information: the power needs more.
     assumed = assume_observers(observers, 5, root, [plane], own_prior)
     judges = assume_observers(observers, data_sets, root, [plane], own_prior, is_even=True)
 
@@ -304,7 +314,7 @@ def optimal_design(
     even = even_design(levels, goal, assumed)
     if even.n_pairs <= trials:
         designs[EVEN] = even.with_total(trials)
-    if goal.is_even:
+    if goal.is_even:  # the design that is asked for comes first
         designs = dict(reversed(designs.items()))
     simulated = simulate_power([*designs.items()], judges, root, own_prior, workers, progress)
     table = PowerTable.from_data_sets(simulated, root)
@@ -327,20 +337,19 @@ def best_design(
     fixed = np.zeros(plane.n_pairs, np.int64)
     if goal.keep is not None:
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
-    n_left, n_kept = trials - int(fixed.sum()), int((fixed > 0).sum())
+    n_left, n_kept_pairs = trials - int(fixed.sum()), int((fixed > 0).sum())
     if n_left < _FEWEST:
-        part = f", {fixed.sum()} of which --keep has taken" if n_kept else ""
+        part = f", {fixed.sum()} of which --keep has taken" if n_kept_pairs else ""
         raise InputError(f"--trials {trials}{part}: allowed is at least {_FEWEST} to distribute")
-    if n_kept >= goal.max_pairs:
+    if n_kept_pairs >= goal.max_pairs:
         raise InputError(
-            f"--max-pairs {goal.max_pairs}: --keep has {n_kept} already; allowed is more"
+            f"--max-pairs {goal.max_pairs}: --keep has {n_kept_pairs} already; allowed is more"
         )
-    of_plane = information(plane, observers, goal.aim, prior)
-    most_pairs = min(goal.max_pairs, n_left + n_kept)
-    n_trials = exchange_trials(of_plane, n_left, most_pairs, fixed, plane.turned)
+    plane_information = information(plane, observers, goal.aim, prior)
+    most_pairs = min(goal.max_pairs, n_left + n_kept_pairs)
+    n_trials = exchange_trials(plane_information, n_left, most_pairs, fixed, plane.turned)
     chosen = np.flatnonzero(n_trials)
-    total = of_plane.total(n_trials)
-    worth = of_plane.utilities(total, 1.0) - of_plane.utility(total)
+    worth = plane_information.utilities(n_trials, 1.0) - plane_information.utility(n_trials)
     return plane.select(chosen, n_trials[chosen]), worth
 
 
@@ -351,10 +360,12 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
     """
     noise = np.mean([observer.parameters["noise"] for observer in observers])
     n_steps = round(np.ptp(levels) / noise)
+    # n first stimuli have n equal pairs, and n - 1 pairs of neighbours in each order: 3 n - 2.
     n_first = max(2, min(n_steps + 1, (goal.max_pairs + 2) // 3, len(levels)))
     targets = np.linspace(levels[0], levels[-1], n_first)
     # Of uneven levels, two targets may have the same nearest one.
-    first = levels[np.unique(np.abs(levels[:, None] - targets).argmin(axis=0))]
+    nearest = np.unique(np.abs(levels[:, None] - targets).argmin(axis=0))
+    first = levels[nearest]
     i, j = np.indices((len(first), len(first)))
     is_near = np.abs(i - j) <= 1
     return each_once(first[i[is_near]], first[j[is_near]], task=goal.task)

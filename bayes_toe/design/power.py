@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from itertools import chain, product, starmap
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -30,7 +30,7 @@ from bayes_toe.answers.order_effect import (
     word_of_bayes_factor,
 )
 from bayes_toe.answers.words import Word
-from bayes_toe.arrays import StrPath
+from bayes_toe.arrays import Rng, StrPath
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import capitalized, join_names, join_words
@@ -43,7 +43,7 @@ from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.zero_mean import approximate_zero_mean
 from bayes_toe.inference.order_evidence import BATCH, order_evidence
 from bayes_toe.model.observer import DEFAULT_PRIOR
-from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrior
+from bayes_toe.model.parameters import CONSTANT_ERROR, ObserverPrior
 from bayes_toe.model.prior import Hyperprior, Prior
 from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
@@ -74,15 +74,11 @@ class DataSet:
     answer: OrderEffect
     scales: StimulusScales
 
-    def width(self, size: str) -> float:
-        """The width of the 95 % interval of a size."""
-        interval = self.answer.sizes[size]
-        return interval.q975 - interval.q025
-
     @property
     def cells(self) -> tuple[object, ...]:
         """The entries of :data:`DATA_SET_COLUMNS`."""
         truth = self.observer.parameters
+        intervals = [self.answer.sizes[size] for size in WIDTHS]
         return (
             self.design,
             self.trials,
@@ -92,7 +88,7 @@ class DataSet:
             truth["contraction"],
             *(self.answer.word(question) for question in QUESTIONS),
             *(self.answer.probabilities[question] for question in QUESTIONS),
-            *(self.width(size) for size in WIDTHS),
+            *(interval.q975 - interval.q025 for interval in intervals),
         )
 
 
@@ -125,7 +121,7 @@ class PowerEstimate(NamedTuple):
 
     @property
     def percent(self) -> str:
-        """A share in words."""
+        """The share with its interval, such as '35 % [17, 57]'."""
         return f"{100 * self.value:.0f} % [{100 * self.low:.0f}, {100 * self.high:.0f}]"
 
 
@@ -150,26 +146,19 @@ class PowerTable(Table[PowerEstimate]):
     @classmethod
     def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
         """The table that counts, in each group of data sets, how often each word was given."""
-        table = cls((), tuple(data_sets), seed)
-        counted = [word for word in Word if word is not Word.NOT_INTERPRETABLE]
+        data_sets = tuple(data_sets)
+        # Responses of simulated observers have no problems, and are always interpreted.
+        possible_words = [word for word in Word if word is not Word.NOT_INTERPRETABLE]
         rows = []
-        for key, members in table.groups.items():
+        for key, group in group_data_sets(data_sets).items():
             for question in QUESTIONS:
-                words = [member.answer.words[question] for member in members]
-                counts = {word.value: words.count(word) for word in counted}
+                words = [data_set.answer.words[question] for data_set in group]
+                counts = {word.value: words.count(word) for word in possible_words}
                 counts[DETECTED] = sum(word.is_positive for word in words)
                 n = len(words)
                 for answer, count in counts.items():
                     rows.append(PowerEstimate(*key, question, answer, *share(count, n), n))
-        return replace(table, rows=tuple(rows))
-
-    @cached_property
-    def groups(self) -> Mapping[tuple[str, int, str], Sequence[DataSet]]:
-        """The data sets by design, trials and kind of observers."""
-        groups = defaultdict(list)
-        for data_set in self.data_sets:
-            groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
-        return groups
+        return cls(tuple(rows), data_sets, seed)
 
     def __getitem__(self, key: tuple[str, int, str, str, str]) -> PowerEstimate:
         """A row, by (design, trials, kind of observers, quantity, answer)."""
@@ -212,10 +201,13 @@ class PowerTable(Table[PowerEstimate]):
         With `selected`, only those of one design.
         """
         designs = [key for key in self.designs if selected in ("", key[0])]
-        return [*starmap(self._describe_design, designs)]
+        return [self._describe_design(*key) for key in designs]
 
     def _describe_design(self, design: str, trials: int) -> str:
-        """The kind of observers that gets 'yes' or 'probably' least often, then the others."""
+        """The effect that is detected least often, the next one, false positives, and open words.
+
+        'Order effect: cannot be told.' follows where the design cannot show it.
+        """
         effects, false_positives = [], []
         for kind in self.different("observers"):
             estimate = self[design, trials, kind, "order_effect", DETECTED]
@@ -224,10 +216,13 @@ class PowerTable(Table[PowerEstimate]):
             else:
                 false_positives.append(f"false positives {estimate.percent}")
         effects.sort(key=attrgetter("value"))
-        parts = [f"{row.observers} detected in {row.percent}" for row in effects[:1]]
-        for row in effects[1:2]:
-            least = "at least " if row.value < 1.0 else ""
-            parts.append(f"every other effect in {least}{100 * row.value:.0f} %")
+        parts = []
+        if effects:
+            parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
+        if len(effects) > 1:
+            value = effects[1].value
+            least = "at least " if value < 1.0 else ""
+            parts.append(f"every other effect in {least}{100 * value:.0f} %")
         text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts + false_positives)}."
         for question in QUESTIONS:
             if self.is_unknown(design, trials, question):
@@ -236,13 +231,23 @@ class PowerTable(Table[PowerEstimate]):
 
     def is_unknown(self, design: str, trials: int, question: str) -> bool:
         """Whether a design cannot show an effect in any observer."""
-        unknown = Word.CANNOT_BE_TOLD.value
+        word = Word.CANNOT_BE_TOLD.value
         kinds = self.different("observers")
-        return all(self[design, trials, kind, question, unknown].value == 1.0 for kind in kinds)
+        return all(self[design, trials, kind, question, word].value == 1.0 for kind in kinds)
+
+
+def group_data_sets(
+    data_sets: Iterable[DataSet],
+) -> Mapping[tuple[str, int, str], Sequence[DataSet]]:
+    """The data sets by design, trials and kind of observers."""
+    groups = defaultdict(list)
+    for data_set in data_sets:
+        groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
+    return groups
 
 
 def share(hits: int, size: int) -> tuple[float, float, float]:
-    """A share and its 95 % interval, by Jeffreys' prior.
+    """A share and its 95 % interval, by Jeffreys' prior, Beta(1/2, 1/2).
 
     An end is 0 or 1 where no or every try hits.
 
@@ -302,30 +307,26 @@ def power(
     >>> table["the paper's pairs", 130, "both", "order_effect", "yes"].data_sets
     2
     """
-    root, numbers = root_seed(seed), observer_prior(prior)
+    root, own_prior = root_seed(seed), preset_or_file(prior).observer
     simulated = list[DataSet]()
-    for of_task in designs_by_task(name_designs(design)):
+    for designs in designs_by_task(name_designs(design)):
         assumed = assume_observers(
-            observers, data_sets, root, list(of_task.values()), numbers, is_even=True
+            observers, data_sets, root, list(designs.values()), own_prior, is_even=True
         )
         planned = []
-        for (name, own_design), total in product(of_task.items(), dict.fromkeys(trials)):
-            planned.append((name, own_design.with_total(total)))
-        simulated += simulate_power(planned, assumed, root, numbers, workers, progress)
+        for name, pairs in designs.items():
+            for total in dict.fromkeys(trials):  # each number once
+                planned.append((name, pairs.with_total(total)))
+        simulated += simulate_power(planned, assumed, root, own_prior, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
 
 
 def designs_by_task(designs: Mapping[str, StudyDesign]) -> list[dict[str, StudyDesign]]:
     """The designs of each task, by name."""
-    by_task = defaultdict[Task, dict[str, StudyDesign]](dict)
+    by_task: dict[Task, dict[str, StudyDesign]] = {}
     for name, design in designs.items():
-        by_task[design.task][name] = design
+        by_task.setdefault(design.task, {})[name] = design
     return list(by_task.values())
-
-
-def observer_prior(prior: Prior | str | None) -> ObserverPrior:
-    """The prior of the four models that a prior, a preset or a file has."""
-    return preset_or_file(prior).observer
 
 
 def name_designs(
@@ -347,7 +348,10 @@ def simulate_power(
     workers: Workers,
     progress: Progress | None,
 ) -> Iterable[DataSet]:
-    """All observers answer all designs; a job is a batch of observers with one design."""
+    """The data sets of all observers and all designs.
+
+    A job is a batch of observers with one design. Progress shows the names of its observers.
+    """
     jobs, names = [], []
     for name, design in designs:
         for start in range(0, len(observers), BATCH):
@@ -364,7 +368,7 @@ def simulate_batch(
     seed: int,
     prior: ObserverPrior,
 ) -> list[DataSet]:
-    """The answers of some observers to a design, and what is concluded of each."""
+    """The data sets of some observers, who answer one design."""
     subjects = [observer.answers(design, seed) for observer in observers]
     identification = identify(design.unanswered)
     data_sets = []
@@ -410,9 +414,9 @@ class GroupPower(NamedTuple):
     detected: int
     detected_low: int
     detected_high: int
-    power: float = np.nan
-    power_low: float = np.nan
-    power_high: float = np.nan
+    power: float
+    power_low: float
+    power_high: float
 
     @property
     def counts_text(self) -> str:
@@ -421,14 +425,17 @@ class GroupPower(NamedTuple):
 
     @property
     def percent(self) -> str:
-        """The power of the group mean with its interval, per cent; in brackets without a mean."""
+        """The power with its interval, per cent, such as '80 [76, 84]'.
+
+        It is in brackets if the true mean is 0, because it is then the share of false positives.
+        """
         low, high = 100.0 * self.power_low, 100.0 * self.power_high
         text = f"{100.0 * self.power:.0f} [{low:.0f}, {high:.0f}]"
         return text if self.has_mean else f"({text})"
 
     @property
     def has_mean(self) -> bool:
-        """Whether the true mean is not 0, so that to find it is no false positive."""
+        """Whether the true mean is not 0, up to rounding."""
         return abs(self.true_mean) > 1e-6
 
 
@@ -455,6 +462,7 @@ class GroupPowerTable(Table[GroupPower]):
         lines = []
         for design, trials in dict.fromkeys((row.design, row.trials) for row in self.rows):
             for question in SIZE_OF:
+                # The rows of a kind of observers share their true mean.
                 kinds = self.select(design, trials, question).values()
                 with_mean = [rows for rows in kinds if rows[0].has_mean]
                 if with_mean:
@@ -496,59 +504,63 @@ def group_power(
     ['order_effect', 'constant_error', 'contraction']
     """
     rows = []
-    for key, members in table.groups.items():
+    for (design, trials, kind), group in group_data_sets(table.data_sets).items():
         for question in QUESTIONS:
-            n_detected = sum(member.answer.words[question].is_positive for member in members)
+            n_detected = sum(data_set.answer.words[question].is_positive for data_set in group)
+            # An order effect has no size, so that its mean and the power of its mean are NaN.
+            truth = [data_set.observer.parameters.get(question, np.nan) for data_set in group]
+            moments = float(np.mean(truth)), float(np.std(truth))
             for size in subjects:
-                counts = predicted_count(n_detected, len(members), size)
-                row = GroupPower(*key, question, size, np.nan, np.nan, *counts)
-                if question != "order_effect":
-                    row = _with_group_mean(row, members, table.seed, prior)
-                rows.append(row)
+                counts = predicted_count(n_detected, len(group), size)
+                power_of_mean = np.nan, np.nan, np.nan
+                if question in SIZE_OF:
+                    rng = generator(table.seed, design, kind, f"{trials} {size} {question}")
+                    hits = _count_detected_means(group, question, size, prior, rng)
+                    power_of_mean = share(hits, _STUDIES)
+                study = design, trials, kind, question, size
+                rows.append(GroupPower(*study, *moments, *counts, *power_of_mean))
     return GroupPowerTable(tuple(rows), table.seed)
 
 
-def _with_group_mean(
-    row: GroupPower, members: Sequence[DataSet], seed: int, prior: ObserverPrior
-) -> GroupPower:
-    """The row with the true mean, and with the share of studies that find it."""
-    truth = np.array([member.observer.parameters[row.question] for member in members])
-    rng = generator(seed, row.design, row.observers, f"{row.trials} {row.subjects} {row.question}")
-    drawn = rng.integers(len(members), size=(_STUDIES, row.subjects))
+def _count_detected_means(
+    group: Sequence[DataSet], question: str, size: int, prior: ObserverPrior, rng: Rng
+) -> int:
+    """Of :data:`_STUDIES` studies, those whose group mean differs from 0 by 'yes' or 'probably'.
 
-    scales = members[0].scales
-    unit, hyperprior = scales.step, Hyperprior().constant_error
-    prior_sd = 0.5 * np.sqrt(3.0) * prior.constant_error_scale  # of a normal with that curvature
-    if row.question == CONTRACTION.name:
+    A study draws so many subjects from the group, with replacement.
+    """
+    # A constant error counts in D, a contraction is a pure number.
+    scales = group[0].scales
+    if question == CONSTANT_ERROR.name:
+        unit, hyperprior = scales.step, Hyperprior().constant_error
+        # At 0, Student's t with 3 degrees of freedom is curved like a normal with this SD.
+        prior_sd = 0.5 * np.sqrt(3.0) * prior.constant_error_scale
+    else:
         unit, hyperprior = 1.0, Hyperprior().contraction.narrowed(scales.roving_share)
         prior_sd = prior.contraction_sd * scales.roving_share
-    intervals = np.array([member.answer.sizes[SIZE_OF[row.question]] for member in members])
-    low, _, high = intervals.T
-    if row.question == CONSTANT_ERROR.name:
-        low, high = np.log1p([low / 100.0, high / 100.0])
-    posterior_sd = (high - low) / 3.92 / unit  # standard deviations in a 95 % interval
-    # The posterior may be as wide as the prior.
-    precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4)
-    standard_errors = (precision**-0.5)[drawn]
 
+    truth = np.array([data_set.observer.parameters[question] for data_set in group])
+    intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
+    low, _, high = intervals.T
+    if question == CONSTANT_ERROR.name:  # from per cent of intensity to natural logs
+        low, high = np.log1p([low / 100.0, high / 100.0])
+    posterior_sd = (high - low) / 3.92 / unit  # a 95 % interval of a normal is 2 x 1.96 SD wide
+    # Of normal densities: the precision of the posterior is that of the prior plus that of the
+    # responses. Where the posterior is as wide as the prior, the responses say next to nothing.
+    precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4)
+
+    drawn = rng.integers(len(group), size=(_STUDIES, size))
+    standard_errors = (precision**-0.5)[drawn]
     estimates = truth[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
     numbers = HyperpriorNumbers.from_rows([hyperprior])
     log_factors = -approximate_zero_mean(estimates, standard_errors, numbers)
-    hits = sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
-    power_share, low, high = share(hits, _STUDIES)
-    return row._replace(
-        true_mean=float(truth.mean()),
-        true_sd=float(truth.std()),
-        power=power_share,
-        power_low=low,
-        power_high=high,
-    )
+    return sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
 
 
 def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]:
     """How many of so many subjects have what `hits` of `size` had: median, 95 % interval.
 
-    The prediction is beta-binomial, with Jeffreys' prior of the share.
+    The prediction is beta-binomial, with Jeffreys' prior of the share, Beta(1/2, 1/2).
 
     Examples
     --------

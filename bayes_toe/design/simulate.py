@@ -6,11 +6,12 @@ differ between conditions, miss trials, and carry an expectation over to the nex
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,7 @@ from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
 from bayes_toe.design.observers import (
     KINDS,
     PRIOR,
+    REQUIRED,
     Observer,
     assume_observers,
     make_observer,
@@ -102,13 +104,17 @@ class PaperObserver:
         return dict(zip(natural_names(self.task), map(float, self.natural), strict=True))
 
     def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
-        """As :meth:`bayes_toe.design.observers.Observer.p_trials`, of its one question."""
+        """Probability of the counted answer in each trial, shape (1, trials).
+
+        `carry_over` is that of :meth:`bayes_toe.design.observers.Observer.p_trials`. What is
+        expected, relative to the mean stimulus, is added to the prior mean mu1.
+        """
         natural = self.natural
         if carry_over:
-            middle = 0.5 * (s1.mean() + s2.mean())
-            expected = expectations(s1 - middle, s2 - middle, pull(natural.gamma), carry_over)
+            mean = 0.5 * (s1.mean() + s2.mean())
+            expected = expectations(s1 - mean, s2 - mean, pull(natural.gamma), carry_over)
             natural = natural._replace(mu1=natural.mu1 + expected)
-        return p_counted(self.task, s1, s2, natural)[None]
+        return p_counted(self.task, s1, s2, natural)[None]  # the task has one question
 
 
 def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
@@ -120,14 +126,15 @@ def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
     = -0.6 but sigma_l = 0.02, so symmetric all the same. For all: sigma_p = 0.22 exp(0.15 Normal(0,
     1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4), or the lapse rate ~ Beta(2, 30).
     """
-    kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])
-    mu1 = rng.normal(*kinds[np.arange(size) % 5].T)
+    mu1_of_kinds = [(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)]
+    mean, sd = np.resize(mu1_of_kinds, (size, 2)).T  # the kinds in turn
+    mu1 = rng.normal(mean, sd)
     sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
-    sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))
-    shape = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
-    lapses = rng.beta(*shape, size)
+    sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))  # of gamma
+    beta = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
+    q0_or_lapse_rate = rng.beta(*beta, size)
     mu1[15::16], sigma_l[15::16] = -0.6, 0.02
-    rows = zip(subject_names(size), mu1, sigma_p, sigma_l, lapses, strict=True)
+    rows = zip(subject_names(size), mu1, sigma_p, sigma_l, q0_or_lapse_rate, strict=True)
     return [PaperObserver(name, Natural(*values), task) for name, *values in rows]
 
 
@@ -173,37 +180,39 @@ class ConditionDifferences:
     def steps(self) -> FloatArray:
         """The position of each level between the first and the last one, shape (levels,)."""
         if self.conditions.numeric:
-            return self.conditions.design()[:, 0]
+            return self.conditions.design()[:, 0]  # the only column of a numeric condition
         return np.linspace(-0.5, 0.5, len(self.conditions.levels))
 
     def observers(self, observer: SimulatedObserver, seed: int) -> dict[str, SimulatedObserver]:
-        """An observer in every condition, named such as S01@left."""
+        """An observer in every condition, by level, named such as S01@left."""
         if self.sizes and isinstance(observer, PaperObserver):
             raise InputError(
                 "--differ: allowed with observers of the four models, such as --observers both"
             )
         rng = generator(seed, observer.name, "differences between conditions")
-        drawn = {key: mean + sd * rng.standard_normal() for key, (mean, sd) in self.sizes.items()}
-        moved = {}
+        sizes = {key: mean + sd * rng.standard_normal() for key, (mean, sd) in self.sizes.items()}
+        observers: dict[str, SimulatedObserver] = {}
         for level, step in zip(self.conditions.levels, self.steps.tolist(), strict=True):
-            changes: dict[str, Any] = {"name": f"{observer.name}{CONDITION_SEPARATOR}{level}"}
-            if drawn:
-                parameters = changes["parameters"] = dict(observer.parameters)
-                for key, size in drawn.items():
-                    if key == "noise":
-                        parameters[key] *= float(np.exp(step * size))
-                    else:
-                        parameters[key] += step * size
-            moved[level] = replace(observer, **changes)
-        return moved
+            name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
+            if isinstance(observer, PaperObserver):
+                observers[level] = replace(observer, name=name)
+                continue
+            parameters = dict(observer.parameters)
+            for key, size in sizes.items():
+                if key == "noise":  # its logarithm differs
+                    parameters[key] *= float(np.exp(step * size))
+                else:
+                    parameters[key] += step * size
+            observers[level] = replace(observer, name=name, parameters=parameters)
+        return observers
 
 
 def condition_differences(
     levels: Sequence[str], differ: Sizes | None
 ) -> ConditionDifferences | None:
-    """The differences between conditions, each with the sd between subjects or without.
+    """Check the levels and the differences, each of which may have its sd between subjects.
 
-    None without conditions.
+    The result is None without levels.
     """
     if isinstance(levels, str):
         raise InputError(f"conditions: found the text {levels!r}, allowed: a list of levels")
@@ -211,11 +220,11 @@ def condition_differences(
         if differ:
             raise InputError("--differ: allowed with --conditions, between which observers differ")
         return None
-    values = [*map(number, levels)]
-    is_numeric = bool(np.isfinite(values).all())
-    names = tuple(level_words(values) if is_numeric else levels)
-    have_names = all(name and CONDITION_SEPARATOR not in name for name in names)
-    if len(names) < 2 or len(set(names)) < len(names) or not have_names:
+    numbers = [*map(number, levels)]  # NaN for a text
+    is_numeric = bool(np.isfinite(numbers).all())
+    names = tuple(level_words(numbers) if is_numeric else levels)
+    can_be_read = all(name and CONDITION_SEPARATOR not in name for name in names)
+    if len(names) < 2 or len(set(names)) < len(names) or not can_be_read:
         raise InputError(
             f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
             f"each once, without {CONDITION_SEPARATOR}"
@@ -247,9 +256,11 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
     {'contraction': (0.2, 0.1), 'noise': (0.3, 0.0)}
     """
     sizes = {}
-    for part in differ.split(",") if differ else ():
-        name, value = map(str.strip, part.partition("=")[::2])
-        size, _, sd = value.partition(":")
+    parts = differ.split(",") if differ else []
+    for part in parts:
+        text, _, value = part.partition("=")
+        name = text.strip()
+        size, _, sd = value.strip().partition(":")
         if name in sizes:
             raise InputError(f"--differ: found {name} twice, allowed: once")
         try:
@@ -273,32 +284,30 @@ class SimulatedTrials:
 
     Attributes
     ----------
+    subject : str
+    condition : str
+        Empty without conditions.
     observer : Observer or PaperObserver
         In a condition it is named such as S01@left.
     batch : ndarray, shape (trials,)
     answers : Answers
         A row a trial.
-    condition : str
     """
 
+    subject: str
+    condition: str
     observer: SimulatedObserver
     batch: IntArray
     answers: Answers
-    condition: str
-
-    @property
-    def subject(self) -> str:
-        """Name of the subject, or of the subject in a condition."""
-        return self.observer.name
 
     @property
     def responses(self) -> npt.NDArray[np.str_]:
         """The responses in words, empty where nobody answered, shape (trials,)."""
         answers, words = self.answers, np.array(self.observer.task.answers)
-        position = 1 - answers.n_yes
-        if answers.n_second is not None:
-            position = np.where(answers.n_yes + answers.n_second > 0, position, 2)
-        return np.where(answers.n_trials > 0, words[position], "")
+        index = 1 - answers.n_yes  # the first word is the counted answer
+        if answers.n_second is not None:  # of equal, second and first, what is neither is 'first'
+            index = np.where(answers.n_yes + answers.n_second > 0, index, 2)
+        return np.where(answers.n_trials > 0, words[index], "")
 
 
 def simulate_trials(
@@ -333,9 +342,9 @@ def simulate_trials(
         by_condition = {"": observer}
         if differences is not None:
             by_condition = differences.observers(observer, seed)
-        for condition, moved in by_condition.items():
-            batch, answers = _answer_trials(moved, design, seed, carry_over, missed)
-            trials.append(SimulatedTrials(moved, batch, answers, condition))
+        for condition, unit in by_condition.items():
+            batch, answers = _answer_trials(unit, design, seed, carry_over, missed)
+            trials.append(SimulatedTrials(observer.name, condition, unit, batch, answers))
     return trials
 
 
@@ -344,19 +353,21 @@ def _answer_trials(
 ) -> tuple[IntArray, Answers]:
     """The batches of one observer's trials, and the answers."""
     rng = generator(seed, observer.name, "trials")
+    # The most batches that have every pair equally often.
     n_batches = np.gcd.reduce(design.n_trials)
-    in_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
-    shuffled = np.argsort(rng.uniform(size=(n_batches, len(in_batch))), axis=1)
-    pair = in_batch[shuffled.ravel()]
+    pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
+    order = np.argsort(rng.uniform(size=(n_batches, len(pairs_of_batch))), axis=1)
+    pair = pairs_of_batch[order.ravel()]
     s1, s2 = design.s1[pair], design.s2[pair]
 
-    p_yes, *p_second = observer.p_trials(s1, s2, carry_over)
-    batch = np.repeat(np.arange(1, n_batches + 1), len(in_batch))
-    yes = rng.uniform(size=len(pair)) < p_yes
-    n_trials = np.where(rng.uniform(size=len(pair)) < missed, 0, 1)
-    counts = {"n_yes": n_trials * yes, "n_trials": n_trials, "place": np.arange(len(pair))}
-    for p in p_second:  # of three answers, 'second' where the answer is not 'equal'
-        counts["n_second"] = n_trials * (~yes & (rng.uniform(size=len(pair)) < p))
+    probabilities = observer.p_trials(s1, s2, carry_over)
+    batch = np.repeat(np.arange(1, n_batches + 1), len(pairs_of_batch))
+    is_yes = rng.uniform(size=len(pair)) < probabilities[0]
+    n_trials = np.where(rng.uniform(size=len(pair)) < missed, 0, 1)  # 0 without an answer
+    counts = {"n_yes": n_trials * is_yes, "n_trials": n_trials, "place": np.arange(len(pair))}
+    if observer.task.has_three_answers:  # 'second' or 'first', where the answer is not 'equal'
+        is_second = rng.uniform(size=len(pair)) < probabilities[1]
+        counts["n_second"] = n_trials * (~is_yes & is_second)
     return batch, Answers(np.column_stack([s1, s2]), has_trial_rows=True, **counts)
 
 
@@ -447,10 +458,10 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     )
     extra = {"carry_over": carry_over} if carry_over else {}
     subjects, truth = [], {}
-    for answered in trials:
-        subject = Subject.from_answers(answered.subject, answered.answers, task)
-        subjects.append(replace(subject, condition=answered.condition))
-        truth[subject.name] = {**answered.observer.parameters, **extra}
+    for unit in trials:
+        subject = Subject.from_answers(unit.observer.name, unit.answers, task)
+        subjects.append(replace(subject, condition=unit.condition))
+        truth[subject.name] = {**unit.observer.parameters, **extra}
 
     study = Study(tuple(subjects), f"simulated, seed {root}", synthetic=True)
     if differences is not None:
@@ -462,10 +473,13 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
 def draw_population(
     population: str, size: int, seed: int, design: StudyDesign, task: Task = SAME_DIFFERENT
 ) -> Sequence[SimulatedObserver]:
-    """Observers that `--observers` names; anything but a known word is a CSV of parameters."""
+    """Observers that `--observers` names; anything but a known word is a CSV of parameters.
+
+    `size` does not matter for a file.
+    """
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
-        if abs(mean) > 2.0:
+        if abs(mean) > 2.0:  # mu1 of these observers is between -1 and 2
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
                 "paper, ln 0 to 0.5",
@@ -477,12 +491,15 @@ def draw_population(
 
     study_design = replace(design, task=task)
     if population != PRIOR:
-        drawn = assume_observers(population, size, seed, [study_design])
+        drawn = [*assume_observers(population, size, seed, [study_design])]
     else:
-        by_model = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
-        # All four models in turn.
-        drawn = np.array(by_model, object).reshape(4, -1).T.ravel().tolist()
-    pairs = zip(subject_names(size), drawn, strict=False)
+        # So many observers of the first model, then of the next one; here the models take turns.
+        n_each = math.ceil(size / 4)
+        by_model = assume_observers(PRIOR, n_each, seed, [study_design])
+        drawn = []
+        for i in range(n_each):
+            drawn += by_model[i::n_each]
+    pairs = zip(subject_names(size), drawn, strict=False)  # up to three observers are left over
     return [replace(observer, name=name) for name, observer in pairs]
 
 
@@ -490,16 +507,16 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
     """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
     require_file(path, "--observers", POPULATIONS)
     with open(path, encoding="utf-8-sig", errors="replace") as file:
-        is_paper = "mu1" in file.readline(10_000)
+        header = file.readline(10_000)
     required, optional = natural_names(task), list[str]()
-    if not is_paper:
-        optional = parameter_names(task)
-        required = tuple(name for name in optional if name in ("noise", "q0"))
-        optional = [name for name in optional if name not in required]
-    names, columns = read_numbers(path, required, "subject", optional=optional)
+    if "mu1" not in header:
+        parameters = parameter_names(task)
+        required = tuple(name for name in parameters if name in REQUIRED)
+        optional = [name for name in parameters if name not in REQUIRED]
+    subjects, columns = read_numbers(path, required, "subject", optional=optional)
     truth = {}
-    for i, name in enumerate(names):
-        truth[name] = {key: float(column[i]) for key, column in columns.items()}
+    for i, subject in enumerate(subjects):
+        truth[subject] = {name: float(column[i]) for name, column in columns.items()}
     return _stated_observers(truth, task, path)
 
 
@@ -508,21 +525,21 @@ def _stated_observers(
 ) -> list[SimulatedObserver]:
     """Observers of these parameters: of the paper's model where mu1 is one of them.
 
-    An error of a parameter of the paper's model begins with the source. It calls the fourth
-    parameter by its name in the task.
+    An error about the paper's model begins with the source. The equations call the fourth parameter
+    q0 in every task; the error calls it by its name in this task.
     """
     if not truth:
         raise InputError(f"{source}: found none, allowed: at least one")
-    names = natural_names(task)
+    allowed = natural_names(task)
     observers = list[SimulatedObserver]()
-    for name, values in truth.items():
-        if "mu1" not in values:
-            observers.append(make_observer(name, "stated", values, task))
+    for name, parameters in truth.items():
+        if "mu1" not in parameters:
+            observers.append(make_observer(name, "stated", parameters, task))
             continue
-        if set(values) != set(names):
-            finding = f"found {', '.join(values)}, allowed: {', '.join(names)}, all four"
+        if set(parameters) != set(allowed):
+            finding = f"found {', '.join(parameters)}, allowed: {', '.join(allowed)}, all four"
             raise InputError(f"observer {name!r}: {finding}")
-        natural = Natural(*(np.asarray(values[key], np.float64) for key in names))
+        natural = Natural(*(np.asarray(parameters[key], np.float64) for key in allowed))
         try:
             observers.append(PaperObserver(name, natural, task))
         except ArithmeticError as error:
@@ -548,9 +565,10 @@ def make_design(
     trials: int | None = None,
     options: ReadOptions | None = None,
 ) -> StudyDesign:
-    """The design of `--design`, `--amplitudes`, `--trials`, in the unit of the options.
+    """The design of `--design`, `--amplitudes` and `--trials`, in the unit of the options.
 
-    No known word is a CSV of s1,s2 or s1,s2,n_trials.
+    `design` is a known word, or the name of a CSV file with s1,s2 or s1,s2,n_trials. Where nothing
+    else says how often a pair is shown, it is shown `batches` times.
     """
     if isinstance(design, StudyDesign):
         return design
@@ -568,7 +586,10 @@ def make_design(
 
 
 def _amplitudes(text: str | None, options: ReadOptions) -> FloatArray:
-    """Intensities relative to the reference; the paper's where there are none."""
+    """Intensities relative to the reference, from a text such as '1,1.3,2'.
+
+    A unit says what the numbers are. None stands for the paper's amplitudes, which have no unit.
+    """
     if text is None:
         if options.unit is not None:
             raise InputError("--unit: allowed with --amplitudes N,N or --design FILE.csv")
@@ -587,20 +608,19 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
 
     The column `synthetic` marks them for good.
     """
-    parts = []
-    for answered in trials:
-        columns: dict[str, npt.ArrayLike] = {"subject": answered.subject}
-        if answered.condition:
-            ending = f"{CONDITION_SEPARATOR}{answered.condition}"
-            columns["subject"] = answered.subject.removesuffix(ending)
-            columns["condition"] = answered.condition
-        columns |= {"batch": answered.batch, "trial": 0}
-        s1, s2 = answered.answers.keys.T
+    frames = []
+    for unit_trials in trials:
+        columns: dict[str, npt.ArrayLike] = {"subject": unit_trials.subject}
+        if unit_trials.condition:
+            columns["condition"] = unit_trials.condition
+        # Trials are numbered below, over all conditions; the column has its place here.
+        columns |= {"batch": unit_trials.batch, "trial": 0}
+        s1, s2 = unit_trials.answers.keys.T
         columns |= stimulus_columns(s1, s2, unit)
-        columns |= {"response": answered.responses, "synthetic": 1}
-        parts.append(pd.DataFrame(columns))
-    frame = pd.concat(parts)
-    subject, _ = pd.factorize(frame["subject"])
+        columns |= {"response": unit_trials.responses, "synthetic": 1}
+        frames.append(pd.DataFrame(columns))
+    frame = pd.concat(frames)
+    subject, _ = pd.factorize(frame["subject"])  # subjects in their order, not in that of names
     order = np.lexsort([frame["batch"].to_numpy(), subject])
     frame = frame.iloc[order].reset_index(drop=True)
     return frame.assign(trial=frame.groupby("subject", sort=False).cumcount() + 1)
@@ -608,4 +628,5 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
 
 def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
     """True parameters, one row a subject, or a subject in a condition."""
-    return pd.DataFrame([{"subject": row.subject, **row.observer.parameters} for row in trials])
+    rows = [{"subject": unit.observer.name, **unit.observer.parameters} for unit in trials]
+    return pd.DataFrame(rows)

@@ -67,13 +67,15 @@ class StudyDesign:
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
 
     def __post_init__(self) -> None:
+        # A subject checks its pairs and its numbers of trials, as those of a design are checked.
         no_answers = np.zeros(np.shape(self.s1), np.int64)
         try:
-            pairs = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
+            checked = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
+        # The subject sorts its pairs: the design has them in their own order.
         for name in DESIGN_COLUMNS:
-            column = np.asarray(getattr(self, name), getattr(pairs, name).dtype)
+            column = np.asarray(getattr(self, name), getattr(checked, name).dtype)
             object.__setattr__(self, name, column)
         object.__setattr__(self, "task", task_of(self.task))
 
@@ -101,7 +103,7 @@ class StudyDesign:
 
     @property
     def unanswered(self) -> Subject:
-        """The pairs as a subject, of whom only the pairs say something."""
+        """The pairs as a subject, for whatever depends on the pairs alone."""
         return self.answered(self.n_trials)
 
     @property
@@ -167,7 +169,7 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
     """
     ideal = share / share.sum() * trials
     counts: IntArray = np.maximum(1, np.floor(ideal)).astype(np.int64)
-    while counts.sum() > trials:
+    while counts.sum() > trials:  # small shares were raised to 1
         excess = np.where(counts > 1, counts - ideal, -np.inf)
         counts[excess.argmax()] -= 1
     while counts.sum() < trials:
@@ -210,10 +212,11 @@ def read_stimuli(
     required: tuple[str, ...] = (),
     optional: tuple[str, ...] = (),
 ) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
-    """The stimuli of a CSV file in natural logs, by the names of these columns, and these counts.
+    """The stimuli of a CSV file in natural logs, and its counts.
 
-    The columns of intensities are read if there is a unit for them. The first value is the columns
-    that were read.
+    The first value is the names of the columns of stimuli that were read: those of intensities, if
+    the options have a unit for them, and else those of logs. The second value has the stimuli by
+    the names of `logs`, and the counts that are `required` or `optional` by theirs.
     """
     table = read_table(path, lambda _: {*logs, *intensities, *required, *optional})
     header, names = {*table.names}, logs
@@ -231,7 +234,10 @@ def read_stimuli(
 
 
 def _to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
-    """Natural logs of stimuli in the unit of these options; a unit that is missing is named."""
+    """Natural logs of one or two columns of stimuli in the unit of these options.
+
+    Without a unit, numbers that look like intensities are refused.
+    """
     smallest = min(values.min() for values in stimuli)
     if options.has_intensities and smallest <= 0.0:
         raise InputError(f"{path}: found the intensity {smallest:g}, allowed: positive numbers")
@@ -290,9 +296,9 @@ def reference_design(
     of each pair.
     """
     s = _log_amplitudes(amplitudes)
-    first = np.full(len(s) - 1, s[0])
-    s1 = np.concatenate([s, first, s[1:]])
-    s2 = np.concatenate([s, s[1:], first])
+    references = np.full(len(s) - 1, s[0])
+    s1 = np.concatenate([s, references, s[1:]])
+    s2 = np.concatenate([s, s[1:], references])
     return StudyDesign(s1, s2, np.full(len(s1), batches))
 
 
@@ -305,6 +311,7 @@ def full_design(
 
 
 def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:
+    """Natural logs of amplitudes, which must be positive."""
     values = np.array(list(amplitudes), np.float64)
     if not len(values) or not np.isfinite(values).all() or np.any(values <= 0):
         raise InputError(f"amplitudes must be positive finite numbers, found {values.tolist()}")

@@ -70,6 +70,7 @@ def trial_list(
     is_equal = np.tile(design.s1 == design.s2, n_levels)
     order = _shuffled(_blocks(design, blocks, n_levels, rng), is_equal, rng)
 
+    # A trial is level * n_pairs + pair.
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
     columns: dict[str, npt.ArrayLike] = {"subject": subject}
     if conditions:
@@ -84,49 +85,52 @@ def trial_list(
 def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[IndexArray]:
     """The trials of each block, level * n_pairs + pair, dealt out to the blocks in turn.
 
-    Two stimuli in both orders are dealt together, before the trials that are left.
+    Two stimuli in both orders are dealt together, before the trials that are left. So the trials of
+    a pair, which follow each other, come to different blocks.
     """
     n_left = design.n_trials.copy()
     # Pairs that stay together in a block, and how often they come.
-    together = []
+    both_orders = []
     for i, turned in enumerate(design.turned.tolist()):
-        if turned > i:
+        if turned > i:  # each two orders once
             n_common = int(min(n_left[i], n_left[turned]))
             n_left[[i, turned]] -= n_common
-            together.append(([i, turned], n_common))
-    single = [([i], count) for i, count in enumerate(n_left.tolist())]
+            both_orders.append(([i, turned], n_common))
+    one_order = [([i], count) for i, count in enumerate(n_left.tolist())]
 
-    hands: list[IndexArray] = []
-    for units in (together, single):
-        repeated = units * n_levels
-        for i in rng.permutation(len(repeated)).tolist():
-            pairs, n_times = repeated[i]
-            hands += [np.add(i // len(units) * design.n_pairs, pairs)] * n_times
+    dealt: list[IndexArray] = []  # trials that come to one block
+    for pairs_and_counts in (both_orders, one_order):
+        of_levels = pairs_and_counts * n_levels
+        for i in rng.permutation(len(of_levels)).tolist():
+            pairs, n_times = of_levels[i]
+            level = i // len(pairs_and_counts)
+            dealt += [np.add(level * design.n_pairs, pairs)] * n_times
     require_kind("--blocks", blocks, Integral, "a whole number")
-    if not 1 <= blocks <= len(hands):
+    if not 1 <= blocks <= len(dealt):
         raise InputError(
-            f"--blocks {blocks}: allowed is 1 to {len(hands)}, so that every block has a trial and "
+            f"--blocks {blocks}: allowed is 1 to {len(dealt)}, so that every block has a trial and "
             "both orders of it"
         )
-    return [np.concatenate(hands[start::blocks]) for start in rng.permutation(blocks).tolist()]
+    return [np.concatenate(dealt[start::blocks]) for start in rng.permutation(blocks).tolist()]
 
 
 def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> list[IndexArray]:
     """The trials of each block in a random order, without too many equal pairs in a row.
 
-    An equal pair that would be one too many changes places with any other trial of its block.
+    The first equal pair that is one too many changes places with any different pair of its block,
+    until there is none.
     """
     order = []
-    n_last = 0  # equal pairs that came last
+    n_last = 0  # equal pairs in a row at the end of the block before
     for i, trials in enumerate(blocks):
         shuffled = rng.permutation(trials)
-        for _ in range(10_000):
+        for _ in range(10_000):  # usually a few; there may be no solution
             lengths = _run_lengths(is_equal[shuffled], n_last)
-            too_late = np.flatnonzero(lengths > MOST_EQUAL)
+            too_many = np.flatnonzero(lengths > MOST_EQUAL)
             different = np.flatnonzero(~is_equal[shuffled])
-            if not len(too_late) or not len(different):
+            if not len(too_many) or not len(different):
                 break
-            places = [too_late[0], rng.choice(different)]
+            places = [too_many[0], rng.choice(different)]
             shuffled[places] = shuffled[places[::-1]]
 
         if lengths.max() > MOST_EQUAL:
@@ -140,10 +144,10 @@ def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> li
     return order
 
 
-def _run_lengths(is_equal: BoolArray, n_last: int) -> IntArray:
-    """The equal pairs in a row that end at each trial; `n_last` came before the first one."""
+def _run_lengths(is_equal: BoolArray, length: int) -> IntArray:
+    """The equal pairs in a row that end at each trial; `length` is their number before."""
     lengths = []
     for equal in is_equal.tolist():
-        n_last = n_last + 1 if equal else 0
-        lengths.append(n_last)
+        length = length + 1 if equal else 0
+        lengths.append(length)
     return np.array(lengths)

@@ -49,6 +49,7 @@ class SubjectRows(LinearLikelihood):
     """The counts of all subjects as one likelihood; a subject has a row for each condition.
 
     A subject's point w has its q coefficients, then the parameters that the group does not share.
+    The loading of a row turns w into the coordinates of the observer in that row.
 
     Attributes
     ----------
@@ -69,7 +70,7 @@ class SubjectRows(LinearLikelihood):
         first_row: IntArray,
         differences: NamedArrays,
     ) -> SubjectRows:
-        """From the counts and scales of every row.
+        """The likelihood of rows, each of which is a subject or a subject in a condition.
 
         Parameters
         ----------
@@ -85,13 +86,15 @@ class SubjectRows(LinearLikelihood):
         shared = [names.index(parameter.name) for parameter in group_parameters(rows[0].task)]
         unshared = np.delete(np.arange(len(names)), shared).tolist()
 
-        one_each = np.tile(np.eye(len(names)), (len(rows), 1, 1))
-        parts = [one_each.take(shared, axis=2)]
+        # A loading, (rows, coordinates of a row, coordinates of w), has a column of the identity
+        # for each parameter, and the design of the conditions in the row of what differs.
+        identity = np.tile(np.eye(len(names)), (len(rows), 1, 1))
+        parts = [identity.take(shared, axis=2)]
         for name, values in differences.items():
             part = np.zeros((len(rows), len(names), values.shape[1]))
             part[:, names.index(name)] = values
             parts.append(part)
-        loading = np.concatenate([*parts, one_each.take(unshared, axis=2)], axis=2)
+        loading = np.concatenate([*parts, identity.take(unshared, axis=2)], axis=2)
         n_coefficients = loading.shape[2] - len(unshared)
         return cls(observer_rows, loading, first_row, n_coefficients, unshared)
 
@@ -102,11 +105,11 @@ class SubjectRows(LinearLikelihood):
 
     @property
     def n_coordinates(self) -> int:
-        """Length of a subject's point, q + own."""
+        """Length of a subject's point: q, and the number of unshared parameters."""
         return int(self.loading.shape[2])
 
     def log_own_prior(self, unshared: FloatArray) -> ArrayPair:
-        """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
+        """Log prior of the unshared parameters, (..., unshared) -> (...), and its slopes."""
         total, slopes = np.zeros(unshared.shape[:-1]), np.empty_like(unshared)
         for j, coordinate in enumerate(self.unshared_coordinates):
             density, u = self.rows.priors[coordinate], unshared[..., j]
@@ -120,12 +123,12 @@ class SeparateFits(NamedTuple):
 
     Attributes
     ----------
-    mode : ndarray, shape (subjects, q + own)
+    mode : ndarray, shape (subjects, q + unshared)
         The maximum under a normal prior as wide as the hyperprior.
-    sd : ndarray, shape (subjects, q + own)
+    sd : ndarray, shape (subjects, q + unshared)
     information, precision : ndarray, shape (subjects, q)
         h e and h of the coefficients by the responses alone.
-    ridge : ndarray, shape (subjects, own, q)
+    ridge : ndarray, shape (subjects, unshared, q)
         How the mode of the slopes moves with the coefficients; 0 of the lapse rate.
     """
 
@@ -137,13 +140,18 @@ class SeparateFits(NamedTuple):
 
 
 def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits:
-    """Maxima by Fisher scoring, all subjects at once."""
+    """Maxima by Fisher scoring, all subjects at once.
+
+    A step that lowers the log density is not made; the next one of that subject is shorter.
+    """
     n, k, q = rows.n_subjects, rows.n_coordinates, rows.n_coefficients
+    # The normal prior; that of the unshared parameters has SD 1.
     centre, precision = np.zeros(k), np.ones(k)
     centre[:q] = numbers.mean
     precision[:q] = 1.0 / (np.square(numbers.mean_scale) + np.square(numbers.sd_scale))
 
     def scored(w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Log density, gradient and Fisher information at a point of each subject."""
         value, slope, information = rows.scoring(w[:, None])
         offset = w - centre
         value = value[:, 0] - 0.5 * (precision * np.square(offset)).sum(axis=1)
@@ -151,20 +159,23 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
 
     w = np.tile(centre, (n, 1))
     value, slope, information = scored(w)
-    share = np.ones((n, 1))
+    share = np.ones((n, 1))  # of a full step
     for _ in range(_SCORING_STEPS):
         step = np.linalg.solve(information, slope[..., None])[..., 0]
         trial = w + share * step
         trial_scores = scored(trial)
-        gain = (step * slope).sum(axis=1)
-        is_better = (trial_scores[0] > value) | (gain < _SMALL_GAIN)
+        expected_gain = (step * slope).sum(axis=1)
+        is_better = (trial_scores[0] > value) | (expected_gain < _SMALL_GAIN)
         for array, new in zip((w, value, slope, information), (trial, *trial_scores), strict=True):
             array[is_better] = new[is_better]
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
+
+    # The precision of the responses is that of the posterior less that of the prior.
     variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
     by_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
     weighted_centre = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
     weighted_centre[by_responses <= 0.0] = 0.0
+    # The slope of the mode of the unshared parameters in the coefficients, given these.
     ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
     # The lapse rate comes first. It trades off against the noise along a curve, not a line.
     ridge[:, 0] = 0.0
@@ -213,7 +224,8 @@ class GroupPosterior:
         tau, tau_rise, log_prior_of_sd, slope_of_sd_prior = numbers.sds(sd_score)
         expected = self._expected(mean, effects)
 
-        # Coefficients a, their scores u = (a - mu) / tau, and the pull h (e - mu) of the responses.
+        # With s the share and h (e - mu) the pull of the responses, the coefficients are
+        # a = mu + tau^2 s h (e - mu) + tau s^(1/2) xi, and their scores u = (a - mu) / tau.
         share = 1.0 / (1.0 + precision * np.square(tau))
         root = np.sqrt(share)
         unit = tau * root
@@ -223,6 +235,7 @@ class GroupPosterior:
 
         log_likelihood, likelihood_slope = self.rows.plain_gradient(w)
         log_unshared, unshared_slope = self.rows.log_own_prior(w[..., q:])
+        # Normal prior of the scores, with the Jacobian |du/dxi| = s^(1/2).
         log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
         log_mean, mean_slope = numbers.prior_of_mean(mean)
         log_effect, effect_slope = numbers.prior_of_effect(effects)
@@ -250,7 +263,8 @@ class GroupPosterior:
         """The parameters of coordinates theta, shape (points, n_coordinates).
 
         Means and standard deviations, (points, q), effects, (points, covariates, q), and the
-        subjects' points w, (points, subjects, q + own).
+        subjects' points w, (points, subjects, q + unshared). The coefficients follow from xi as in
+        a call.
         """
         q = self.rows.n_coefficients
         mean, sd_score, effects, block = self._split(theta)
@@ -264,16 +278,20 @@ class GroupPosterior:
         return mean, tau, effects, points.swapaxes(0, 1)
 
     def start(self, n_points: int, rng: Rng) -> FloatArray:
-        """Points about what the separate fits suggest, farther apart than the posterior."""
+        """Points about what the separate fits suggest, farther apart than the posterior.
+
+        Means scatter by two of their standard errors, and standard deviations by a factor of about
+        2. These are at least 0.3 of their scale, because separate fits may hardly differ.
+        """
         q, fits = self.rows.n_coefficients, self.fits
         mode = fits.mode[:, :q]
         spread = np.maximum(mode.std(axis=0), 0.3 * self.numbers.sd_scale)
-        unit = spread / np.sqrt(self.rows.n_subjects)
+        standard_error = spread / np.sqrt(self.rows.n_subjects)
         theta = np.zeros((n_points, self.n_coordinates))
-        theta[:, :q] = mode.mean(axis=0) + 2.0 * unit * rng.standard_normal((n_points, q))
+        theta[:, :q] = mode.mean(axis=0) + 2.0 * standard_error * rng.standard_normal((n_points, q))
         sd = spread * np.exp(0.7 * rng.standard_normal((n_points, q)))
         theta[:, q : 2 * q] = half_normal_score(sd / self.numbers.sd_scale)
-        effects = np.tile(unit, self.x.shape[1])
+        effects = np.tile(standard_error, self.x.shape[1])
         theta[:, 2 * q : self.n_shared] = effects * rng.standard_normal((n_points, len(effects)))
         block = rng.standard_normal((n_points, self.rows.n_subjects, self.rows.n_coordinates))
         block[..., q:] *= fits.sd[:, q:]
@@ -281,12 +299,11 @@ class GroupPosterior:
         return theta
 
     def _subject_points(self, coefficients: FloatArray, unshared: FloatArray) -> FloatArray:
-        """Points w; coordinates `own` count from the mode given the coefficients."""
-        shared, unshared_mode = np.split(
-            self.fits.mode[:, None], [self.rows.n_coefficients], axis=-1
-        )
-        values = unshared_mode + (coefficients - shared) @ self.fits.ridge.swapaxes(1, 2) + unshared
-        return np.concatenate([coefficients, values], axis=-1)
+        """Points w; the unshared parameters count from their mode given the coefficients."""
+        n_coefficients = self.rows.n_coefficients
+        mode, unshared_mode = np.split(self.fits.mode[:, None], [n_coefficients], axis=-1)
+        shift = (coefficients - mode) @ self.fits.ridge.swapaxes(1, 2)
+        return np.concatenate([coefficients, unshared_mode + shift + unshared], axis=-1)
 
     def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Means, scores of sds, effects, and the blocks of the subjects.
@@ -294,10 +311,10 @@ class GroupPosterior:
         The blocks have the shape (subjects, points, ...).
         """
         q, n_points = self.rows.n_coefficients, len(theta)
-        mean, log_sd, effects, block = np.split(theta, (q, 2 * q, self.n_shared), axis=1)
+        mean, sd_score, effects, block = np.split(theta, (q, 2 * q, self.n_shared), axis=1)
         block = block.reshape(n_points, self.rows.n_subjects, self.rows.n_coordinates)
-        return mean, log_sd, effects.reshape(n_points, -1, q), block.swapaxes(0, 1)
+        return mean, sd_score, effects.reshape(n_points, -1, q), block.swapaxes(0, 1)
 
     def _expected(self, mean: FloatArray, effects: FloatArray) -> FloatArray:
-        """The mean of subjects with their covariates, (subjects, points, q)."""
+        """The mean mu of subjects with their covariates, (subjects, points, q)."""
         return mean + np.einsum("nr,prq->npq", self.x, effects)

@@ -61,18 +61,21 @@ class Metric:
         self._following = np.zeros((n_shared, n_blocks * block_size))
 
     def to_position(self, momentum: FloatArray) -> FloatArray:
-        """The change of the position by a momentum, (chains, coordinates)."""
+        """The change of the position by a momentum, by the map; (chains, coordinates) both."""
         n_shared = len(self._shared)
         shared = momentum[:, :n_shared] @ self._shared.T
         blocks = self._by_block(momentum[:, n_shared:], self._blocks.swapaxes(1, 2))
         return np.concatenate([shared, blocks + shared @ self._following], axis=1)
 
     def to_momentum(self, gradient: FloatArray) -> FloatArray:
-        """The change of the momentum by a slope, (chains, coordinates)."""
+        """The change of the momentum by a slope, by the transpose of the map.
+
+        Both have the shape (chains, coordinates).
+        """
         n_shared = len(self._shared)
-        by_block = gradient[:, n_shared:]
-        shared = (gradient[:, :n_shared] + by_block @ self._following.T) @ self._shared
-        return np.concatenate([shared, self._by_block(by_block, self._blocks)], axis=1)
+        of_blocks = gradient[:, n_shared:]
+        shared = (gradient[:, :n_shared] + of_blocks @ self._following.T) @ self._shared
+        return np.concatenate([shared, self._by_block(of_blocks, self._blocks)], axis=1)
 
     def learn(self, draws: FloatArray) -> None:
         """Learn from draws, (draws, coordinates); the map of before counts as a few more."""
@@ -81,13 +84,14 @@ class Metric:
         draws = draws - draws.mean(axis=0)
         shared, blocks = draws[:, :n_shared], draws[:, n_shared:]
         self._shared = _shrunk_root(shared[None], self._shared[None])[0]
-        together = weight * shared.T @ blocks / len(draws)
-        self._following[:] = np.linalg.solve(self._shared @ self._shared.T, together)
+        # B is the regression of the blocks on the shared coordinates, L the root of what it leaves.
+        covariance = weight * shared.T @ blocks / len(draws)
+        self._following[:] = np.linalg.solve(self._shared @ self._shared.T, covariance)
         residual = (blocks - shared @ self._following).reshape(-1, n_blocks, size).swapaxes(0, 1)
         self._blocks = _shrunk_root(residual, self._blocks)
 
     def _by_block(self, values: FloatArray, factors: FloatArray) -> FloatArray:
-        """Each block of values times its factor, (chains, blocks x size)."""
+        """Each block of values, (chains, blocks x size), times its factor."""
         n_blocks, size, _ = factors.shape
         by_block = values.reshape(-1, n_blocks, size).swapaxes(0, 1) @ factors
         return by_block.swapaxes(0, 1).reshape(values.shape)
@@ -126,15 +130,20 @@ class Hamiltonian:
         self._density, self._metric, self._rng = density, metric, rng
         self._x = start.copy()
         self._value, self._gradient = density(start)
+        # A good step falls with this power of the dimension; warm-up adapts it.
         self.step = 0.5 * start.shape[1] ** -0.25
 
     def warm_up(self) -> None:
-        """Let the chains settle, then learn step and metric in rounds of :data:`_ROUNDS` draws."""
-        # While chains settle, and in the first round, trajectories have few steps.
+        """Let the chains settle, then learn step and metric in rounds of :data:`_ROUNDS` draws.
+
+        While chains settle, and in the first round, trajectories have few steps: without a metric
+        they would be long. While chains settle, the step follows the worst chain.
+        """
         self._adapt_step(40, np.min, most_steps=8)
         for i, size in enumerate(_ROUNDS):
-            draws = self._adapt_step(size, most_steps=_MOST_STEPS if i else 32)[size // 4 :]
-            self._metric.learn(draws.reshape(-1, draws.shape[-1]))
+            draws = self._adapt_step(size, most_steps=_MOST_STEPS if i else 32)
+            late_draws = draws[size // 4 :]  # while the step was near its value
+            self._metric.learn(late_draws.reshape(-1, draws.shape[-1]))
         self._adapt_step(_ROUNDS[0])
 
     def advance(self, n_draws: int) -> tuple[FloatArray, int]:
@@ -157,9 +166,10 @@ class Hamiltonian:
         summary: Callable[[FloatArray], float] = np.mean,
         most_steps: int = _MOST_STEPS,
     ) -> FloatArray:
-        """Draws during which the step follows an acceptance of 0.9, by dual averaging.
+        """Draws during which the step is adapted to an acceptance of 0.9, by dual averaging.
 
-        Source: Hoffman and Gelman 2014, section 3.2.
+        Source: Hoffman and Gelman 2014, section 3.2, with t_0 = 10, kappa = 0.75 and gamma = 0.1.
+        `error` is their H, and `averaged` the mean of the log step.
         """
         anchor, error = np.log(2.0 * self.step), 0.0
         averaged = np.log(self.step)
@@ -181,7 +191,11 @@ class Hamiltonian:
     def _move(
         self, factor: float = 1.0, most_steps: int = _MOST_STEPS
     ) -> tuple[FloatArray, BoolArray]:
-        """Move every chain along a trajectory: its acceptance, and whether it diverged."""
+        """Move every chain along a trajectory: its acceptance, and whether it diverged.
+
+        The steps of this trajectory are shorter by the factor.
+        """
+        # A standard normal coordinate is farthest from its start after pi, and back after 2 pi.
         length = 0.75 * np.pi * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
         step = factor * min(length / n_steps, self.step)
@@ -191,6 +205,7 @@ class Hamiltonian:
         first_energy = _kinetic(momentum) - value
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
+            # A leapfrog step. What is not below the limit diverges, a NaN too.
             momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
             is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST)
             momentum[is_divergent] = 0.0
@@ -199,6 +214,7 @@ class Hamiltonian:
             momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
             gain = _kinetic(momentum) - value - first_energy
             is_divergent |= ~(gain < _LARGEST)
+
         log_acceptance = np.where(is_divergent, -np.inf, value - _kinetic(momentum) + first_energy)
         acceptance = np.exp(np.minimum(log_acceptance, 0.0))
         is_accepted = self._rng.uniform(size=len(x)) < acceptance
@@ -278,7 +294,7 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
     sampler = Hamiltonian(posterior, posterior.start(N_CHAINS, rng), metric, rng)
     sampler.warm_up()
-    n_each = -(-n_draws // N_CHAINS)
+    n_each = math.ceil(n_draws / N_CHAINS)
     x, n_divergent = sampler.advance(n_each)
     draws = _group_draws(posterior, x, n_divergent)
     if not draws.shortfall:

@@ -49,6 +49,7 @@ class HyperpriorNumbers(NamedTuple):
         a normal tail; that of a log SD has a long one.
         """
         u = from_half_normal_score(score)
+        # From 2 Phi(u) - 1 = Phi(score): du/dscore = phi(score) / (2 phi(u)).
         rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
         log_density, slope = self._density(u)
         log_prior = log_normal(score) + log_density - log_normal(u)
@@ -61,6 +62,7 @@ class HyperpriorNumbers(NamedTuple):
         return log_density, -effect / np.square(self.sd_scale)
 
     def _density(self, u: FloatArray) -> ArrayPair:
+        """Log density of Student's t or the normal, whichever a coefficient has, and its slope."""
         student = StandardStudent()
         log_density = np.where(self.has_heavy_tails, student.log_density(u), log_normal(u))
         return log_density, np.where(self.has_heavy_tails, student.slope(u), -u)

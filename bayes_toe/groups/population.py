@@ -86,7 +86,7 @@ _DRAWS = {
 }
 _COVARIATES = {"x": ("subject", "covariate")}
 #: What may differ between conditions.
-DIFFERING = (CONSTANT_ERROR.name, CONTRACTION.name, NOISE.name)
+DIFFERING = (*_EFFECTS, NOISE.name)
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,11 @@ class PopulationResult:
     def in_units(
         self, name: str, coefficients: FloatArray, unit: StimulusUnit = UNKNOWN_UNIT
     ) -> FloatArray:
-        """The shift of the PSE or the JND in a unit of differences, or p, or a probability."""
+        """Coefficients of a parameter in the units of screens.
+
+        The constant error becomes a shift of the PSE, and the noise a JND, in a unit of
+        differences; logit q0 becomes q0, and p stays.
+        """
         if name == CONSTANT_ERROR.name:
             return unit.differences(coefficients * self.scales.step)
         if name == NOISE.name:
@@ -222,8 +226,10 @@ class PopulationResult:
         j = self.index(name)
         new_subject = self.in_units(name, self.new_subject[..., j])
         subjects = self.in_units(name, self.draws.subjects[..., j])
-        ends = np.quantile(new_subject, QUANTILES), np.quantile(subjects, QUANTILES, axis=(0, 1))
-        return self.study.unit.for_percent(np.append(*ends))
+        # The intervals that the figure has, in per cent.
+        new_interval = np.quantile(new_subject, QUANTILES)
+        intervals = np.quantile(subjects, QUANTILES, axis=(0, 1))
+        return self.study.unit.for_percent(np.append(new_interval, intervals))
 
     def difference_columns(self, name: str) -> list[int]:
         """The positions of the coefficients by which a parameter differs between conditions.
@@ -278,7 +284,7 @@ class PopulationResult:
 
     @property
     def own_names(self) -> tuple[str, ...]:
-        """The parameters of a subject that the group does not share."""
+        """The parameters of a subject that the group does not share, such as the lapse rate."""
         names = [parameter.name for parameter in task_parameters(self.study.task)]
         return tuple(name for name in names if name not in self.names)
 
@@ -335,6 +341,7 @@ class PopulationResult:
         for i, subject in enumerate(self.subjects):
             draws = self.draws.subjects[:, :, i]
             values = self.quantities(draws)
+            # The parameters that the group does not share follow, in units of their prior.
             for j, name in enumerate(self.own_names, start=n_coefficients):
                 u = draws[..., j]
                 if name == LAPSE_RATE.name:
@@ -362,8 +369,8 @@ class PopulationResult:
         """The draws with the covariates, counts and settings, as the file has them."""
         coefficients = list(self.names)
         for name in DIFFERING:
-            columns = self.difference_columns(name)
-            coefficients += [f"difference {i + 1} of {name}" for i in range(len(columns))]
+            n_columns = len(self.difference_columns(name))
+            coefficients += [f"difference {i + 1} of {name}" for i in range(n_columns)]
         regressors = self.regressors
         names = {"subject": list(self.subjects), "covariate": regressors.labels}
         parameters = [*coefficients, *self.own_names]
@@ -467,6 +474,7 @@ def group_posterior(study: Study, hyperprior: Hyperprior, x: FloatArray) -> Grou
 
 def subject_rows(study: Study) -> SubjectRows:
     """The likelihood of a study's subjects, a row for each unit of subject and condition."""
+    # A spread of 0 does not narrow the prior of p; the hyperprior is narrowed instead.
     scales = study_scales(study)._replace(first_spread=0.0)
     units, unit_scales, first_row = list[Subject](), list[StimulusScales](), list[int]()
     for subject_units in units_by_subject(study).values():
@@ -484,8 +492,7 @@ def _numbers(hyperprior: Hyperprior, study: Study) -> HyperpriorNumbers:
     """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
     parameters = group_parameters(study.task)
     rows = {parameter.name: getattr(hyperprior, parameter.name) for parameter in parameters}
-    roving_share = study_scales(study).roving_share
-    rows[CONTRACTION.name] = hyperprior.contraction.narrowed(roving_share)
+    rows[CONTRACTION.name] = hyperprior.contraction.narrowed(study_scales(study).roving_share)
     coefficients = list(rows.values())
     if study.conditions is not None:
         n_columns = study.conditions.design().shape[1]

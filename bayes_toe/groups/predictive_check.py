@@ -10,7 +10,6 @@ the farthest subject of the share of the counted response are compared with thos
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import chain, starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -97,17 +96,18 @@ class PredictiveCheck(NamedTuple):
 def predictive_check(result: PopulationResult) -> PredictiveCheck:
     """Compare the differences between subjects with new groups drawn from the posterior."""
     rng = generator(result.settings.seed, "population", "predictive check")
-    rows = subject_rows(result.study)
-    counts_of_rows = rows.rows
-    pairs = slice(counts_of_rows.first.shape[-1])  # of three answers: 'equal' or not
-    observed = counts_of_rows.n_yes[:, 0, pairs].astype(np.int64)
-    n_trials = observed + counts_of_rows.n_no[:, 0, pairs].astype(np.int64)
-    points = rows.row_points(_new_subjects(result, rng))
-    p_yes = np.exp(np.minimum(counts_of_rows.log_answers(points).yes[..., pairs], 0.0))
+    likelihood = subject_rows(result.study)
+    rows = likelihood.rows
+    # Three answers have the counts of a second question behind those of 'equal'.
+    first_question = slice(rows.first.shape[-1])
+    observed = rows.n_yes[:, 0, first_question].astype(np.int64)
+    n_trials = observed + rows.n_no[:, 0, first_question].astype(np.int64)
+    points = likelihood.row_points(_new_subjects(result, rng))
+    log_yes = rows.log_answers(points).yes[..., first_question]  # (rows, groups, pairs)
+    p_yes = np.exp(np.minimum(log_yes, 0.0))  # rounding may take it above 1
     simulated = rng.binomial(n_trials[:, None], p_yes)
     counts = np.concatenate([observed[:, None], simulated], axis=1)
-    measures = _measures(result.study.subjects, rows, counts, n_trials)
-    return PredictiveCheck(tuple(chain.from_iterable(starmap(_statistics, measures))))
+    return PredictiveCheck(tuple(_compare(result.study.subjects, likelihood, counts, n_trials)))
 
 
 def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
@@ -117,7 +117,8 @@ def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
     """
     draws = result.draws
     *shape, q = draws.mean.shape
-    index = np.unravel_index(np.linspace(0, np.prod(shape) - 1, 500).astype(int), shape)
+    evenly_spaced = np.linspace(0, np.prod(shape) - 1, 500).astype(int)
+    index = np.unravel_index(evenly_spaced, shape)  # chains and draws
     mean, sd, effects = draws.mean[index], draws.sd[index], draws.effects[index]
 
     expected = mean[:, None] + result.regressors.x @ effects
@@ -126,19 +127,20 @@ def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
     return np.concatenate([coefficients, unshared], axis=-1).swapaxes(0, 1)
 
 
-def _measures(
-    units: Sequence[Subject], rows: SubjectRows, n_yes: IntArray, n_trials: IntArray
-) -> Iterator[tuple[str, FloatArray, tuple[str, ...]]]:
-    """Measures of the responses of subjects, (subjects, groups), and the statistics to compare.
+def _compare(
+    units: Sequence[Subject], likelihood: SubjectRows, n_yes: IntArray, n_trials: IntArray
+) -> Iterator[Statistic]:
+    """The statistics of the counts of several groups, of which the first one is observed.
 
-    `n_yes` has the shape (rows, groups, pairs), the observed group first.
+    `n_yes` has the shape (rows, groups, pairs), `n_trials` (rows, pairs).
     """
     task = units[0].task
-    difference = rows.rows.difference[:, 0]
+    difference = likelihood.rows.difference[:, 0]
     n_wrong = task.wrong(difference[:, None], n_yes, n_trials[:, None])
 
     def by_subject(values: FloatArray | IntArray) -> FloatArray:
-        return np.add.reduceat(values, rows.first_row, axis=0)
+        """Sums over the rows of each subject, which are its conditions."""
+        return np.add.reduceat(values, likelihood.first_row, axis=0)
 
     # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
     signs = np.zeros(difference.shape)
@@ -146,25 +148,27 @@ def _measures(
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
     n_compared = by_subject((signs > 0.0).sum(axis=1))
     is_compared = n_compared > 0
-    if is_compared.sum() > 1:
+    if is_compared.sum() > 1:  # one subject has no spread
         # Laplace's estimator of the frequency of a wrong response.
         wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)
         total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))
         asymmetry = total[is_compared] / n_compared[is_compared, None]
-        yield "mean asymmetry", asymmetry, ("spread", "farthest")
+        yield from _statistics("mean asymmetry", asymmetry, ("spread", "farthest"))
+
     # Equal stimuli have no right response in some tasks.
     n_judged = by_subject(np.where(task.right(difference) == 0, 0, n_trials).sum(axis=1))
     has_right_answer = n_judged > 0
     if has_right_answer.sum() > 1:
         n_wrong_of_subject = by_subject(n_wrong.sum(axis=2))[has_right_answer]
         wrong_share = n_wrong_of_subject / n_judged[has_right_answer, None]
-        yield "accuracy", 1.0 - wrong_share, ("spread",)
+        yield from _statistics("accuracy", 1.0 - wrong_share, ("spread",))
+
     share = by_subject(n_yes.sum(axis=2)) / by_subject(n_trials.sum(axis=1))[:, None]
-    yield f"share of {task.yes!r}", share, ("skewness", "farthest")
+    yield from _statistics(f"share of {task.yes!r}", share, ("skewness", "farthest"))
 
 
 def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
-    """The observed group, the first column of (subjects, groups), beside the others."""
+    """Statistics of values, (subjects, groups), of which the first group is the observed one."""
     spread = values.std(axis=0, ddof=1)
     offsets = values - values.mean(axis=0)
     scores = np.divide(offsets, spread, out=np.zeros_like(offsets), where=spread > 0.0)
@@ -178,6 +182,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
             continue
         observed, simulated = float(measures[kind][0]), measures[kind][1:]
         tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
+        # The observed group counts as one of the groups, so that p is never 0.
         p_value = min(1.0, 2.0 * (tail + 1) / (len(simulated) + 1))
         q05, q50, q95 = np.quantile(simulated, (0.05, 0.5, 0.95)).tolist()
         yield Statistic(kind, quantity, observed, q05, q50, q95, p_value, observed > q50)

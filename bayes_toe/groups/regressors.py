@@ -105,9 +105,10 @@ def regressors(
             names = join_names(map(quoted, covariates)) or "none, without covariates"
             raise InputError(f"categorical: found {quoted(name)}, allowed: {names}")
     incomplete = _incomplete_subjects(covariates, subjects)
-    reasons = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
+    left_out = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
     complete = tuple(name for name in subjects if name not in incomplete)
-    _require_subjects(complete, len(covariates), reasons)
+    _require_subjects(complete, len(covariates), left_out)  # each has a column or more
+
     columns = list[Regressor]()
     x = np.empty((len(complete), 0))
     for name, by_subject in covariates.items():
@@ -119,24 +120,25 @@ def regressors(
             new_columns, new_x = _column_of_numbers(name, np.array(values, np.float64))
         columns += new_columns
         x = np.hstack([x, new_x])
-    _require_subjects(complete, len(columns), reasons)
+    _require_subjects(complete, len(columns), left_out)
     _require_independent(columns, x)
+
     notes = []
     outside = set().union(*covariates.values()).difference(subjects)
     if outside:
         names = join_names(map(quoted, sorted(outside)))
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
-    if reasons:
-        notes.append(f"subjects left out: {reasons}")
+    if left_out:
+        notes.append(f"subjects left out: {left_out}")
     return Regressors(complete, x, tuple(columns), tuple(notes))
 
 
 def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dict[str, str]:
-    """Subjects that lack a covariate, with the reason."""
+    """Subjects that lack a covariate, with the reason, such as 'no age'."""
     reasons = {}
     for subject in subjects:
         missing = [name for name, values in covariates.items() if subject not in values]
-        if len(missing) == len(covariates) > 1:
+        if len(missing) == len(covariates) > 1:  # all of several
             reasons[subject] = "no covariates"
         elif missing:
             reasons[subject] = ", ".join(f"no {display_name(name)}" for name in missing)
@@ -153,7 +155,7 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
     if values.min() == values.max():
         raise _does_not_vary(name, f"{values[0]:g}")
 
-    # Squares of numbers beyond 1e154 are beyond the largest float.
+    # Squares of numbers beyond 1e154 are beyond the largest float, so the largest is the unit.
     unit = np.abs(values).max()
     values = values / unit
     mean, sd = values.mean(), values.std(ddof=1)
@@ -180,6 +182,7 @@ def _columns_of_category(
 
 
 def _does_not_vary(name: str, value: str) -> InputError:
+    """The refusal of a covariate that has the same value for every subject."""
     return InputError(
         f"covariate {display_name(name)}: found {value} for every subject, allowed: at least "
         "two different values; leave the column out"
@@ -187,6 +190,7 @@ def _does_not_vary(name: str, value: str) -> InputError:
 
 
 def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) -> None:
+    """Refuse fewer subjects than the columns, the intercept and one more, if there are columns."""
     if n_columns and len(subjects) < n_columns + 2:
         ending = f"; left out: {left_out}" if left_out else ""
         raise InputError(
@@ -201,7 +205,8 @@ def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
     The diagonal of R in the QR decomposition has what the earlier columns leave of each column.
     """
     with_intercept = np.column_stack([np.ones(len(x)), x])
-    remainders = np.abs(np.diagonal(np.linalg.qr(with_intercept, mode="r")))[1:]
+    diagonal = np.diagonal(np.linalg.qr(with_intercept, mode="r"))
+    remainders = np.abs(diagonal[1:])
     sizes = np.linalg.norm(x - x.mean(axis=0), axis=0)
     for i, column in enumerate(columns):
         if remainders[i] < _ROUNDING * sizes[i]:

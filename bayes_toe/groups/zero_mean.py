@@ -55,6 +55,8 @@ def zero_mean(
     draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, j: int
 ) -> ZeroBayesFactor:
     """The Bayes factor for the mean of coefficient j; with covariates, at their reference."""
+    # Without the effects of covariates, (chains, draws, subjects). The mean of the subjects is e,
+    # and the width is v.
     residual = draws.subjects[..., j] - draws.effects[..., j] @ x.T
     centre = residual.mean(axis=-1)
     width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
@@ -89,16 +91,19 @@ def approximate_zero_mean(
     >>> (log_factors > 0.0).tolist()
     [False, True]
     """
-    quantile = 0.5 + 0.5 * _SD_PROBABILITIES
-    score = stdtrit(3.0, quantile) if numbers.has_heavy_tails else ndtri(quantile)
+    # Quantiles of the prior of tau: the upper half of a symmetric density.
+    probability = 0.5 + 0.5 * _SD_PROBABILITIES
+    score = stdtrit(3.0, probability) if numbers.has_heavy_tails else ndtri(probability)
     tau_squared = np.square(numbers.sd_scale * score)[:, None]
-    variance = tau_squared + np.square(standard_errors)[:, None]
-    total = (1.0 / variance).sum(axis=-1)
-    centre = (estimates[:, None] / variance).sum(axis=-1) / total
+    variance = tau_squared + np.square(standard_errors)[:, None]  # (groups, taus, subjects)
+
+    # Given tau, the mean's likelihood is exp(log_mass) Normal(centre; m, 1 / precision).
+    precision = (1.0 / variance).sum(axis=-1)
+    centre = (estimates[:, None] / variance).sum(axis=-1) / precision
     squares = np.square(estimates[:, None] - centre[..., None]) / variance
-    log_mass = -0.5 * ((squares + np.log(variance)).sum(axis=-1) + np.log(total))
-    at_zero = logsumexp(log_mass + _log_normal(centre, 1.0 / total), axis=-1)
-    log_prior = _log_average_prior(centre, 1.0 / np.sqrt(total), numbers, 0)
+    log_mass = -0.5 * ((squares + np.log(variance)).sum(axis=-1) + np.log(precision))
+    at_zero = logsumexp(log_mass + _log_normal(centre, 1.0 / precision), axis=-1)
+    log_prior = _log_average_prior(centre, 1.0 / np.sqrt(precision), numbers, 0)
     return np.asarray(at_zero - logsumexp(log_mass + log_prior, axis=-1))
 
 
@@ -107,10 +112,10 @@ def _log_average_prior(
 ) -> FloatArray:
     """Log of the integral of Normal(centre; m, width^2) prior(m) dm over the mean of a coefficient.
 
-    The nodes are those of the narrower of the two densities.
+    With Student's t it is a sum over the nodes of the narrower of the two densities.
     """
     mean, scale = numbers.mean[j], numbers.mean_scale[j]
-    if not numbers.has_heavy_tails[j]:
+    if not numbers.has_heavy_tails[j]:  # both densities are normal
         return _log_normal(centre - mean, np.square(width) + scale**2)
     score = (centre[..., None] + width[..., None] * _NORMAL_NODES - mean) / scale
     log_prior = StandardStudent().log_density(score) - np.log(scale)
@@ -124,7 +129,10 @@ def _log_average_prior(
 def zero_effect(
     draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, i: int, j: int
 ) -> ZeroBayesFactor:
-    """The Bayes factor for the effect of covariate i on coefficient j."""
+    """The Bayes factor for the effect of covariate i on coefficient j.
+
+    Given all else, the likelihood of the effect is that of a regression through the origin.
+    """
     other_covariates = np.delete(np.arange(x.shape[1]), i)
     residual = draws.subjects[..., j] - draws.mean[..., j, None]
     residual = residual - draws.effects[..., other_covariates, j] @ x[:, other_covariates].T
@@ -138,10 +146,11 @@ def zero_effect(
 def zero_difference(
     draws: GroupDraws, numbers: HyperpriorNumbers, columns: list[int], weights: FloatArray
 ) -> ZeroBayesFactor:
-    """The Bayes factor for a weighted sum of means of coefficients with normal priors."""
+    """The Bayes factor for a weighted sum of means of coefficients with normal priors about 0."""
     centre = draws.subjects[..., columns].mean(axis=2)
     variance = np.square(draws.sd[..., columns]) / draws.subjects.shape[2]
     prior_variance = np.square(numbers.mean_scale[columns])
+    # Given the coefficients, a mean is Normal(share * centre, share * variance).
     share = prior_variance / (prior_variance + variance)
     squares = np.square(weights)
     at_zero = _log_normal((share * centre) @ weights, (share * variance) @ squares)
@@ -149,11 +158,12 @@ def zero_difference(
 
 
 def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
-    """Log of a normal density."""
+    """Log of a normal density at a distance from its mean."""
     return -0.5 * (np.square(distance) / variance + np.log(2.0 * np.pi * variance))
 
 
 def _average(log_ratios: FloatArray) -> ZeroBayesFactor:
     """The log of the average of ratios given each draw, (chains, draws), and its error."""
     log_mean = float(logsumexp(log_ratios) - np.log(log_ratios.size))
+    # Of ratios with the mean 1, the error of the mean is that of its logarithm.
     return ZeroBayesFactor(log_mean, float(errors(np.exp(log_ratios - log_mean)).mean))

@@ -28,7 +28,7 @@ CONTRACTION = make_observer(
 
 
 def answer_pair(session, pair, rng, observer=CONTRACTION):
-    p_yes = observer.p_yes(*pair, sbar=float(LEVELS.mean()))
+    p_yes = observer.p_questions(*pair, sbar=float(LEVELS.mean()))[0]
     session.answer(pair, bool(rng.uniform() < p_yes))
 
 

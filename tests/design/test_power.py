@@ -50,7 +50,7 @@ def test_a_data_set_is_answered_as_a_subject_is(table, designs):
         expected.sizes["contraction_p"].q50, abs=0.05
     )
     size = data_set.answer.sizes["contraction_p"]
-    assert data_set.width("contraction_p") == size.q975 - size.q025
+    assert data_set.cells[-1] == size.q975 - size.q025
 
 
 def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not(table):
