@@ -136,11 +136,26 @@ def read_table(
     path = Path(source)
     book = path.parent
     if is_excel(book) and book.is_file():
-        table = read_table(book, choice, largest, sheet=path.name)
+        table = _read_file(book, choice, largest, encoding, path.name)
         table.problems.source = display_name(f"{book.name}/{path.name}")
         return table
+    return _read_file(path, choice, largest, encoding, sheet)
+
+
+def _read_file(
+    path: Path, choice: Choice, largest: int, encoding: str | None, sheet: str | None
+) -> TextTable:
+    """The columns that are chosen of a file, whose suffix tells its form."""
     require_parquet(path)
-    data = _readable_bytes(path, largest)
+    try:
+        data = input_bytes(path, largest)
+    except (OSError, ValueError) as error:  # a ValueError for a path with a NUL character
+        reason = getattr(error, "strerror", error)
+        raise InputError(
+            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
+            "may be read"
+        ) from error
+
     name = display_name(path.name)
     suffix = path.suffix.lower()
     if suffix in _NOT_READ:
@@ -157,18 +172,6 @@ def read_table(
     if suffix == ".mat":
         return _read_matlab(name, data, choice)
     return read_csv(name, data, choice, encoding)
-
-
-def _readable_bytes(path: Path, largest: int) -> bytes:
-    """The content of a file; an InputError if it cannot be read."""
-    try:
-        return input_bytes(path, largest)
-    except (OSError, ValueError) as error:  # a ValueError for a path with a NUL character
-        reason = getattr(error, "strerror", error)
-        raise InputError(
-            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
-            "may be read"
-        ) from error
 
 
 def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
