@@ -17,13 +17,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import minimize
-from scipy.special import logit, ndtr
+from scipy.special import logit
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
 from bayes_toe.data.study import Study, Subject, require_study
@@ -31,7 +31,6 @@ from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import require_number, require_share
 from bayes_toe.model.paper_equations import (
-    LN2,
     Natural,
     natural_names,
     p_counted,
@@ -51,9 +50,6 @@ _SHARES = (1e-9, 1.0 - 1e-9)
 _LARGEST_WIDTH = 1000.0  # over the steps between stimuli; the smallest width is its inverse
 _EQUAL = 1e-5  # nats: maxima that differ by less are equally high
 _TOLERANCE = 0.01  # parameters that differ by less are the same
-
-#: Log likelihood, and its slopes in z, shape (pairs,), and in q0 or the lapse rate.
-Slopes: TypeAlias = tuple[float, FloatArray, float]
 
 
 # --- Maximum likelihood --------------------------------------------------------------------------
@@ -127,14 +123,23 @@ class PenalisedLikelihood:
         p, width = float(pull(gamma)), np.exp(log_width)
         lever = self.subject.s1 - mu1
         z = (self.subject.s2 - self.subject.s1 + p * lever) / width
-        curve = _bell if self.subject.task.lapses == "q0" else _guessing
-        value, by_z, by_share = curve(z, share, n_yes, self.subject.n_trials - n_yes)
+
+        # The log likelihood, and its slopes in z of each pair and in the logit of the share.
+        answers_at, slopes_at = CURVES[self.subject.task.lapses]
+        logit_share = np.asarray(logit(share))
+        log_p = answers_at(z, logit_share)
+        in_z, in_logit = slopes_at(z, logit_share, log_p)
+        n_no = self.subject.n_trials - n_yes
+        value = n_yes @ log_p.yes + n_no @ log_p.no
+        by_z = n_yes * in_z[0] + n_no * in_z[1]
+        by_logit = (n_yes * in_logit[0] + n_no * in_logit[1]).sum()
 
         # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z and dz/dp = lever/w.
         deviation = (mu1 - self.mu1_mean) / self.mu1_sd
         by_mu1 = -p * by_z.sum() / width - deviation / self.mu1_sd
         # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
         by_gamma = by_z @ lever / width * (1.0 - p) ** 3 / (1.0 + p)
+        by_share = by_logit / (share * (1.0 - share))
         gradient = np.array([by_mu1, -(by_z @ z), by_gamma, by_share])
         return 0.5 * deviation**2 - value, -gradient
 
@@ -191,34 +196,6 @@ class PenalisedLikelihood:
                     number = np.exp(value)
                 reached.append(f"{name}={number:.3g}")
         return ";".join(reached)
-
-
-def _bell(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
-    """Log likelihood of 'same or different?' with its slopes in z, (pairs,), and in q0.
-
-    P(equal) = q0 2^(-z^2). Source: Eq. mod:q.
-    """
-    log_shape = -LN2 * z * z
-    q = share * np.exp(log_shape)
-    value = n_yes @ (np.log(share) + log_shape) + n_no @ np.log1p(-q)
-    by_log_q = n_yes - n_no * q / (1.0 - q)
-    return float(value), -2.0 * LN2 * z * by_log_q, float(by_log_q.sum()) / share
-
-
-def _guessing(z: FloatArray, share: float, n_yes: FloatArray, n_no: FloatArray) -> Slopes:
-    """Log likelihood of 'which is stronger?' with its slopes in z, (pairs,), and in lambda.
-
-    P(second) = lambda/2 + (1 - lambda) Phi(z).
-    """
-    attended_yes, attended_no = ndtr(z), ndtr(-z)
-    p_yes = 0.5 * share + (1.0 - share) * attended_yes
-    p_no = 0.5 * share + (1.0 - share) * attended_no
-    value = n_yes @ np.log(p_yes) + n_no @ np.log(p_no)
-
-    by_yes, by_no = n_yes / p_yes, n_no / p_no
-    density = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
-    by_share = by_yes @ (0.5 - attended_yes) + by_no @ (0.5 - attended_no)
-    return float(value), (1.0 - share) * density * (by_yes - by_no), float(by_share)
 
 
 # --- Bootstrap -----------------------------------------------------------------------------------
