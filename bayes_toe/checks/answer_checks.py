@@ -212,18 +212,32 @@ def _drawable_answers(subject: Subject) -> Answers | None:
 
 
 def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
-    """Long sequences of trials that repeat earlier ones, stimuli and answers.
-
-    A list of stimuli may be used again on purpose, so only equal answers count, by the probability
-    that two answers to a pair agree. In one subject, equal answers of 12 nats are no coincidence.
-    """
+    """Long sequences of trials that repeat earlier ones, stimuli and answers."""
     if subject.answers is None or not subject.answers.has_trial_rows:
         return None
     answers = subject.answers.answered
     n_rows = len(answers.n_trials)
     if n_rows < 2 * _WINDOW:
         return None
+    is_copy = _copied_rows(subject, answers, n_subjects)
+    if not is_copy.any():
+        return None
+    return Finding(
+        subject.name,
+        "repeated_trials",
+        f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
+        f"{is_copy.argmax() + 1} on. "
+        "Remove the copies from the file. The option leaves out the whole subject.",
+        f"--exclude {cli_argument(subject.name)}",
+    )
 
+
+def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArray:
+    """Whether each row belongs to a long sequence that repeats earlier rows.
+
+    A list of stimuli may be used again on purpose, so only equal answers count, by the probability
+    that two answers to a pair agree. In one subject, equal answers of 12 nats are no coincidence.
+    """
     # Rows with the same stimuli and answers have the same code.
     rows = np.column_stack([answers.keys, answers.counts.T])
     _, codes = np.unique(rows, axis=0, return_inverse=True)
@@ -237,20 +251,10 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     nats_in_run = nats_before[run_end] - nats_before[run_start]
     # With a shorter lag, a window overlaps its copy: the same trial several times in sequence.
     is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
-    if not is_repeat.any():
-        return None
-
-    is_copy = np.zeros(n_rows, np.bool_)
+    is_copy = np.zeros(len(rows), np.bool_)
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
         is_copy[start:end] = True
-    return Finding(
-        subject.name,
-        "repeated_trials",
-        f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
-        f"{is_copy.argmax() + 1} on. "
-        "Remove the copies from the file. The option leaves out the whole subject.",
-        f"--exclude {cli_argument(subject.name)}",
-    )
+    return is_copy
 
 
 def _lag_to_first_copy(codes: IntArray) -> IntArray:
