@@ -564,6 +564,7 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     unswapped, swapped = [], []
     for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
         moved = logits + preference + slope * relative_tilt
+        # Laplace's prior of both moves.
         log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
         unswapped.append(log_prior + _log_likelihood(table.n, table.k, moved))
         swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
@@ -571,7 +572,7 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
 
 
 def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
-    """Log likelihood of each block, (pairs, blocks) -> (blocks,)."""
+    """Log likelihood of each block with these logits, (pairs, blocks) -> (blocks,)."""
     return (k * logits - n * np.logaddexp(0.0, logits)).sum(axis=0)
 
 
@@ -583,6 +584,7 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     answers = _drawable_answers(subject)
     if answers is None or not answers.has_trial_rows:
         return None
+    # Stretches of equally many trials: enough of them for three half waves.
     n_rows = len(answers.n_trials)
     n_stretches = min(10, n_rows)
     table = _tabulate(subject, answers, np.arange(n_rows) * n_stretches // n_rows)
@@ -591,9 +593,9 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     if table.freedom == 0:
         return None
 
-    # Half a wave, a whole one, and one and a half, from the first stretch to the last one.
     kinds = _kinds_of_drift(subject, difference)
     time = (np.arange(n_stretches) + 0.5) / n_stretches
+    # Half a wave, a whole one, and one and a half, from the first trial to the last one.
     waves = np.cos(np.pi * np.outer([1, 2, 3], time))
     weights = _wave_weights(table.n, waves, np.array([*kinds.values()]))
 
@@ -605,6 +607,7 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
         """The power of the kind that drifts most, (..., pairs, stretches) -> (...)."""
         return np.square(amplitudes(k)).sum(-1).max(-1)
 
+    # The kind that drifts most, and the range of its fitted course over the trials.
     observed = amplitudes(table.k)
     largest = np.square(observed).sum(-1).argmax()
     change = np.ptp((observed @ waves)[largest])
