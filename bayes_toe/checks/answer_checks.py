@@ -641,6 +641,7 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     n has the shape (pairs, stretches), waves (waves, stretches), and kinds (kinds, pairs). The
     weights have (kinds, waves, pairs, stretches).
     """
+    # Waves without their mean over the trials of each pair, because pairs have rates of their own.
     pair_means = (waves @ n.T) / n.sum(1)
     centred = waves[:, None, :] - pair_means[:, :, None]
     weights = kinds[:, None, :, None] * centred
