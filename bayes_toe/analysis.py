@@ -89,7 +89,8 @@ class Analysis:
         return f"<Analysis of {self.study!r}: answers, draws, evidence, summary()>"
 
     def _repr_html_(self) -> str:
-        return as_html(repr(self)[1:-1], self.evidence.frame())
+        without_brackets = repr(self)[1:-1]
+        return as_html(without_brackets, self.evidence.frame())
 
     @property
     def answers(self) -> tuple[OrderEffect, ...]:
@@ -153,6 +154,7 @@ def run(
 
     all_draws, curves = [], []
     for subject, analysis in zip(study, analyses, strict=True):
+        # Both are there, because the request has chains.
         if analysis.draws is not None and analysis.curve_draws is not None:
             all_draws.append(analysis.draws)
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)

@@ -70,4 +70,5 @@ def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) ->
         size = min(max(100, n_drawn), 1000, 20_000 - n_drawn)
         n_larger += int(np.count_nonzero(simulate(size) >= least))
         n_drawn += size
+    # The observed statistic counts as one of them, so that the p-value is above 0.
     return (1 + n_larger) / (1 + n_drawn)

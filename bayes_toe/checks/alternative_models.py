@@ -53,14 +53,18 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     """
     with_two_answers = filter(None, (subject.two_answers for subject in study))
     subjects = [subject for subject in with_two_answers if _is_doubtful(subject)]
+
+    # The responses as they are, then with both response codes exchanged.
     inverted = [replace(subject, n_yes=subject.n_trials - subject.n_yes) for subject in subjects]
     both_codes = [*subjects, *inverted]
 
     observer, swapped = np.split(_log_evidence(both_codes), 2)
+
     n_yes = np.array([subject.n_yes.sum() for subject in subjects])
     n_trials = np.array([subject.total_trials for subject in subjects])
     # One probability for all trials, with a uniform prior.
     guesses = betaln(n_yes + 1.0, n_trials - n_yes + 1.0)
+
     other = np.full(len(subjects), -np.inf)  # three answers are those of no other task
     if study.task in OTHER_TASK:
         as_other = [replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes]

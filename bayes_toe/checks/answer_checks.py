@@ -212,18 +212,32 @@ def _drawable_answers(subject: Subject) -> Answers | None:
 
 
 def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
-    """Long sequences of trials that repeat earlier ones, stimuli and answers.
-
-    A list of stimuli may be used again on purpose, so only equal answers count, by the probability
-    that two answers to a pair agree. In one subject, equal answers of 12 nats are no coincidence.
-    """
+    """Long sequences of trials that repeat earlier ones, stimuli and answers."""
     if subject.answers is None or not subject.answers.has_trial_rows:
         return None
     answers = subject.answers.answered
     n_rows = len(answers.n_trials)
     if n_rows < 2 * _WINDOW:
         return None
+    is_copy = _copied_rows(subject, answers, n_subjects)
+    if not is_copy.any():
+        return None
+    return Finding(
+        subject.name,
+        "repeated_trials",
+        f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
+        f"{is_copy.argmax() + 1} on. "
+        "Remove the copies from the file. The option leaves out the whole subject.",
+        f"--exclude {cli_argument(subject.name)}",
+    )
 
+
+def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArray:
+    """Whether each row belongs to a long sequence that repeats earlier rows.
+
+    A list of stimuli may be used again on purpose, so only equal answers count, by the probability
+    that two answers to a pair agree. In one subject, equal answers of 12 nats are no coincidence.
+    """
     # Rows with the same stimuli and answers have the same code.
     rows = np.column_stack([answers.keys, answers.counts.T])
     _, codes = np.unique(rows, axis=0, return_inverse=True)
@@ -237,20 +251,10 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
     nats_in_run = nats_before[run_end] - nats_before[run_start]
     # With a shorter lag, a window overlaps its copy: the same trial several times in sequence.
     is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
-    if not is_repeat.any():
-        return None
-
-    is_copy = np.zeros(n_rows, np.bool_)
+    is_copy = np.zeros(len(rows), np.bool_)
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
         is_copy[start:end] = True
-    return Finding(
-        subject.name,
-        "repeated_trials",
-        f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
-        f"{is_copy.argmax() + 1} on. "
-        "Remove the copies from the file. The option leaves out the whole subject.",
-        f"--exclude {cli_argument(subject.name)}",
-    )
+    return is_copy
 
 
 def _lag_to_first_copy(codes: IntArray) -> IntArray:
@@ -560,6 +564,7 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     unswapped, swapped = [], []
     for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
         moved = logits + preference + slope * relative_tilt
+        # Laplace's prior of both moves.
         log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
         unswapped.append(log_prior + _log_likelihood(table.n, table.k, moved))
         swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
@@ -567,7 +572,7 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
 
 
 def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
-    """Log likelihood of each block, (pairs, blocks) -> (blocks,)."""
+    """Log likelihood of each block with these logits, (pairs, blocks) -> (blocks,)."""
     return (k * logits - n * np.logaddexp(0.0, logits)).sum(axis=0)
 
 
@@ -579,6 +584,7 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     answers = _drawable_answers(subject)
     if answers is None or not answers.has_trial_rows:
         return None
+    # Stretches of equally many trials: enough of them for three half waves.
     n_rows = len(answers.n_trials)
     n_stretches = min(10, n_rows)
     table = _tabulate(subject, answers, np.arange(n_rows) * n_stretches // n_rows)
@@ -587,9 +593,9 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     if table.freedom == 0:
         return None
 
-    # Half a wave, a whole one, and one and a half, from the first stretch to the last one.
     kinds = _kinds_of_drift(subject, difference)
     time = (np.arange(n_stretches) + 0.5) / n_stretches
+    # Half a wave, a whole one, and one and a half, from the first trial to the last one.
     waves = np.cos(np.pi * np.outer([1, 2, 3], time))
     weights = _wave_weights(table.n, waves, np.array([*kinds.values()]))
 
@@ -601,6 +607,7 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
         """The power of the kind that drifts most, (..., pairs, stretches) -> (...)."""
         return np.square(amplitudes(k)).sum(-1).max(-1)
 
+    # The kind that drifts most, and the range of its fitted course over the trials.
     observed = amplitudes(table.k)
     largest = np.square(observed).sum(-1).argmax()
     change = np.ptp((observed @ waves)[largest])
@@ -634,6 +641,7 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     n has the shape (pairs, stretches), waves (waves, stretches), and kinds (kinds, pairs). The
     weights have (kinds, waves, pairs, stretches).
     """
+    # Waves without their mean over the trials of each pair, because pairs have rates of their own.
     pair_means = (waves @ n.T) / n.sum(1)
     centred = waves[:, None, :] - pair_means[:, :, None]
     weights = kinds[:, None, :, None] * centred

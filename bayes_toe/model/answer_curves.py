@@ -62,6 +62,12 @@ def with_complement(yes: FloatArray, no: FloatArray) -> LogAnswers:
     return LogAnswers(np.where(is_rare, yes, larger), np.where(is_rare, larger, no))
 
 
+def over_scale(numerator: FloatArray, log_scale: FloatArray) -> FloatArray:
+    """A numerator over a scale; 0 stays 0, even if the scale is below the smallest float."""
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
+
+
 # --- Which is stronger ---------------------------------------------------------------------------
 
 

@@ -146,6 +146,7 @@ class ConditionModels:
         rows = ObserverRows.from_subjects(units, self.prior, [self.shared.scales] * len(units))
         is_of_task = np.isin([parameter.name for parameter in self.parameters], rows.coordinates)
         loading = self.loading[positions][:, is_of_task]
+        # All rows belong to one posterior.
         return LinearLikelihood(rows, loading, np.zeros(1, np.intp))
 
     def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
@@ -155,10 +156,12 @@ class ConditionModels:
         # Every choice has the one likelihood of the subject.
         repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
+        # After the observer's coordinates: 'contraction 1', 'contraction 2', one for each column.
         n_columns = self.design.shape[1]
         names = [parameter.name for parameter in self.parameters]
         for parameter in self.differing:
             names += [f"{parameter.name} {i + 1}" for i in range(n_columns)]
+
         is_free = np.ones((len(choices), len(names)), np.bool_)
         for i, choice in enumerate(choices):
             differs = [parameter in choice for parameter in self.differing]

@@ -173,7 +173,7 @@ class ProbitOfBeta:
 
 
 def normal_hazard(u: FloatArray) -> FloatArray:
-    """phi(u) / Phi(-u), by Mills' ratio.
+    """phi(u) / Phi(-u), by Mills' ratio Phi(-u) / phi(u) = sqrt(pi/2) erfcx(u / sqrt(2)).
 
     Examples
     --------
@@ -184,7 +184,7 @@ def normal_hazard(u: FloatArray) -> FloatArray:
 
 
 def probit_of_logit(logits: FloatArray) -> FloatArray:
-    """Standard normal quantile of expit(logit)."""
+    """Standard normal quantile of expit(logit), by the smaller tail, which keeps its digits."""
     return np.sign(logits) * -ndtri_exp(log_expit(-np.abs(logits)))
 
 
@@ -232,7 +232,7 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 
 
 def half_normal_score(u: FloatArray) -> FloatArray:
-    """Inverse of :func:`from_half_normal_score`."""
+    """Inverse of :func:`from_half_normal_score`, from the smaller one of P and 1 - P."""
     probability = erf(u * np.sqrt(0.5))
     return np.where(probability < 0.5, ndtri(probability), -ndtri_exp(log_ndtr(-u) + LN2))
 

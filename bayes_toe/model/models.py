@@ -142,6 +142,7 @@ class ObserverPosterior(SubjectPosterior):
         full_points = np.zeros((*x.shape[:-1], len(self.array.names)))
         full_points[..., self.is_free] = x
         values = self.rows.quantities(full_points)
+
         step = self.scales.step
         log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
         noise = step * np.exp(values["log_noise"])
@@ -153,6 +154,7 @@ class ObserverPosterior(SubjectPosterior):
         if "logit_q0" in values:
             by_name["q0"] = expit(values["logit_q0"])
             by_name["zone"] = criterion(values["logit_q0"]) * noise
+        # The other parameters: slopes and effects.
         factors = {LOG_INTENSITY_UNIT: step, PER_LOG_INTENSITY: 1.0 / step, PURE_NUMBER: 1.0}
         for parameter in task_parameters(self.subject.task):
             if parameter.name in values:

@@ -39,6 +39,7 @@ from bayes_toe.model.answer_curves import (
     direction_answers,
     equal_answers,
     near_edge,
+    over_scale,
     pair_arrays,
     second_answers,
     unequal_logs,
@@ -151,11 +152,7 @@ class ObserverRows(AnswerRows):
         """The distance z of every pair, (rows, points, pairs)."""
         lever = self.lever_at(values)
         shift = values["contraction"][..., None] * lever - values["constant_error"][..., None]
-        numerator = self.difference + shift
-        log_scale = self._log_scale_at(values)
-        with np.errstate(divide="ignore", over="ignore"):
-            # In logs, because 0 over a scale beyond the smallest float is 0.
-            return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
+        return over_scale(self.difference + shift, self._log_scale_at(values))
 
     def lever_at(self, values: NamedArrays) -> FloatArray:
         """The first stimulus from the centre of the contraction, in D: here from sbar."""

@@ -32,6 +32,7 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
     LogAnswers,
+    over_scale,
     pair_arrays,
     second_answers,
     with_complement,
@@ -169,10 +170,7 @@ class PaperRows(AnswerRows):
         """Distance z of the second stimulus from the evolved mean, in w, (rows, points, pairs)."""
         lever = self.first - self.mu1(u)[..., None]
         numerator = self.difference + self.pull(u)[..., None] * lever
-        with np.errstate(divide="ignore", over="ignore"):
-            # In logs, because 0 over a width below the smallest float is 0.
-            log_distance = np.log(np.abs(numerator)) - self.log_width(u)[..., None]
-            return np.sign(numerator) * np.exp(log_distance)
+        return over_scale(numerator, self.log_width(u)[..., None])
 
     # --- Answers ---------------------------------------------------------------------------------
 
@@ -194,16 +192,19 @@ class PaperRows(AnswerRows):
         in_z, in_share = slopes_at(z, logit_share, answers)
 
         # Slopes of the log width in the second and in the third coordinate.
-        width_by_spread, width_by_gamma = self.spread_slope(u), np.zeros(u.shape[:-1])
+        p, pull_slope = self.pull(u), self._pull_slope(u)
+        width_by_spread, width_by_gamma = self.spread_slope(u), np.zeros_like(p)
         if self.prior.spread != "width":
-            width_by_gamma = self.power * self._pull_slope(u) / (1.0 - self.pull(u))
+            width_by_gamma = self.power * pull_slope / (1.0 - p)
+
         lever = self.first - self.mu1(u)[..., None]
+        _, mu1_sd = self.prior.mu1_normal
         slopes = []
         with np.errstate(over="ignore", invalid="ignore"):  # far out, where the density is 0
             inverse_width = np.exp(-self.log_width(u))[..., None]
-            z_by_mu1 = -(self.pull(u) * self.prior.mu1_normal[1])[..., None] * inverse_width
+            z_by_mu1 = -(p * mu1_sd)[..., None] * inverse_width
             z_by_spread = -z * width_by_spread[..., None]
-            z_by_pull = self._pull_slope(u)[..., None] * lever * inverse_width
+            z_by_pull = pull_slope[..., None] * lever * inverse_width
             z_by_gamma = z_by_pull - z * width_by_gamma[..., None]
             for log_p_by_z, log_p_by_share in zip(in_z, in_share, strict=True):
                 terms = [log_p_by_z * slope for slope in (z_by_mu1, z_by_spread, z_by_gamma)]

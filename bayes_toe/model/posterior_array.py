@@ -137,6 +137,7 @@ class PosteriorArray:
     @cached_property
     def priors(self) -> tuple[PriorDensity, ...]:
         """The prior of every coordinate."""
+        # One row of each posterior, because priors may differ between subjects.
         likelihood = self.likelihood
         return (*likelihood.rows.part(likelihood.first_row).priors, *self.further_priors)
 

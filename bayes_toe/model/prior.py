@@ -374,6 +374,7 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
     if problems:
         raise InputError([f"{source}: {problem}" for problem in problems])
 
+    # The numbers of each part of the prior.
     paper: Record = {}
     observer: Record = {}
     group: Record = {}
@@ -383,7 +384,7 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
             if value != STIMULI:
                 numbers[key] = float(value)
 
-        part, _, parameter = section.partition(".")
+        part, _, parameter = section.partition(".")  # 'group.noise' -> ('group', '.', 'noise')
         if part == PAPER:
             paper = numbers
         elif part == GROUP:
