@@ -1,7 +1,7 @@
 """Results of subjects in a folder until all are there, so that a stopped command can resume.
 
-Each result is a file of its own, complete by itself. The file has the hash of its job as name and
-inside: of the counts, the settings, the seed and the versions of the libraries. A file that is
+Each result is a file of its own. Its name, and an entry in it, is the hash of its job: of the
+counts, the settings, the seed and the versions of the libraries. The result of a file that is
 damaged, or of another job, is computed again. Files are written by pickle, but reading makes only
 arrays and records of this package, so nothing in a file can be run.
 """
@@ -48,7 +48,7 @@ _NUMPY_NAMES = ("_frombuffer", "_reconstruct", "dtype", "ndarray", "scalar")
 
 
 def resumed_seed(seed: int | None, folder: StrPath | None) -> int:
-    """The root seed: the one given, else that of the newest result in the folder, else a fresh one.
+    """The given seed, else that of the newest result in the folder, else a fresh one.
 
     `folder` is None where no results are stored.
     """
@@ -79,13 +79,13 @@ def run_stored(
     Parameters
     ----------
     work : callable
-        Does some jobs together. It is a function that can be imported.
+        Does some jobs together, with a result or an error for each. Processes import this function.
     jobs : sequence
         All that decides each result.
     names : sequence of str
-        The name of each job, which `progress` hears.
+        The name of each job, with which `progress` is called when the job is done.
     seed : int
-        The root seed of the jobs, which each file has too.
+        The root seed of the jobs, which each file stores.
     folder : path, optional
         Without one nothing is stored.
     workers, progress
@@ -103,10 +103,10 @@ def run_stored(
     OutputError
         If the folder cannot be written to.
     """
-    results, files = {}, {}
+    results, files = {}, {}  # by the index of the job
     if folder is not None:
         path = Path(folder)
-        require_writable(path / SUFFIX, overwrite=True)
+        require_writable(path / SUFFIX, overwrite=True)  # before the work
         for index, job in enumerate(jobs):
             job_hash = joblib.hash((versions(), work, job))
             files[index] = path / f"{job_hash}{SUFFIX}"
@@ -114,7 +114,7 @@ def run_stored(
             if stored is not None:
                 results[index] = stored["result"]
                 report_progress(progress, [names[index]])
-        under_way[path] = Standing(files.values(), len(results))
+        under_way[path] = Standing(files.values(), len(results))  # for the message of a stop
 
     missing = [index for index in range(len(jobs)) if index not in results]
     batches = in_batches(missing, batch, workers)
@@ -133,7 +133,7 @@ def run_stored(
 
 
 def _write(file: Path, seed: int, result: object) -> None:
-    """Store a result."""
+    """Write the file of a result, which has the hash of its job as name."""
     with reporting(file.parent, hidden=file):
         write_whole(file, pickle.dumps({"job": file.stem, "seed": seed, "result": result}))
 
@@ -154,7 +154,7 @@ def stored_files(folder: Path) -> list[Path]:
     # A glob would find nothing, without an error, under a name that no folder can have.
     refuse_impossible(folder)
     with reporting(folder):
-        return sorted(folder.glob(f"{'[0-9a-f]' * 32}{SUFFIX}"))
+        return sorted(folder.glob(f"{'[0-9a-f]' * 32}{SUFFIX}"))  # a hash has 32 digits
 
 
 def discard(folder: Path) -> None:
@@ -172,17 +172,17 @@ def discard(folder: Path) -> None:
 def _read(file: Path) -> dict[str, Any] | None:
     """The seed and the result in a file; None where there is none, or those of another job."""
     with suppress(Exception):  # A damaged file can raise anything.
-        stored = _Records(io.BytesIO(file.read_bytes())).load()
+        stored = _RecordReader(io.BytesIO(file.read_bytes())).load()
         if stored["job"] == file.stem:
             return {"seed": root_seed(stored["seed"]), "result": stored["result"]}
     return None
 
 
-class _Records(pickle.Unpickler):
-    """Makes records of this package and arrays; anything else is refused."""
+class _RecordReader(pickle.Unpickler):
+    """Reads records of this package and arrays; refuses anything else."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """The class of a record, or what NumPy makes arrays with."""
+        """The class of a record, or a function with which NumPy makes arrays."""
         library = module.partition(".")[0]
         if library == "numpy" and name in _NUMPY_NAMES:
             return super().find_class(module, name)

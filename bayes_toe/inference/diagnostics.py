@@ -44,6 +44,8 @@ class Errors(NamedTuple):
     q95: float
 
 
+#: The numbers of :class:`Convergence` and of :class:`Errors`, in their order, each computed from
+#: draws of many quantities, (quantities, chains, draws).
 _CONVERGENCE = (
     partial(array_stats.ess, method="bulk"),
     partial(array_stats.ess, method="tail", prob=TAIL),
@@ -110,11 +112,11 @@ def worst(
     """
     ess = {}
     r_hat = {}
-    for name, convergence in convergences.items():
-        ess[name] = float(np.nan_to_num(np.min(convergence[:2])))  # of bulk and tail
-        r_hat[name] = float(np.nan_to_num(convergence.r_hat, nan=np.inf))
-    value = itemgetter(1)
-    return min(ess.items(), key=value), max(r_hat.items(), key=value)
+    for name, diagnostics in convergences.items():
+        ess[name] = float(np.nan_to_num(np.min(diagnostics[:2])))  # of bulk and tail
+        r_hat[name] = float(np.nan_to_num(diagnostics.r_hat, nan=np.inf))
+    number = itemgetter(1)
+    return min(ess.items(), key=number), max(r_hat.items(), key=number)
 
 
 def shortfall(convergences: Mapping[str, Convergence], required: int, max_r_hat: float) -> str:

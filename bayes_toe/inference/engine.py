@@ -122,8 +122,10 @@ class PriorMixture:
 
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at points, (n, d) -> (n,): (1 - share) student + share prior."""
-        student = self.student.log_density(points[:, self.is_free]) + np.log1p(-self.prior_share)
-        return np.logaddexp(student, log_prior + np.log(self.prior_share))
+        log_student = self.student.log_density(points[:, self.is_free])
+        return np.logaddexp(
+            log_student + np.log1p(-self.prior_share), log_prior + np.log(self.prior_share)
+        )
 
     def updated(self, draws: WeightedDraws, precision: Precision) -> PriorMixture:
         """The proposal after steps of EM toward draws.
@@ -268,7 +270,7 @@ def fitted_draws(
         far less probable than the best of its family needs no precision.
     precision : Precision
     """
-    no_draws = WeightedDraws(np.empty((0, len(array.names))), *np.empty((3, 0)))
+    no_draws = WeightedDraws(np.empty((0, len(array.names))), *np.empty((3, 0)))  # to add to
     states = []
     for mixture, rng in zip(mixtures, generators, strict=True):
         states.append(_State(mixture, rng, pool=no_draws, rounds=[], fresh=no_draws))

@@ -251,7 +251,8 @@ class WeightedDraws:
 
     def joined(self, other: WeightedDraws) -> WeightedDraws:
         """These draws, then other ones."""
-        return WeightedDraws(*map(np.concatenate, zip(self.columns, other.columns, strict=True)))
+        pairs = zip(self.columns, other.columns, strict=True)
+        return WeightedDraws(*map(np.concatenate, pairs))
 
     def part(self, rows: slice) -> WeightedDraws:
         """Some of the draws, as views of the arrays."""

@@ -38,7 +38,8 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     First, searches hold a constant error, or start from a flat curve. From the best of their ends,
     further searches are free, or hold a lapse rate.
 
-    A posterior without constant error must stand right before the same one with it.
+    A posterior without constant error must stand right before the same one with it: at the constant
+    error 0 the two are equal, so that it takes the search of that one.
     """
     has_error = array.is_free[:, array.names.index(CONSTANT_ERROR.name)]
     lapse = array.names.index(LAPSE_RATE.name)
@@ -46,10 +47,14 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     first_from_flat = len(profile.x) - len(array)
 
     free_searches, free_owners, best_searches = [], [], []
-    for i, first in enumerate(_first_searches(has_error)):
+    # The search that holds the constant error 0, of a posterior or, if it has no constant error, of
+    # the next one.
+    first = 0
+    for i in range(len(array)):
         candidates = np.array([first])
         if has_error[i]:
             candidates = first + _two_best_local(profile.value[first : first + len(_ERRORS)])
+            first += len(_ERRORS)
         free_searches += candidates.tolist()
         free_owners += [i] * len(candidates)
 
@@ -67,16 +72,6 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     ends = profile.joined(ascend_from(array, owners, starts, is_held))
     all_owners = np.append(profile_owners, owners)
     return [ends.part(all_owners == i) for i in range(len(array))]
-
-
-def _first_searches(has_error: BoolArray) -> IndexArray:
-    """For every posterior the index of its first search in :func:`_profile`, at the error 0.
-
-    For a posterior without constant error it is that of the next posterior, which has one: at the
-    constant error 0 the two are the same.
-    """
-    n_searches = np.where(has_error, len(_ERRORS), 0)
-    return np.cumsum(n_searches) - n_searches
 
 
 def _profile(array: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, IndexArray]:
