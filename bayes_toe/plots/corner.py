@@ -225,7 +225,7 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
 
 
 def shown_unit(unit: StimulusUnit, columns: Iterable[NamedArrays]) -> StimulusUnit:
-    """The unit in which axes show draws, natural logs; an item of `columns` has one subject's."""
+    """The unit in which axes show quantities, whose draws by subject are in natural logs."""
     ends = []
     for quantities_of_subject in columns:
         for name, values in quantities_of_subject.items():
@@ -560,8 +560,8 @@ def _write_key(
     names = []
     for sample in samples:
         name = sample.target.subject.name
-        missing = "\nNOT CONVERGED" if name in draws.not_converged else ""
-        names.append(plain(name, 24) + missing)
+        warning = "\nNOT CONVERGED" if name in draws.not_converged else ""
+        names.append(plain(name, 24) + warning)
 
     handles: list[Artist] = []
     if len(names) == 1:

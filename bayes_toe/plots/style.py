@@ -81,7 +81,7 @@ def plain(name: str | int, limit: int = 32) -> str:
     """
     text = str(name)
     if len(text) > limit:
-        # One character is the ellipsis. The start is as long as the end, or one or two longer.
+        # One character is the ellipsis. The start is one or two characters longer than the end.
         n_end = (limit - 2) // 2
         text = f"{text[: limit - 1 - n_end]}…{text[-n_end:]}"
     return text.replace("$", r"\$")
