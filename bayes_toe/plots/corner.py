@@ -154,7 +154,7 @@ def corner(
     highest = np.max(limits, axis=0)[:, 1]
     spans = np.column_stack([lowest, highest]).tolist()
     fig = fig or _new_figure(len(spans))
-    for sample in samples:
+    for sample in samples:  # all in the same panels
         axes = _draw_posterior(fig, sample, spans, is_single=len(samples) == 1)
     if prior is not None:
         for sample in samples:
@@ -268,7 +268,7 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
 
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
-    """The label of the axis of a quantity."""
+    """Symbol and unit of a quantity, as in 'JND, %'; a pure number has no unit."""
     return ", ".join(filter(None, (QUANTITY_BY_NAME[name].symbol, axis_unit(name, unit))))
 
 

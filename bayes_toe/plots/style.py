@@ -147,7 +147,7 @@ def grid_panels(
     """Panels in a grid, row by row; `sharing` has matplotlib's arguments for shared axes."""
     axes = figure.subplots(grid_rows(n_panels, n_columns), n_columns, squeeze=False, **sharing)
     panels = axes.ravel().tolist()
-    for ax in panels[n_panels:]:
+    for ax in panels[n_panels:]:  # the last row may be shorter
         ax.remove()
     return panels[:n_panels]
 
