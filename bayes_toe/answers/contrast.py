@@ -232,7 +232,7 @@ class ContrastTable(Table[Difference]):
 
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of contrast.csv."""
-        frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])
+        frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])  # without model and prior
         prior = self.prior.describe(self.task)
         return frame.assign(model="both", prior=prior)
 
@@ -471,7 +471,7 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     first = np.zeros(1, np.intp)
     (shared,) = observer_maxima(array.part(first))
     starts = shared.x[shared.value > shared.value.max() - 10.0]
-    owners = np.repeat(np.arange(len(array)), len(starts))
+    owners = np.repeat(np.arange(len(array)), len(starts))  # the model of each search
     searches = ascend_from(array, owners, np.tile(starts, (len(array), 1)))
 
     mixtures = []
@@ -480,7 +480,7 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
         mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
-    family = np.zeros(len(array), np.intp)
+    family = np.zeros(len(array), np.intp)  # all models are compared
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
     _, draws = fitted_draws(array, mixtures, generators, family, precision)
 

@@ -91,7 +91,7 @@ class SubjectEvidence:
 
     @property
     def log_bayes_factor(self) -> float | None:
-        """`log_evidence_h1` minus `log_evidence_h0`.
+        """`log_evidence_h1` minus `log_evidence_h0`; None if H1 has no value.
 
         If the value is positive, one smooth curve predicts the responses better than one free
         probability per pair.

@@ -263,7 +263,7 @@ class OrderEffect:
         )
         problems = dict(self.problems)
         for flag, p_value, message in tests:
-            problems.pop(flag, None)
+            problems.pop(flag, None)  # the limit was another one
             if p_value is not None and p_value < flag_limit(n_subjects):
                 problems[flag] = Problem(message.format(format_limit(p_value, n_subjects)))
         return replace(self, n_subjects=n_subjects, problems=problems)

@@ -278,7 +278,7 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     static_draws = static.resampled(rng, _FIGURE_DRAWS)
     best_draws = static_draws
     best = int(np.argmax(models.log_evidence))
-    if best > 0:
+    if best > 0:  # not the model without history, whose draws are there
         best_draws = draws[best].resampled(rng, _FIGURE_DRAWS)
     return replace(
         row,
@@ -310,7 +310,7 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
     history_points = 0.7 * rng.standard_normal((_CLOUD, n_effects))
     points = np.concatenate([order_points, history_points], axis=1)
     mixture = mixture_of_points(points, posterior.array.is_free[0])
-    family = np.zeros(1, np.intp)
+    family = np.zeros(1, np.intp)  # one posterior
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)
     _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], family, precision)
     return draws

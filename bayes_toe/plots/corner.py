@@ -154,7 +154,7 @@ def corner(
     highest = np.max(limits, axis=0)[:, 1]
     spans = np.column_stack([lowest, highest]).tolist()
     fig = fig or _new_figure(len(spans))
-    for sample in samples:
+    for sample in samples:  # all in the same panels
         axes = _draw_posterior(fig, sample, spans, is_single=len(samples) == 1)
     if prior is not None:
         for sample in samples:
@@ -225,7 +225,7 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
 
 
 def shown_unit(unit: StimulusUnit, columns: Iterable[NamedArrays]) -> StimulusUnit:
-    """The unit in which axes show draws, natural logs; an item of `columns` has one subject's."""
+    """The unit in which axes show quantities, whose draws by subject are in natural logs."""
     ends = []
     for quantities_of_subject in columns:
         for name, values in quantities_of_subject.items():
@@ -268,7 +268,7 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
 
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
-    """The label of the axis of a quantity."""
+    """Symbol and unit of a quantity, as in 'JND, %'; a pure number has no unit."""
     return ", ".join(filter(None, (QUANTITY_BY_NAME[name].symbol, axis_unit(name, unit))))
 
 
@@ -560,8 +560,8 @@ def _write_key(
     names = []
     for sample in samples:
         name = sample.target.subject.name
-        missing = "\nNOT CONVERGED" if name in draws.not_converged else ""
-        names.append(plain(name, 24) + missing)
+        warning = "\nNOT CONVERGED" if name in draws.not_converged else ""
+        names.append(plain(name, 24) + warning)
 
     handles: list[Artist] = []
     if len(names) == 1:

@@ -112,7 +112,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     is_by_first = counts.task == WHICH_STRONGER or has_three_curves
     weaker = np.unique(_weaker(counts))
     is_by_weaker = not is_by_first and 0 < len(weaker) <= MOST_PANELS
-    # The stimuli of each panel.
+    # The stimuli of each panel. Without different stimuli, no pair has a weaker one.
     if is_by_weaker:
         stimulus_name = "weaker"
         groups = [*weaker[:, None]]
@@ -193,6 +193,7 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
     high = float(stronger[is_in_panel].max(initial=weaker))
     high = max(high, weaker + 1e-9)  # a curve needs two ends
     x = np.linspace(weaker, high, POINTS)
+    # In the panel of the weakest stimulus, equal stimuli may be below it.
     equal = np.linspace(low, high, POINTS)
     fixed = np.full_like(x, weaker)
     # The first and second stimuli along the curve of each order.

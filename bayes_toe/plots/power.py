@@ -130,9 +130,11 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
     bar.set_label("what one more trial adds,\nthousandths of a nat")
     style_axes(bar.ax)
+    # A line of equal stimuli.
     lowest = float(first[0])
     ax.axline((lowest, lowest), slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
 
+    # The pairs: areas in proportion to their trials.
     ax.scatter(
         design.s1,
         design.s2,

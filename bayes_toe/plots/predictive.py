@@ -67,10 +67,11 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
             "choose some, as in subjects=['S01', 'S02']"
         )
     selected = [analysis.study[name] for name in names]
+    # Many subjects have small panels. A few have one row of panels, higher ones for more pairs.
     n_columns = 5
     height = 1.0
     has_room = len(selected) <= 4
-    if has_room:  # one row of panels, higher ones for more pairs
+    if has_room:
         n_columns = len(selected)
         n_pairs = max(counts.n_pairs for counts in selected)
         height = min(max(_PAIR * n_pairs, 1.2), 6.0)
@@ -132,13 +133,20 @@ def _draw_subject(
         ax.plot(share[rows], y[rows], mark.marker, ms=size, zorder=3, **style)
 
     is_outside = (share < low) | (share > high)
-    x = share[is_outside]
-    y = y[is_outside]
-    ax.plot(x, y, "o", label="outside", ms=2.0 * size, mfc="none", mec=BAD, mew=1.0)
+    ax.plot(
+        share[is_outside],
+        y[is_outside],
+        "o",
+        label="outside",
+        ms=2.0 * size,
+        mfc="none",
+        mec=BAD,
+        mew=1.0,
+    )
 
     title = plain(counts.name, 20)
-    refused = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
-    if counts.name in refused:
+    not_interpreted = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
+    if counts.name in not_interpreted:
         title += "\nnot interpreted"
     elif has_room:
         title += f"\n{is_outside.sum()} of {len(index)} pairs outside"

@@ -81,7 +81,7 @@ def plain(name: str | int, limit: int = 32) -> str:
     """
     text = str(name)
     if len(text) > limit:
-        # One character is the ellipsis. The start is as long as the end, or one or two longer.
+        # One character is the ellipsis. The start is one or two characters longer than the end.
         n_end = (limit - 2) // 2
         text = f"{text[: limit - 1 - n_end]}…{text[-n_end:]}"
     return text.replace("$", r"\$")
@@ -147,7 +147,7 @@ def grid_panels(
     """Panels in a grid, row by row; `sharing` has matplotlib's arguments for shared axes."""
     axes = figure.subplots(grid_rows(n_panels, n_columns), n_columns, squeeze=False, **sharing)
     panels = axes.ravel().tolist()
-    for ax in panels[n_panels:]:
+    for ax in panels[n_panels:]:  # the last row may be shorter
         ax.remove()
     return panels[:n_panels]
 
