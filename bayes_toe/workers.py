@@ -185,22 +185,21 @@ def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
 
     _parents.add(os.getpid())
 
-    results: Outcomes[Result] | None = None
     try:
         with _safe_path():
             with _signals_held_back():
                 results = parallel(delayed(_run_numbered)(*job) for job in enumerate(jobs))
-            # If the caller stops early, `yield from` would close the results here. They are closed
-            # below, where joblib's warning of results that nobody takes is silenced.
-            for numbered_result in results:  # noqa: UP028
-                yield numbered_result
+            try:
+                # If the caller stops early, `yield from` would close the results here. They are
+                # closed below, without joblib's warning of results that nobody takes.
+                for numbered_result in results:  # noqa: UP028
+                    yield numbered_result
+            finally:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    results.close()
     except BrokenProcessPool as error:
         raise WorkerError(DEAD_WORKER) from error
-    finally:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            if results is not None:
-                results.close()
 
 
 def _run_numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:

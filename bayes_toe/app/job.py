@@ -316,7 +316,7 @@ def require_options(content: bytes) -> Record:
         texts = [*value, *value.values()] if isinstance(value, dict) else value
         is_valid = type(value) is _KINDS.get(name)
         if isinstance(texts, list):
-            is_valid = is_valid and {str}.issuperset(map(type, texts))
+            is_valid = is_valid and all(isinstance(text, str) for text in texts)
         if not is_valid:
             raise InputError(f"The option {name}, or its value, is unknown")
     return options
@@ -342,7 +342,7 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
             words.append(option)
         elif isinstance(value, str):
             words += [option, value]
-        elif isinstance(value, list):
+        elif value is not False:  # a list, whose option is repeated
             for text in value:
                 words += [option, text]
     return words

@@ -140,12 +140,12 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
     """
     notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
     options = []  # the first of each subject
-    marked = {answer.subject: _marked_problems(answer) for answer in answers}
-    for problems in marked.values():
+    problems_by_subject = {answer.subject: _marked_problems(answer) for answer in answers}
+    for problems in problems_by_subject.values():
         options += [option for _, _, option in problems if option][:1]
 
     command = repeated_command()
-    for subject, problems in marked.items():
+    for subject, problems in problems_by_subject.items():
         for mark, message, option in problems:
             if option and len(options) == 1:
                 option = f"{command} {option}"
@@ -203,8 +203,8 @@ def print_answer(
 
 def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | None) -> list[str]:
     """The sentences of the answer of a study: counts and directions for each question."""
-    units = study.conditions is not None
-    return study_lines(answers, group, synthetic=study.synthetic, units=units)
+    has_conditions = study.conditions is not None
+    return study_lines(answers, group, synthetic=study.synthetic, units=has_conditions)
 
 
 def without_decision(answers: OrderEffects, problems: Collection[str]) -> list[str]:

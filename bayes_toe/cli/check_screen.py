@@ -55,10 +55,10 @@ def _print_task(
         out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
 
     _print_problems(out, study, by_subject)
-    of_study = [finding for finding in findings if not finding.subject]
-    separate = ("not_identified", *NOTES)
-    out.findings(finding for finding in of_study if finding.code not in separate)
-    notes = [finding.message for finding in of_study if finding.code in NOTES]
+    study_findings = [finding for finding in findings if not finding.subject]
+    separate_codes = ("not_identified", *NOTES)
+    out.findings(finding for finding in study_findings if finding.code not in separate_codes)
+    notes = [finding.message for finding in study_findings if finding.code in NOTES]
     out.remarks(f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes))
     return findings
 
@@ -71,11 +71,11 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
     names = list(by_subject)
     if not names and len(study) < MANY_SUBJECTS:
         names = list(study.names)
-    rows, full = [], []
+    rows, full_findings = [], []
     for name in names:
         findings = by_subject.get(name, [])
         if name not in study.names:  # A subject with conditions, whose rows have other names.
-            full += findings
+            full_findings += findings
             continue
 
         subject = study[name]
@@ -85,7 +85,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
             problem = f"{sentence[0].lower()}{sentence[1:]}"
         short = textwrap.shorten(problem, 52, placeholder="...")
         # The row has the first sentence of the first finding, if it is not too long.
-        full += findings if short != problem else findings[1:]
+        full_findings += findings if short != problem else findings[1:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
         rows.append([name, str(subject.total_trials), share, short])
 
@@ -93,7 +93,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
     if n_others:
         rows.append([f"{n_others:,} more" if rows else f"all {n_others:,}", "", "", "none"])
     out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, (1, 2))
-    out.notes((item.subject, item.message, "") for item in full)
+    out.notes((item.subject, item.message, "") for item in full_findings)
 
 
 def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[str]]:
@@ -110,8 +110,8 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
 
     by_subject = _by_subject(findings)
     options = []  # the first one of each subject
-    for of_subject in by_subject.values():
-        options += [finding.option for finding in of_subject if finding.option][:1]
+    for subject_findings in by_subject.values():
+        options += [finding.option for finding in subject_findings if finding.option][:1]
     run = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         decision = "No subject needs a decision. Type:"
@@ -152,10 +152,10 @@ def _obstacle(study: Study, findings: Findings) -> str:
 def _limits_of_design(study: Study, findings: Findings) -> list[str]:
     """Sentences on the effects that the design can show, and on those that it cannot."""
     all_subjects = plural(len(study), "subject")
-    identified = [identify(subject) for subject in study]
+    identifications = [identify(subject) for subject in study]
     effects = []
     for effect in ("constant_error", "contraction"):
-        n = sum(effect not in of_subject.reasons for of_subject in identified)
+        n = sum(effect not in identification.reasons for identification in identifications)
         if n:
             share = "" if n == len(study) else f" ({n} of {all_subjects})"
             effects.append(f"a {effect.replace('_', ' ')}{share}")
@@ -199,6 +199,6 @@ def _by_subject(findings: Findings) -> FindingsBySubject:
     for finding in findings:
         if finding.subject:
             by_subject[finding.subject].append(finding)
-    for of_subject in by_subject.values():
-        of_subject.sort(key=lambda finding: not finding.option.startswith("--swap"))
+    for subject_findings in by_subject.values():
+        subject_findings.sort(key=lambda finding: not finding.option.startswith("--swap"))
     return dict(by_subject)

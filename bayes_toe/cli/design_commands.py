@@ -104,10 +104,10 @@ def power(
     context.require_folder(output, _POWER_FILES)
     designs = plan.designs(design or ())
     n_data_sets = 0
-    for of_task in designs_by_task(designs):
+    for task_designs in designs_by_task(designs):
         # Only the number of kinds is used here, but a bad file is refused before any work.
-        assumed = assume_observers(observers, plan.simulated, 0, list(of_task.values()))
-        n_data_sets += len(of_task) * len(numbers) * len(assumed)
+        assumed = assume_observers(observers, plan.simulated, 0, list(task_designs.values()))
+        n_data_sets += len(task_designs) * len(numbers) * len(assumed)
     table = context.work(
         "simulating and analysing",
         n_data_sets,
@@ -325,9 +325,9 @@ def _find_design(
 
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
-    compared = output.with_name(f"{output.stem}_compared.csv")
-    text, figure = output.with_suffix(".md"), output.with_suffix(".png")
-    context.require_files(output, compared, text, figure)
+    comparison_file = output.with_name(f"{output.stem}_compared.csv")
+    text_file, figure_file = output.with_suffix(".md"), output.with_suffix(".png")
+    context.require_files(output, comparison_file, text_file, figure_file)
 
     optimal = context.work(
         "simulating and analysing",
@@ -344,9 +344,9 @@ def _find_design(
     written = context.write(
         {
             output: partial(write_table, optimal.frame()),
-            compared: optimal.power.save,
-            text: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
-            figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
+            comparison_file: optimal.power.save,
+            text_file: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
+            figure_file: partial(bt.plots.save_figure, bt.plots.design(optimal)),
         },
         optimal.power.seed,
     )
@@ -356,8 +356,12 @@ def _find_design(
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
-    typed = f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"
-    context.out.notes([("", "Another task may find more with the same trials.", typed)], "-")
+    power_command = (
+        f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"
+    )
+    context.out.notes(
+        [("", "Another task may find more with the same trials.", power_command)], "-"
+    )
     context.out.answer([*optimal.power.sentences(), *optimal.reasons(), written])
 
 
@@ -495,7 +499,7 @@ def simulate(
     design = make_design(study.design, study.amplitudes, study.batches, study.trials, options)
     task = task_of(study.question)
     observers = draw_population(study.kind, study.subjects, seed, design, task)
-    answered = simulate_trials(
+    simulated = simulate_trials(
         observers,
         design,
         seed,
@@ -504,12 +508,12 @@ def simulate(
         differences=read_differences(study.conditions, study.differ),
     )
 
-    writers = {output: partial(write_table, trial_frame(answered, options.stimulus_unit))}
+    writers = {output: partial(write_table, trial_frame(simulated, options.stimulus_unit))}
     if truth_output is not None:
-        writers[truth_output] = partial(write_table, truth_frame(answered))
+        writers[truth_output] = partial(write_table, truth_frame(simulated))
     context.write(writers, seed)
 
-    total = sum(len(of_subject.batch) for of_subject in answered)
+    total = sum(len(subject_trials.batch) for subject_trials in simulated)
     context.print_written(
         f"{plural(len(observers), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
     )

@@ -61,8 +61,8 @@ def print_groups(
         # Each kind of observers has a row for each size of a study; the sizes are the same.
         sizes = [f"{row.subjects} subjects" for row in next(iter(kinds.values()))]
         rows = []
-        for kind, of_kind in kinds.items():
-            rows.append([kind, *(row.counts_text for row in of_kind)])
+        for kind, kind_rows in kinds.items():
+            rows.append([kind, *(row.counts_text for row in kind_rows)])
         out.table(["observers", *sizes], rows, title=f"{heading}: subjects with an order effect")
         for question in SIZE_OF:
             name = question.replace("_", " ")
@@ -70,9 +70,9 @@ def print_groups(
                 out.line(f"{capitalized(name)}: {Word.CANNOT_BE_TOLD}.")
                 continue
             rows = []
-            for kind, of_kind in groups.select(design, trials, question).items():
-                percents = [row.percent for row in of_kind]
-                rows.append([kind, _true_mean(of_kind[0], unit), *percents])
+            for kind, kind_rows in groups.select(design, trials, question).items():
+                percents = [row.percent for row in kind_rows]
+                rows.append([kind, _true_mean(kind_rows[0], unit), *percents])
             title = f"{heading}: % of studies that detect the mean {name}"
             out.table(["observers", "mean (SD)", *sizes], rows, title=title)
     out.line()

@@ -29,7 +29,7 @@ _HYPERPRIOR = r"Prior file with \[group.PARAMETER] sections."
 
 def population(
     *,
-    study: StudyFile,
+    file: StudyFile,
     output: Annotated[
         Path, writes("FILE.nc", "Output draws. Tables and figure are beside them.")
     ] = Path("population.nc"),
@@ -57,9 +57,9 @@ def population(
         raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
 
     context.require_files(*files)
-    read, _ = context.read_and_describe(study)
+    study, _ = context.read_and_describe(file)
     result = bt.population(
-        read,
+        study,
         covariates=covariates,
         categorical=tuple(categorical or ()),
         draws=draws,
@@ -78,7 +78,7 @@ def population(
     written = context.write(dict(zip(files, writers, strict=True)), seed)
 
     print_group(context.out, result, check)
-    context.print_uninterpretable(read)
+    context.print_uninterpretable(study)
     context.out.answer([*group_answer(result), written])
     context.end(not result.is_reliable)
 
@@ -96,7 +96,7 @@ def _population_files(output: Path) -> list[Path]:
 
 def contrast(
     *,
-    study: StudyFile,
+    file: StudyFile,
     output: OutputTableAndFigure = Path("contrast.csv"),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
@@ -111,17 +111,17 @@ def contrast(
     figure_file = picture_beside(output)
     context.require_files(output, figure_file)
     keep = context.partial_folder(output)
-    read, prior = context.read_and_describe(study, several_tasks=True)
-    n_subjects = len({subject.subject_name for subject in read})
+    study, prior = context.read_and_describe(file, several_tasks=True)
+    n_subjects = len({subject.subject_name for subject in study})
     answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")
-    has_tasks = len(read.by_task) > 1
+    has_tasks = len(study.by_task) > 1
     if has_tasks:
         context.require_files(answers_file)
 
     table = context.work(
-        "comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep
+        "comparing conditions", n_subjects, bt.contrast, study, prior=prior, keep=keep
     )
-    figure = bt.plots.contrast(table, synthetic=read.synthetic)
+    figure = bt.plots.contrast(table, synthetic=study.synthetic)
     writers: dict[Path, Any] = {
         output: table.save,
         figure_file: partial(bt.plots.save_figure, figure),
@@ -132,20 +132,20 @@ def contrast(
     context.finish(keep, table.failed)
 
     print_contrast(context.out, table, output.name)
-    context.print_uninterpretable(read)
+    context.print_uninterpretable(study)
     context.out.reasons("No result", table.failed)
     lines = table.sentences()
     if has_tasks:
         print_one_observer(context.out, table, answers_file.name)
         lines.append("If one observer does all tasks of a subject:")
-        lines += study_lines(table.answers, synthetic=read.synthetic)
+        lines += study_lines(table.answers, synthetic=study.synthetic)
     context.out.answer([*lines, written])
     context.end(table.failed)
 
 
 def history(
     *,
-    study: StudyFile,
+    file: StudyFile,
     output: OutputTableAndFigure = Path("history.csv"),
     context: Annotated[RunContext, *MODEL],
 ) -> None:
@@ -158,16 +158,16 @@ def history(
 
     figure_file = picture_beside(output)
     context.require_files(output, figure_file)
-    read, prior = context.read_and_describe(study)
-    table = context.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
+    study, prior = context.read_and_describe(file)
+    table = context.work("serial dependence", len(study), bt.serial_dependence, study, prior=prior)
     written = context.write(
         {
-            output: partial(table.save, units=read.conditions is not None),
+            output: partial(table.save, units=study.conditions is not None),
             figure_file: partial(bt.plots.save_figure, bt.plots.serial(table)),
         },
         table.seed,
     )
 
     print_history(context.out, table, output.name)
-    context.print_uninterpretable(read)
+    context.print_uninterpretable(study)
     context.out.answer([*history_lines(table), written])

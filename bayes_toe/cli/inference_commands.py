@@ -32,7 +32,7 @@ _HEADINGS = {
 
 def run(
     *,
-    study: StudyFile,
+    file: StudyFile,
     output: OutputFolder = Path("bayes_toe_results"),
     figures: Annotated[
         str, rare("--figures", "all|flagged|none", "Subjects that get figures.")
@@ -52,19 +52,19 @@ def run(
 
     if explore:
         require_bokeh()
-    study, context = context.ask(study)
+    file, context = context.ask(file)
 
     if figures not in ("all", "flagged", "none"):
         raise bt.InputError(f"--figures is {figures!r}. It must be one of all, flagged, none.")
     context.require_folder(output, PRODUCTS)
     keep = context.partial_folder(output)
-    read, prior = context.read_and_describe(study)
+    study, prior = context.read_and_describe(file)
     if explore:  # Many subjects are refused before the work, not when the page is made.
-        require_few(len(read), "subjects")
-    _require_fitting(context, read, prior)
+        require_few(len(study), "subjects")
+    _require_fitting(context, study, prior)
 
     analysis = context.work(
-        "sampling", len(read), bt.run, read, draws=context.draws, prior=prior, keep=keep
+        "sampling", len(study), bt.run, study, draws=context.draws, prior=prior, keep=keep
     )
     files = f"{output / 'report.html'} and {output / 'evidence.csv'}"
     print_subjects(context.out, analysis.answers, files)
@@ -106,7 +106,7 @@ def _print_conclusion(
 
 def sample(
     *,
-    study: StudyFile,
+    file: StudyFile,
     output: Annotated[Path, writes("FILE.nc", "Output draws.")] = Path("posterior.nc"),
     model: Annotated[
         str, option("--model", "MODEL", "Model: none, constant-error, contraction, both or paper.")
@@ -121,16 +121,16 @@ def sample(
 
     context.require_files(output)
     keep = context.partial_folder(output)
-    read, prior = context.read(study)
-    _require_fitting(context, read, prior, model)
-    context.introduce(read, prior)
-    context.out.findings(identification_findings(read), "-")
+    study, prior = context.read(file)
+    _require_fitting(context, study, prior, model)
+    context.introduce(study, prior)
+    context.out.findings(identification_findings(study), "-")
 
     draws = context.work(
         "sampling",
-        len(read),
+        len(study),
         bt.sample,
-        read,
+        study,
         model=model,
         draws=context.draws,
         prior=prior,
@@ -153,13 +153,12 @@ def _require_fitting(
     from bayes_toe.inference.sampling import SamplerSettings
     from bayes_toe.model.models import require_model
 
-    settings = SamplerSettings(context.draws)
-    require_fitting(study, prior, settings, require_model(model))
+    require_fitting(study, prior, SamplerSettings(context.draws), require_model(model))
 
 
 def evidence(
     *,
-    study: StudyFile,
+    file: StudyFile,
     output: OutputTable = Path("evidence.csv"),
     context: Annotated[RunContext, *MODEL, "resume"],
 ) -> None:
@@ -171,16 +170,16 @@ def evidence(
 
     context.require_files(output)
     keep = context.partial_folder(output)
-    read, prior = context.read_and_describe(study)
-    table = context.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
-    table.save(output, overwrite=context.overwrite, units=read.conditions is not None)
+    study, prior = context.read_and_describe(file)
+    table = context.work("evidence", len(study), bt.evidence, study, prior=prior, keep=keep)
+    table.save(output, overwrite=context.overwrite, units=study.conditions is not None)
     context.finish(keep, table.failed)
     print_model_evidence(context.out, table, output.name)
     print_subjects(context.out, table.answers, output.name)
     closing = without_decision(table.answers, table.failed)
     closing += [f"Table: {output}.", f"Seed {table.seed}."]
     context.out.reasons("No result", table.failed)
-    print_answer(context.out, table.answers, read, closing=closing)
+    print_answer(context.out, table.answers, study, closing=closing)
     context.end(table.failed)
 
 
@@ -190,19 +189,19 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
     from bayes_toe.model.models import model_title
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
-    stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
+    stats, problems = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
     columns = ["constant_error", "contraction", "jnd"]
     if "mu1" in draws.parameters:  # the paper's model
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     keys = [key for key in columns if key in draws.parameters]
 
     rows = []
-    for name in names_to_show(draws.names, missed):
+    for name in names_to_show(draws.names, problems):
         subject_stats = stats.sel(subject=name)
         # Digits are shown as far as they are certain. The smallest effective size of all quantities
         # shows rather too few.
         n_effective = float(subject_stats["min_ess"])
-        row = [f"{name} !" if name in missed else name]
+        row = [f"{name} !" if name in problems else name]
         for key in keys:
             scale = QUANTITY_BY_NAME[key].scale
             decimals = 2 if scale == 1.0 else 0

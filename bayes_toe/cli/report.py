@@ -87,7 +87,7 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     is_paged = len(names) > MAX_SUBJECTS
     links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
     answers = list(analysis.answers)
-    if is_paged:
+    if is_paged:  # The index begins with the subjects that need action.
         answers.sort(key=lambda answer: answer.subject not in facts["flagged"])
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
 
@@ -100,12 +100,12 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
         "note_codes": NOTES,
         "before_pooling": [finding for finding in findings if finding.code in FLAG_WORDS],
         "folder": folder,
-        "there": {path.name for path in folder.iterdir()},
+        "there": {path.name for path in folder.iterdir()},  # other products, which pages link to
         "links": links,
         "paged": is_paged,
         "most": 10 if is_paged else None,  # names that a list shows
         "answers": answers,
-        "beside": "../" if is_paged else "",
+        "beside": "../" if is_paged else "",  # from a page of a subject to the files of the folder
     }
 
     subjects = _subjects(analysis, asymmetry, findings)
@@ -169,6 +169,7 @@ def _without_control_characters(value: object) -> object:
 
 
 def _png_uri(content: bytes) -> str:
+    """A PNG file as the address of an image, so that the page holds the image."""
     return f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
 
 
@@ -253,5 +254,5 @@ def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
 
 
 def _typeset(words: str) -> str:
-    """Words with minus signs before numbers; a word, range or exponent keeps its hyphen."""
+    """Words with minus signs before numbers: '-.5', but not in 'two-sided', '1-2' or '1e-5'."""
     return re.sub(r"(?<![\w.])-(?=\.?\d)", "−", words)

@@ -64,17 +64,17 @@ def write_results(
     or "none". `check` is the predictive check of the group.
     """
     draws, stems = analysis.draws, file_stems(analysis.study.names)
-    marked = flagged(analysis.answers, draws.not_converged)
-    names = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures]
+    flagged_subjects = flagged(analysis.answers, draws.not_converged)
+    names = {"all": draws.names, "flagged": tuple(flagged_subjects), "none": ()}[figures]
     products = [*PRODUCTS]
     for stem in stems.values():
         products += [f"corner/{stem}.png", f"subjects/{stem}.html"]
     with (
-        whole_folder(folder, products, overwrite=context.overwrite) as new,
-        TemporaryDirectory(dir=new.absolute()) as curves,
+        whole_folder(folder, products, overwrite=context.overwrite) as new_folder,
+        TemporaryDirectory(dir=new_folder.absolute()) as curves,
     ):
-        # Absolute, since a worker may be in another folder than this process.
-        target = new.absolute()
+        # Absolute paths, since a worker may be in another folder than this process.
+        target = new_folder.absolute()
         draws.save(target / "posterior.nc")
         _write_tables(analysis, check, target)
         write_methods(analysis, target / "methods.md")
@@ -83,7 +83,7 @@ def write_results(
         jobs = _drawing_jobs(analysis, {name: stems[name] for name in names}, target, Path(curves))
         context.draw(jobs, names)
         facts = {
-            "flagged": marked,
+            "flagged": flagged_subjects,
             "check": check,
             "choice": figures,
             "drawn": names,

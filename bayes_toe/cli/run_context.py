@@ -120,13 +120,13 @@ class RunContext:
         for part in study.by_task:
             self.out.findings(uninterpretable_findings(part))
 
-    def ask(self, study: StudyFile) -> tuple[StudyFile, RunContext]:
+    def ask(self, file: StudyFile) -> tuple[StudyFile, RunContext]:
         """The study, asked for in a terminal if none is named, and the context with its files."""
-        named_study = study.ask()
-        files = named_study.files or []
-        if named_study is not study:
+        named_file = file.ask()
+        files = named_file.files or []
+        if named_file is not file:
             TYPED.extend(map(str, files) if files else ["--example"])
-        return named_study, replace(self, inputs=(*self.inputs, *files))
+        return named_file, replace(self, inputs=(*self.inputs, *files))
 
     # --- the work ---------------------------------------------------------------------------------
 
@@ -218,6 +218,7 @@ class RunContext:
         require_folder(folder, products, overwrite=self.overwrite)
 
     def _require_unread(self, *files: Path) -> None:
+        """Refuse to write a file that this command reads."""
         read = {path.resolve() for path in self.inputs}
         for file in files:
             if file.resolve() in read:
@@ -262,27 +263,29 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     parameters = []
     for name, parameter in signature.parameters.items():
         # Annotated[RunContext, "seed"] has a class and names of fields.
-        kind, *names = get_args(parameter.annotation) or [parameter.annotation]
+        record, *names = get_args(parameter.annotation) or [parameter.annotation]
         options = [parameter]
-        if is_dataclass(kind):
-            options = _options(kind, names)
-            records[name] = kind, [option.name for option in options]
+        if is_dataclass(record):
+            options = _options(record, names)
+            records[name] = record, [option.name for option in options]
         parameters += options
 
     @wraps(function)
     def command(**values: Any) -> None:
+        """Make the records of the values of options, and call the function with them."""
         inputs = _input_paths(values)
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
-            for name, (kind, option_names) in records.items():
-                of_record = {key: values.pop(key) for key in option_names}
-                if kind is RunContext:
-                    of_record["inputs"] = inputs
-                if kind is StudyFile:
-                    of_record["reading"] = {key: of_record.pop(key) for key in LAYOUT_OPTIONS}
-                values[name] = kind(**of_record)
+            for name, (record, option_names) in records.items():
+                record_values = {key: values.pop(key) for key in option_names}
+                if record is RunContext:
+                    record_values["inputs"] = inputs
+                if record is StudyFile:
+                    layout = {key: record_values.pop(key) for key in LAYOUT_OPTIONS}
+                    record_values["reading"] = layout
+                values[name] = record(**record_values)
                 # Each command has its study before the context, which gets these files too.
-                if kind is StudyFile:
+                if record is StudyFile:
                     inputs += values[name].data_files()
             with warnings.catch_warnings():
                 # Every screen names what did not converge.
@@ -292,6 +295,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
             print_error(error, function.__name__)
             raise typer.Exit(2) from error
 
+    # Typer makes the options of this signature.
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return command
 
@@ -306,22 +310,26 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
+def _options(record: Any, names: Sequence[str]) -> list[Parameter]:
     """A parameter for each field of a record; a RunContext has only `names` and `quiet`.
 
     The field `reading` of a StudyFile has a parameter for each of the layout options.
     """
-    hints = get_type_hints(kind, include_extras=True)
+    hints = get_type_hints(record, include_extras=True)
     options = []
-    for field in fields(kind):
-        is_shared = field.name in (*names, "quiet")
-        if (kind is not RunContext or is_shared) and field.name != "reading":
-            annotation = hints[field.name]
-            parameter = Parameter(
-                field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=annotation
+    for field in fields(record):
+        is_absent = record is RunContext and field.name not in (*names, "quiet")
+        if is_absent or field.name == "reading":
+            continue
+        options.append(
+            Parameter(
+                field.name,
+                Parameter.KEYWORD_ONLY,
+                default=field.default,
+                annotation=hints[field.name],
             )
-            options.append(parameter)
-    if kind is StudyFile:
+        )
+    if record is StudyFile:
         options += layout_options()
     return options
 
@@ -332,8 +340,8 @@ def print_error(error: BayesToeError, command: str) -> None:
     choices = []
     if isinstance(error, InputError):
         problems = "\n".join(error.problems)
-        for chosen, meanings in error.choices:
-            choices.append((" ".join(remedy.typed for remedy in chosen), meanings))
+        for remedies, meanings in error.choices:
+            choices.append((" ".join(remedy.typed for remedy in remedies), meanings))
     elif isinstance(error, OutputExistsError):
         problems = error.problem
         choices = [("--overwrite", ["to replace it"]), ("-o NAME", ["to write elsewhere"])]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def check(
     *,
-    study: StudyFile,
+    file: StudyFile,
     context: Annotated[RunContext, "prior"],
 ) -> None:
     """Check the data, the design and the responses of a study.
@@ -43,12 +43,12 @@ def check(
 
     prior = preset_or_file(context.prior)
     # No validation here, because `check` also reports studies that cannot be analysed.
-    print_check(context.out, study.read(), prior, shows_prior=context.prior is not None)
+    print_check(context.out, file.read(), prior, shows_prior=context.prior is not None)
 
 
 def fit(
     *,
-    study: StudyFile,
+    file: StudyFile,
     output: OutputTable = Path("fit.csv"),
     replicates: Annotated[
         int, rare("--replicates", NUMBER, "Bootstrap replicates.", min=1, max=10**6)
@@ -69,22 +69,22 @@ def fit(
     require_share("level", level)
     outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
     context.require_files(*outputs)
-    read, prior = context.read(study)
+    study, prior = context.read(file)
     # A study without pairs in both orders cannot be tested, but its model can be fitted.
     asymmetries, problem = None, ""
     try:
-        asymmetries = bt.asymmetry(read)
+        asymmetries = bt.asymmetry(study)
     except bt.InputError as error:
         if asymmetry_output is not None:
             raise
         problem = str(error)
 
-    context.introduce(read, prior)
+    context.introduce(study, prior)
     table = context.work(
-        "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
+        "fitting", len(study), bt.fit, study, replicates=replicates, level=level, prior=prior
     )
 
-    saving = {"overwrite": context.overwrite, "units": read.conditions is not None}
+    saving = {"overwrite": context.overwrite, "units": study.conditions is not None}
     table.save(output, **saving)
     print_fits(context.out, table)
     if asymmetries is None:

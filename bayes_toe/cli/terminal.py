@@ -372,13 +372,13 @@ def describe_study(study: Study) -> str:
 def describe_amount(study: Study) -> str:
     """Subjects, trials, task and pairs of a study."""
     n_trials = sum(subject.total_trials for subject in study)
-    numbers = [subject.n_pairs for subject in study]
+    n_pairs = [subject.n_pairs for subject in study]
     subjects = plural(len({subject.subject_name for subject in study}), "subject")
     if study.conditions is not None:
         subjects += f" in {len(study.conditions.levels)} conditions"
-    pairs = f"{min(numbers):,} to {max(numbers):,} pairs"
-    if len(set(numbers)) == 1:
-        pairs = plural(numbers[0], "pair")
+    pairs = f"{min(n_pairs):,} to {max(n_pairs):,} pairs"
+    if len(set(n_pairs)) == 1:
+        pairs = plural(n_pairs[0], "pair")
     tasks = join_words([part.task.title for part in study.by_task])
     return f"{subjects}, {plural(n_trials, 'trial')}, {tasks}, {pairs}"
 

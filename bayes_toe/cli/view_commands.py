@@ -188,6 +188,7 @@ def app(
     from bayes_toe.app.server import serve
 
     def ready(address: str) -> None:
+        """Print the address of the page when it can be opened."""
         typer.echo(f"Open this address in a browser on this computer:\n{address}")
         typer.echo("Ctrl+C ends the program. Finished subjects stay.")
         sys.stdout.flush()

@@ -164,9 +164,10 @@ class Entry:
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
         names = self.target.names.all
         truth = {name: value for name, value in self.truth.items() if name in names}
-        truth = all_true_values(truth, self.target)
+        truth = all_true_values(truth, self.target)  # with what follows from them
         spans = axis_limits(present.values(), list(columns), self.target, truth)
 
+        # The names by which explorer.js reads them.
         return {
             "subject": visible(self.target.subject.name),
             "label": visible(self.label),
@@ -181,7 +182,7 @@ class Entry:
             "main": [name for name in self.main if name in columns],
             "values": to_base64(np.stack(list(columns.values()))[:, index]),
             "marked": [*map(self._interval, present, present.values())],
-            "with": [*map(len, present.values())],
+            "with": [*map(len, present.values())],  # draws that have each quantity
             "truth": truth,
             "spans": spans,
             "contours": packed_contours(columns, spans),
@@ -190,7 +191,10 @@ class Entry:
         }
 
     def _packed_priors(self, names: Sequence[str]) -> Record:
-        """Quantiles of the prior of each quantity, and the prior probability that it exists."""
+        """Quantiles of the prior of each quantity, and the prior probability that it exists.
+
+        The page makes a density of 201 quantiles, from 0 to 100 %.
+        """
         prior, quantiles, shares = prior_values(self.target), [], []
         for name in names:
             values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
@@ -206,13 +210,17 @@ class Entry:
         if name not in self.estimates:
             return np.quantile(values, MARKED).tolist()
         interval = np.asarray(self.estimates[name])
+        # Tables have differences in per cent, other quantities as the model has them.
         if QUANTITY_BY_NAME[name].display == "difference":
             return self.unit.from_percent(interval).tolist()
         return axis_values(name, interval, self.unit).tolist()
 
     def _dominated(self) -> list[tuple[str, str]]:
-        """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
-        if self.is_averaged:
+        """Badges of the quantities that the prior determines, such as ('dominated', 'mu1').
+
+        Their range from 5 to 95 % is not much narrower than that of the prior.
+        """
+        if self.is_averaged:  # Several models have several priors.
             return []
         dominated = []
         for name in self.names:
@@ -413,6 +421,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
         start, end = fixed, float(position.max())
+        # The panel of the weakest stimulus also has the pairs of equal stimuli below it.
         low = min(fixed, float(position.min()))
 
     # A curve goes on beyond its last pair, also where all pairs are in one place.

@@ -208,15 +208,15 @@ def page(
         if progress is not None:
             progress(name)
 
-    described = {}
+    quantities = {}
     for name, quantity in QUANTITY_BY_NAME.items():
         label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
-        described[name] = label, quantity.words
+        quantities[name] = label, quantity.words
 
     index = {
         "entries": list_of_entries,
         "tabs": sorted({entry.tab for entry in page_entries}),
-        "quantities": described,
+        "quantities": quantities,
         "slots": SLOTS,
         "fixed": task.slice_stimulus,
         "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
@@ -269,12 +269,10 @@ def _frame(task: Task) -> str:
         "slots": SLOTS,
         "yes": task.yes,
     }
-    return str(
-        file_html(
-            document(task),
-            INLINE,
-            "Explore a posterior",
-            template=parts["page.html"],
-            template_variables=variables,
-        )
+    return file_html(
+        document(task),
+        INLINE,
+        "Explore a posterior",
+        template=parts["page.html"],
+        template_variables=variables,
     )
