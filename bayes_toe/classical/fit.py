@@ -111,7 +111,7 @@ class PenalisedLikelihood:
         return points.reshape(len(mu1), -1, 4)
 
     def starts(self, n_yes: IntArray) -> FloatArray:
-        """The best point of the grid for each mu1, of counts (rows, pairs): (rows, 4, 4)."""
+        """For counts, (rows, pairs), the best point of the grid with each mu1: (rows, 4, 4)."""
         starts = []
         for points in self.grid:
             starts.append(points[self.objective(points, n_yes).argmax(axis=1)])
@@ -150,6 +150,7 @@ class PenalisedLikelihood:
         scale = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
 
         def scaled(point: FloatArray) -> tuple[float, FloatArray]:
+            """What is minimised, at a point that counts in the scale."""
             value, gradient = self.minus_objective(point * scale, counts)
             return value, gradient * scale
 
@@ -180,7 +181,10 @@ class PenalisedLikelihood:
         return np.asarray(log_likelihood - 0.5 * np.square(deviation))
 
     def natural(self, x: FloatArray) -> FloatArray:
-        """mu1, sigma_p, sigma_l and q0 or lapse rate at points, (points, 4)."""
+        """mu1, sigma_p, sigma_l and q0 or lapse rate at points, (points, 4).
+
+        The width is sigma_p G^power, with the power of the task.
+        """
         mu1, log_width, gamma, share = x.T
         sigma_p = np.exp(log_width) / variance_ratio(gamma) ** POWERS[self.subject.task.lapses]
         return np.stack([mu1, sigma_p, sigma_p * np.sqrt(gamma), share], axis=-1)
@@ -255,11 +259,12 @@ class SubjectFit:
         """
         require_share("level", level)
         tails = [0.5 - level / 2.0, 0.5 + level / 2.0]
+        # An order statistic, so that each limit is the value of a replicate.
         limits = np.quantile(self.replicates, tails, axis=0, method="inverted_cdf").T
         return np.where(np.isnan(self.parameters)[:, None], np.nan, limits)
 
     def yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
-        """P of the answer that the task counts, of each replicate, shape (replicates, pairs).
+        """Probability of the counted answer by each replicate, shape (replicates, pairs).
 
         s1 and s2 are natural-log intensities.
         """
@@ -297,7 +302,7 @@ class SubjectFit:
 
 
 def fit_columns(task: Task) -> tuple[str, ...]:
-    """Columns of fit.csv."""
+    """Columns of fit.csv; limits are named such as mu1_lower and mu1_upper."""
     natural = natural_names(task)
     limits = map("_".join, product(natural, ("lower", "upper")))
     ending = ("level", "replicates", "penalty")

@@ -41,7 +41,7 @@ def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
 
 
 def accuracy(subject: Subject) -> float:
-    """Share of correct answers among those that can be, 0..1; NaN where there is none.
+    """Share of correct answers, 0..1, among trials that have one; NaN where none has.
 
     Source: Results, first part. Every trial counts alike.
 

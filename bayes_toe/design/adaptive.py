@@ -42,7 +42,7 @@ Trial = tuple[float, float, Response]
 MODEL, PARAMETERS = "model", "parameters"
 DRAWS = 4000
 #: Draws of a model by which pairs are compared, at least.
-_FEWEST_JUDGES = 512
+_FEWEST_DRAWS = 512
 _FORMAT = "bayes-toe adaptive 2"
 
 
@@ -55,8 +55,9 @@ class Particles:
 
     Attributes
     ----------
-    rule : ObserverPosterior
-        That of the pairs without answers: prior and scales.
+    template : ObserverPosterior
+        The posterior before the first answer: prior and scales of the pairs. `for_subject` adds
+        answers.
     draws : WeightedDraws
         With all coordinates of the task; their posterior density is that of all answers.
     first_efficiency : float
@@ -67,7 +68,7 @@ class Particles:
         P of each answer by these draws, once it was asked for.
     """
 
-    rule: ObserverPosterior
+    template: ObserverPosterior
     draws: WeightedDraws
     first_efficiency: float = 1.0
     mixture: PriorMixture | None = None
@@ -76,20 +77,20 @@ class Particles:
     @property
     def x(self) -> FloatArray:
         """The draws in the coordinates of the model, shape (draws, k)."""
-        return self.draws.x[:, self.rule.is_free]
+        return self.draws.x[:, self.template.is_free]
 
     def add(self, answer: Subject) -> None:
         """Take in further answers: the draws stay, their posterior density changes."""
-        log_likelihood = self.rule.for_subject(answer).log_likelihood(self.x)
+        log_likelihood = self.template.for_subject(answer).log_likelihood(self.x)
         self.draws = replace(self.draws, log_posterior=self.draws.log_posterior + log_likelihood)
 
     def renew(self, subject: Subject, rng: Rng) -> None:
-        """Make the draws anew, for all answers so far.
+        """Draw anew, from the posterior of all answers so far.
 
         They come from the adapted mixture. If there is none, or fewer than a quarter of its draws
         would count, the posterior is fitted anew.
         """
-        posterior, size = self.rule.for_subject(subject), len(self.draws.x)
+        posterior, size = self.template.for_subject(subject), len(self.draws.x)
         mixture, draws = self.mixture, self.draws
         if mixture is not None:
             mixture = mixture.updated(draws, SHARP)
@@ -146,7 +147,7 @@ class Adaptive:
     ) -> None:
         if about not in (MODEL, PARAMETERS):
             raise InputError(f"about={about!r}: allowed: {MODEL}, {PARAMETERS}")
-        require_number("draws", draws, _FEWEST_JUDGES)
+        require_number("draws", draws, _FEWEST_DRAWS)
         task = task_of(task)
         if not isinstance(pairs, StudyDesign):
             pairs = _design_of_rows(pairs, task)
@@ -156,22 +157,22 @@ class Adaptive:
         self.about = about
         self.draws = draws
         # Each model keeps the probabilities of about 512,000 answers: pairs times draws.
-        self._n_judges = min(draws, max(_FEWEST_JUDGES, 512_000 // self.pairs.n_pairs))
+        self._n_compared = min(draws, max(_FEWEST_DRAWS, 512_000 // self.pairs.n_pairs))
         self._answers: list[Trial] = []
         self._particles = {}
         for name in MODEL_NAMES:
-            rule = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
+            template = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
             rng = generator(self.seed, "adaptive", name, "prior")
-            points = rule.full_points(rule.sample_prior(rng, draws))
-            log_prior = rule.array.log_prior(points)[0]
+            points = template.full_points(template.sample_prior(rng, draws))
+            log_prior = template.array.log_prior(points)[0]
             # Before the first answer, the posterior and what was drawn from are the prior, too.
             prior_draws = WeightedDraws(points[0], log_prior, log_prior, log_prior)
-            self._particles[name] = Particles(rule, prior_draws)
+            self._particles[name] = Particles(template, prior_draws)
 
     # --- A session --------------------------------------------------------------------------------
 
     def next(self) -> tuple[float, float]:
-        """The pair whose answer is expected to tell most; of equals any, by chance."""
+        """A pair whose answer is expected to be most informative; of several, one at random."""
         information = self.information()
         best = np.flatnonzero(information >= information.max() - 1e-12)  # equal up to rounding
         rng = generator(self.seed, "adaptive", "next", self.trials)
@@ -207,7 +208,7 @@ class Adaptive:
         self._renew_worst()
 
     def _renew_worst(self) -> None:
-        """Make the draws of one model anew, if fewer than half of its first ones still count.
+        """Draw anew for one model, if fewer than half of its first draws still count.
 
         Of several such models it is the one whose Monte Carlo error matters most: in proportion to
         its probability, and to one over the root of its effective number of draws.
@@ -230,12 +231,14 @@ class Adaptive:
         """
         p_answers = np.zeros((len(self.pairs.task.answers), self.pairs.n_pairs))
         known_entropy = np.zeros(self.pairs.n_pairs)
-        judges = slice(self._n_judges)
+        first_draws = slice(self._n_compared)
         for name, probability in self.probabilities.items():
             particles = self._particles[name]
             if particles.p_answers is None:  # (answers, draws, pairs)
-                particles.p_answers = answer_probabilities(particles.rule, particles.x[judges])
-            weights = particles.draws.part(judges).shares
+                particles.p_answers = answer_probabilities(
+                    particles.template, particles.x[first_draws]
+                )
+            weights = particles.draws.part(first_draws).shares
             p_answers_of_model = weights @ particles.p_answers
             p_answers += probability * p_answers_of_model
             if self.about == MODEL:
@@ -248,7 +251,7 @@ class Adaptive:
 
     @property
     def trials(self) -> int:
-        """Answers so far."""
+        """Number of answers so far."""
         return len(self._answers)
 
     @property
@@ -258,7 +261,7 @@ class Adaptive:
 
     @property
     def subject(self) -> Subject:
-        """The answers, as every verb of the package takes them.
+        """The answers so far as a subject, which all functions of the package take.
 
         Raises
         ------
@@ -305,12 +308,12 @@ class Adaptive:
         """
         if not all(0.0 <= level <= 1.0 for level in levels):
             raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
-        widest_rule = self._particles["both"].rule
+        widest_rule = self._particles["both"].template
         names = widest_rule.names.all
         if quantity not in names:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
         models = self._particles.values()
-        has_quantity = [quantity in particles.rule.names.all for particles in models]
+        has_quantity = [quantity in particles.template.names.all for particles in models]
         draws = self._models.averaged(np.array(has_quantity))
         return draws.quantiles(widest_rule.quantities(draws.x)[quantity], levels)
 

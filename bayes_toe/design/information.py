@@ -141,7 +141,7 @@ def exchange_trials(
     fixed: IntArray,
     turned: IndexArray,
 ) -> IntArray:
-    """Trials of every pair, (pairs,): so many beside those that are fixed, over few enough pairs.
+    """Distribute trials over pairs, beside those that are fixed, for the largest utility.
 
     A pair and the same stimuli in the other order share the trials that move.
 
@@ -149,11 +149,18 @@ def exchange_trials(
     ----------
     information : Information
     trials : int
+        To distribute.
     most_pairs : int
-        Different pairs.
+        Different pairs that the design may have.
     fixed : ndarray of int, shape (pairs,)
+        Trials that stay with their pairs.
     turned : ndarray of int, shape (pairs,)
-        The place of each pair in the other order; both are shown equally often.
+        The index of each pair in the other order, as :attr:`StudyDesign.turned` has it.
+
+    Returns
+    -------
+    ndarray of int, shape (pairs,)
+        All trials of each pair.
     """
     # About two portions for each pair; half of a portion is in the other order.
     half = max(1, trials // (4 * most_pairs))
@@ -162,12 +169,13 @@ def exchange_trials(
     for _ in range(trials // portion):
         n_trials = _add_trials(information, n_trials, turned, portion, most_pairs)
 
-    # Portions of each pair move to the best pair, until no move is worth it.
+    # Portions of each pair move to the best pair, until no move is worth it. One of both orders
+    # stands for the pair.
+    stands_for_pair = turned >= np.arange(len(turned))
     utility, last_utility = information.utility(n_trials), -np.inf
     while utility > last_utility + _GAIN:
         last_utility = utility
-        is_first_order = turned >= np.arange(len(turned))  # of both orders, or the only one
-        for pair in np.flatnonzero(is_first_order & (n_trials > fixed)).tolist():
+        for pair in np.flatnonzero(stands_for_pair & (n_trials > fixed)).tolist():
             while n_trials[pair] > fixed[pair]:
                 without = n_trials.copy()
                 without[pair] -= half
@@ -178,7 +186,7 @@ def exchange_trials(
                     break
                 n_trials, utility = moved, utility_of_move
 
-    # What is left goes to pairs that the design has.
+    # What is left of the last portion goes to pairs that the design has.
     for _ in range(trials % portion // 2):
         n_trials = _add_trials(information, n_trials, turned, 2, most_pairs=0)
     if trials % 2:
@@ -189,9 +197,10 @@ def exchange_trials(
 def _add_trials(
     information: Information, n_trials: IntArray, turned: IndexArray, size: int, most_pairs: int
 ) -> IntArray:
-    """Trials of every pair with so many more where they tell most: of a pair in both orders.
+    """The trials of every pair, with `size` more of the pair for which the utility rises most.
 
-    A new pair may join if there are then at most so many.
+    Half of them are in the other order of that pair. It may be a new pair if the design then has at
+    most `most_pairs`.
     """
     is_new = n_trials == 0
     # With its other order, which equal stimuli lack, a pair makes 0, 1 or 2 new ones.

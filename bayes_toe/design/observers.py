@@ -155,7 +155,10 @@ class Observer:
         return self.p_questions(design.s1, design.s2, sbar)
 
     def answers(self, design: StudyDesign, seed: int) -> Subject:
-        """Simulated counts; the random stream is keyed by the name and the number of trials."""
+        """Simulate the observer's counts of answers to a design.
+
+        The random stream is keyed by the name of the observer and the number of trials.
+        """
         rng = generator(seed, self.name, "answers", design.total)
         probabilities = self.p_design(design)
         n_yes, n_second = rng.binomial(design.n_trials, probabilities[0]), None

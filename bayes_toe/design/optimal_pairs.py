@@ -218,8 +218,7 @@ def levels_between(
     >>> levels_between(0.0, 20.0, "10", ReadOptions(unit="dB")).round(3).tolist()
     [0.0, 1.151, 2.303]
     """
-    if not step:
-        # 0.05 natural logs, as a round number of the log unit.
+    if not step:  # 5 %, or 0.05 natural logs as a round number of the log unit
         step = "5%" if options.has_intensities else f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
     is_percent, size = step.endswith("%"), number(step.removesuffix("%"))
     if not size > 0.0:
@@ -227,8 +226,9 @@ def levels_between(
             f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
             "intensity, such as 5%"
         )
+
     ends = np.array([lowest, highest])
-    if is_percent:
+    if is_percent:  # equal steps of natural logs
         ends, size = log_levels(ends, options), float(np.log1p(0.01 * size))
     if not (np.isfinite(ends).all() and lowest < highest):
         raise InputError(
@@ -238,18 +238,19 @@ def levels_between(
     width = np.ptp(ends)
     smallest = width / (_MOST_LEVELS - 1)
     if not smallest <= size <= width:
-        least = 1.01 * smallest  # so that three digits of it are allowed
-        remedy = f"{100.0 * np.expm1(least):.3g}%" if is_percent else f"{least:.3g}"
+        proposed = 1.01 * smallest  # still allowed when rounded to three digits
+        remedy = f"{100.0 * np.expm1(proposed):.3g}%" if is_percent else f"{proposed:.3g}"
         raise InputError(
             f"--step {step}: allowed is a step that makes 2 to {_MOST_LEVELS} levels from "
             f"{lowest:g} to {highest:g}",
             [Remedy("step", remedy, "or a larger one")],
         )
+
     if is_percent:
         levels = np.linspace(ends[0], ends[1], round(width / size) + 1)
     else:
         levels = log_levels(grid(lowest, highest, size), options)
-    if options.has_intensities:
+    if options.has_intensities:  # such as 66.37: rounding may make two of them equal
         stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
         levels = np.unique(log_levels(np.array(stimuli), options))
     return levels
@@ -307,7 +308,7 @@ def optimal_design(
     plane = _pairs_to_show(levels, goal)
     # Five observers of each kind are enough for the information: the power needs more.
     assumed = assume_observers(observers, 5, root, [plane], own_prior)
-    judges = assume_observers(observers, data_sets, root, [plane], own_prior, is_even=True)
+    power_observers = assume_observers(observers, data_sets, root, [plane], own_prior, is_even=True)
 
     best, worth = best_design(levels, trials, goal, assumed, own_prior)
     designs = {OPTIMISED: best}
@@ -316,7 +317,9 @@ def optimal_design(
         designs[EVEN] = even.with_total(trials)
     if goal.is_even:  # the design that is asked for comes first
         designs = dict(reversed(designs.items()))
-    simulated = simulate_power([*designs.items()], judges, root, own_prior, workers, progress)
+    simulated = simulate_power(
+        [*designs.items()], power_observers, root, own_prior, workers, progress
+    )
     table = PowerTable.from_data_sets(simulated, root)
     return OptimalDesign(goal, designs, table, plane, worth)
 
@@ -328,9 +331,9 @@ def best_design(
     observers: Sequence[Observer],
     prior: ObserverPrior = DEFAULT_PRIOR,
 ) -> tuple[StudyDesign, FloatArray]:
-    """The most informative design, by the closed form, of pairs of levels.
+    """Find the most informative design of pairs of levels, without simulation.
 
-    The second value is what one more trial of each pair adds.
+    The second value is what one more trial of each pair that can be shown adds to the utility.
     """
     require_number("--trials", trials)
     plane = _pairs_to_show(levels, goal)

@@ -66,7 +66,7 @@ _STUDIES = 400  # that are drawn for a number of subjects
 
 @dataclass(frozen=True)
 class DataSet:
-    """One simulated observer's answers to a design, and what is concluded of them."""
+    """The conclusion from one simulated observer's answers to a design."""
 
     design: str
     trials: int
@@ -332,7 +332,7 @@ def designs_by_task(designs: Mapping[str, StudyDesign]) -> list[dict[str, StudyD
 def name_designs(
     design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT
 ) -> Mapping[str, StudyDesign]:
-    """Designs by name; the paper's for a task where there is none."""
+    """Designs by name: a single one gets a name. Without one, the paper's pairs for a task."""
     if design is None:
         return {"the paper's pairs": paper_study_design(task=task)}
     if isinstance(design, StudyDesign):
@@ -382,7 +382,7 @@ def simulate_batch(
 
 
 class GroupPower(NamedTuple):
-    """What studies of so many subjects find; the subjects are observers of one kind.
+    """The results of studies of so many subjects, who are observers of one kind.
 
     Attributes
     ----------
@@ -482,7 +482,7 @@ class GroupPowerTable(Table[GroupPower]):
 def group_power(
     table: PowerTable, subjects: Sequence[int], prior: ObserverPrior = DEFAULT_PRIOR
 ) -> GroupPowerTable:
-    """How many subjects a study finds, and how often its group mean differs from 0.
+    """Predict in how many subjects a study finds an effect, and how often in the group mean.
 
     A study draws its subjects from the observers of a kind. A subject's estimate is its true effect
     with a normal error, as large as the analysis of that observer says. The Bayes factor of the
@@ -529,21 +529,19 @@ def _count_detected_means(
 
     A study draws so many subjects from the group, with replacement.
     """
-    # A constant error counts in D, a contraction is a pure number.
+    truth = np.array([data_set.observer.parameters[question] for data_set in group])
+    intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
+    low, _, high = intervals.T
     scales = group[0].scales
     if question == CONSTANT_ERROR.name:
-        unit, hyperprior = scales.step, Hyperprior().constant_error
+        low, high = np.log1p([low / 100.0, high / 100.0])  # of per cent of intensity
+        unit, hyperprior = scales.step, Hyperprior().constant_error  # in D
         # At 0, Student's t with 3 degrees of freedom is curved like a normal with this SD.
         prior_sd = 0.5 * np.sqrt(3.0) * prior.constant_error_scale
     else:
         unit, hyperprior = 1.0, Hyperprior().contraction.narrowed(scales.roving_share)
         prior_sd = prior.contraction_sd * scales.roving_share
 
-    truth = np.array([data_set.observer.parameters[question] for data_set in group])
-    intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
-    low, _, high = intervals.T
-    if question == CONSTANT_ERROR.name:  # from per cent of intensity to natural logs
-        low, high = np.log1p([low / 100.0, high / 100.0])
     posterior_sd = (high - low) / 3.92 / unit  # a 95 % interval of a normal is 2 x 1.96 SD wide
     # Of normal densities: the precision of the posterior is that of the prior plus that of the
     # responses. Where the posterior is as wide as the prior, the responses say next to nothing.
@@ -558,9 +556,10 @@ def _count_detected_means(
 
 
 def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]:
-    """How many of so many subjects have what `hits` of `size` had: median, 95 % interval.
+    """Predict how many subjects have an effect that `hits` of `size` observers had.
 
-    The prediction is beta-binomial, with Jeffreys' prior of the share, Beta(1/2, 1/2).
+    The median and the ends of the 95 % interval are those of a beta-binomial distribution, with
+    Jeffreys' prior of the share, Beta(1/2, 1/2).
 
     Examples
     --------

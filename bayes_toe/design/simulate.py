@@ -130,7 +130,7 @@ def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
     mean, sd = np.resize(mu1_of_kinds, (size, 2)).T  # the kinds in turn
     mu1 = rng.normal(mean, sd)
     sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
-    sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))  # of gamma
+    sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))  # gamma = (sigma_l / sigma_p)^2
     beta = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
     q0_or_lapse_rate = rng.beta(*beta, size)
     mu1[15::16], sigma_l[15::16] = -0.6, 0.02
@@ -139,7 +139,7 @@ def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
 
 
 def subject_names(size: int) -> list[str]:
-    """S01, S02 and so on, all of one length.
+    """Names of so many subjects: S01, S02 and so on, all of the same length.
 
     Examples
     --------
@@ -319,7 +319,7 @@ def simulate_trials(
     missed: float = 0.0,
     differences: ConditionDifferences | None = None,
 ) -> list[SimulatedTrials]:
-    """Answers of every observer, in every condition where there are some.
+    """Simulate the answers of every observer, in every condition if there are conditions.
 
     Each random stream is keyed by the observer's name.
 
@@ -351,7 +351,7 @@ def simulate_trials(
 def _answer_trials(
     observer: SimulatedObserver, design: StudyDesign, seed: int, carry_over: float, missed: float
 ) -> tuple[IntArray, Answers]:
-    """The batches of one observer's trials, and the answers."""
+    """Simulate one observer's trials: the batch of each trial, and the answers."""
     rng = generator(seed, observer.name, "trials")
     # The most batches that have every pair equally often.
     n_batches = np.gcd.reduce(design.n_trials)
@@ -375,7 +375,7 @@ def _answer_trials(
 
 
 class Simulated(NamedTuple):
-    """A synthetic study, and the parameters by subject that made it."""
+    """A synthetic study, and the true parameters of each of its subjects."""
 
     study: Study
     truth: Truth
@@ -548,7 +548,7 @@ def _stated_observers(
 
 
 def require_file(text: str, option: str, words: Iterable[str]) -> None:
-    """Refuse what is neither one of the words nor a file."""
+    """Refuse a text that names no file. The message says that the words are allowed, too."""
     if not os.path.isfile(text):  # a Path refuses names that are too long with an error of its own
         raise InputError(
             f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists"
@@ -604,9 +604,10 @@ def _amplitudes(text: str | None, options: ReadOptions) -> FloatArray:
 
 
 def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.DataFrame:
-    """Trials as a table that `bayes-toe` reads, conditions in turn batch by batch.
+    """Trials as a table that `bayes-toe` reads.
 
-    The column `synthetic` marks them for good.
+    The first batch of a subject comes in one condition after the other, then the second batch, and
+    so on. The column `synthetic` marks the trials in every file.
     """
     frames = []
     for unit_trials in trials:

@@ -143,7 +143,7 @@ class StudyDesign:
         return pd.DataFrame({name: getattr(self, name) for name in DESIGN_COLUMNS})
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
-        """Write them as a CSV file, whole or not at all."""
+        """Write the pairs as a CSV file, whole or not at all."""
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
@@ -261,9 +261,9 @@ def log_levels(levels: FloatArray, options: ReadOptions) -> FloatArray:
 def stimulus_columns(
     s1: FloatArray, s2: FloatArray, unit: StimulusUnit = UNKNOWN_UNIT
 ) -> dict[str, FloatArray]:
-    """Columns of stimuli as a command reads them with this unit.
+    """The columns s1 and s2, and with a unit of intensities i1 and i2, as a command reads them.
 
-    They are s1 and s2, natural logs or in the log unit; intensities are in i1 and i2 besides.
+    s1 and s2 are natural logs, or in the log unit.
 
     Examples
     --------

@@ -145,7 +145,7 @@ def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> li
 
 
 def _run_lengths(is_equal: BoolArray, length: int) -> IntArray:
-    """The equal pairs in a row that end at each trial; `length` is their number before."""
+    """Numbers of equal pairs in a row up to each trial, of which `length` come before the first."""
     lengths = []
     for equal in is_equal.tolist():
         length = length + 1 if equal else 0

@@ -108,7 +108,7 @@ class SubjectRows(LinearLikelihood):
         """Length of a subject's point: q, and the number of unshared parameters."""
         return int(self.loading.shape[2])
 
-    def log_own_prior(self, unshared: FloatArray) -> ArrayPair:
+    def log_unshared_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the unshared parameters, (..., unshared) -> (...), and its slopes."""
         total, slopes = np.zeros(unshared.shape[:-1]), np.empty_like(unshared)
         for j, coordinate in enumerate(self.unshared_coordinates):
@@ -222,7 +222,7 @@ class GroupPosterior:
         mean, sd_score, effects, block = self._split(theta)
         xi, unshared = block[..., :q], block[..., q:]
         tau, tau_rise, log_prior_of_sd, slope_of_sd_prior = numbers.sds(sd_score)
-        expected = self._expected(mean, effects)
+        expected = self._subject_means(mean, effects)
 
         # With s the share and h (e - mu) the pull of the responses, the coefficients are
         # a = mu + tau^2 s h (e - mu) + tau s^(1/2) xi, and their scores u = (a - mu) / tau.
@@ -234,7 +234,7 @@ class GroupPosterior:
         w = self._subject_points(expected + np.square(unit) * pull + unit * xi, unshared)
 
         log_likelihood, likelihood_slope = self.rows.plain_gradient(w)
-        log_unshared, unshared_slope = self.rows.log_own_prior(w[..., q:])
+        log_unshared, unshared_slope = self.rows.log_unshared_prior(w[..., q:])
         # Normal prior of the scores, with the Jacobian |du/dxi| = s^(1/2).
         log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
         log_mean, mean_slope = numbers.prior_of_mean(mean)
@@ -269,7 +269,7 @@ class GroupPosterior:
         q = self.rows.n_coefficients
         mean, sd_score, effects, block = self._split(theta)
         tau, *_ = self.numbers.sds(sd_score)
-        expected = self._expected(mean, effects)
+        expected = self._subject_means(mean, effects)
         precision = self.fits.precision[:, None]
         unit = tau / np.sqrt(1.0 + precision * np.square(tau))
         pull = self.fits.information[:, None] - precision * expected
@@ -278,7 +278,7 @@ class GroupPosterior:
         return mean, tau, effects, points.swapaxes(0, 1)
 
     def start(self, n_points: int, rng: Rng) -> FloatArray:
-        """Points about what the separate fits suggest, farther apart than the posterior.
+        """Starting points of chains about the separate fits, farther apart than the posterior.
 
         Means scatter by two of their standard errors, and standard deviations by a factor of about
         2. These are at least 0.3 of their scale, because separate fits may hardly differ.
@@ -306,7 +306,7 @@ class GroupPosterior:
         return np.concatenate([coefficients, unshared_mode + shift + unshared], axis=-1)
 
     def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Means, scores of sds, effects, and the blocks of the subjects.
+        """The parts of theta: means, scores of sds, effects, and the blocks of the subjects.
 
         The blocks have the shape (subjects, points, ...).
         """
@@ -315,6 +315,6 @@ class GroupPosterior:
         block = block.reshape(n_points, self.rows.n_subjects, self.rows.n_coordinates)
         return mean, sd_score, effects.reshape(n_points, -1, q), block.swapaxes(0, 1)
 
-    def _expected(self, mean: FloatArray, effects: FloatArray) -> FloatArray:
+    def _subject_means(self, mean: FloatArray, effects: FloatArray) -> FloatArray:
         """The mean mu of subjects with their covariates, (subjects, points, q)."""
         return mean + np.einsum("nr,prq->npq", self.x, effects)

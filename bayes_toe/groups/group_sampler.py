@@ -78,7 +78,7 @@ class Metric:
         return np.concatenate([shared, self._by_block(of_blocks, self._blocks)], axis=1)
 
     def learn(self, draws: FloatArray) -> None:
-        """Learn from draws, (draws, coordinates); the map of before counts as a few more."""
+        """Learn from draws, (draws, coordinates); the former map counts as a few draws more."""
         n_shared, (n_blocks, size, _) = len(self._shared), self._blocks.shape
         weight = len(draws) / (len(draws) + _GUESS_WEIGHT)
         draws = draws - draws.mean(axis=0)
@@ -110,7 +110,7 @@ def _shrunk_root(draws: FloatArray, root: FloatArray) -> FloatArray:
 
 
 class Hamiltonian:
-    """Chains that go through a density together.
+    """Chains that sample a density together, by Hamiltonian Monte Carlo.
 
     Parameters
     ----------
@@ -169,7 +169,8 @@ class Hamiltonian:
         """Draws during which the step is adapted to an acceptance of 0.9, by dual averaging.
 
         Source: Hoffman and Gelman 2014, section 3.2, with t_0 = 10, kappa = 0.75 and gamma = 0.1.
-        `error` is their H, and `averaged` the mean of the log step.
+        `anchor` is their mu, `error` their H, and `averaged` the mean of the log step, which is the
+        step at the end.
         """
         anchor, error = np.log(2.0 * self.step), 0.0
         averaged = np.log(self.step)
@@ -212,10 +213,10 @@ class Hamiltonian:
             x = x + step * metric.to_position(momentum)
             value, gradient = self._density(x)
             momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
-            gain = _kinetic(momentum) - value - first_energy
-            is_divergent |= ~(gain < _LARGEST)
+            energy_gain = _kinetic(momentum) - value - first_energy
+            is_divergent |= ~(energy_gain < _LARGEST)
 
-        log_acceptance = np.where(is_divergent, -np.inf, value - _kinetic(momentum) + first_energy)
+        log_acceptance = np.where(is_divergent, -np.inf, -energy_gain)
         acceptance = np.exp(np.minimum(log_acceptance, 0.0))
         is_accepted = self._rng.uniform(size=len(x)) < acceptance
         self._x = np.where(is_accepted[:, None], x, self._x)
@@ -246,7 +247,7 @@ class GroupDraws:
     ----------
     mean, sd : ndarray, shape (chains, draws, q)
     effects : ndarray, shape (chains, draws, covariates, q)
-    subjects : ndarray, shape (chains, draws, N, q + own)
+    subjects : ndarray, shape (chains, draws, N, q + unshared)
         Coefficients of the subjects, then the parameters that the group does not share.
     n_divergent : int
         Trajectories that were given up.

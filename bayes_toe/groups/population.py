@@ -198,11 +198,12 @@ class PopulationResult:
     @cached_property
     def identified(self) -> frozenset[str]:
         """The parameters that the pairs of a subject can show; other means rest on the prior."""
+        # An effect is unknown if each unit has a reason why its pairs cannot show it.
         unknown = set(_EFFECTS).intersection(*(identify(unit).reasons for unit in self.study))
         return frozenset(self.names) - unknown
 
     def index(self, name: str) -> int:
-        """The coefficient of a parameter."""
+        """The position of a parameter among the coefficients."""
         return self.names.index(name)
 
     def in_units(
@@ -283,7 +284,7 @@ class PopulationResult:
         return values
 
     @property
-    def own_names(self) -> tuple[str, ...]:
+    def unshared_names(self) -> tuple[str, ...]:
         """The parameters of a subject that the group does not share, such as the lapse rate."""
         names = [parameter.name for parameter in task_parameters(self.study.task)]
         return tuple(name for name in names if name not in self.names)
@@ -342,7 +343,7 @@ class PopulationResult:
             draws = self.draws.subjects[:, :, i]
             values = self.quantities(draws)
             # The parameters that the group does not share follow, in units of their prior.
-            for j, name in enumerate(self.own_names, start=n_coefficients):
+            for j, name in enumerate(self.unshared_names, start=n_coefficients):
                 u = draws[..., j]
                 if name == LAPSE_RATE.name:
                     log_rate, _ = lapse_logs(u, PLAIN_UNITS.lapse_rate_b)
@@ -373,7 +374,7 @@ class PopulationResult:
             coefficients += [f"difference {i + 1} of {name}" for i in range(n_columns)]
         regressors = self.regressors
         names = {"subject": list(self.subjects), "covariate": regressors.labels}
-        parameters = [*coefficients, *self.own_names]
+        parameters = [*coefficients, *self.unshared_names]
         coordinates = {**names, "coefficient": coefficients, "parameter": parameters}
         draws = {name: (dims, getattr(self.draws, name)) for name, dims in _DRAWS.items()}
         groups = {
@@ -521,7 +522,7 @@ def load(path: StrPath) -> Draws | PopulationResult:
 
 
 def _stored_population(tree: xr.DataTree) -> PopulationResult:
-    """The result whose tree this is."""
+    """The result from its :meth:`PopulationResult.tree`."""
     posterior, covariates = tree["posterior"].to_dataset(), tree[COVARIATES].to_dataset()
     require_numbers(posterior, _DRAWS)
     require_numbers(covariates, _COVARIATES)

@@ -61,7 +61,7 @@ def zero_mean(
     centre = residual.mean(axis=-1)
     width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
     at_zero = _log_normal(centre, np.square(width))
-    return _average(at_zero - _log_average_prior(centre, width, numbers, j))
+    return _zero_bayes_factor(at_zero - _log_marginal_density(centre, width, numbers, j))
 
 
 def approximate_zero_mean(
@@ -103,11 +103,11 @@ def approximate_zero_mean(
     squares = np.square(estimates[:, None] - centre[..., None]) / variance
     log_mass = -0.5 * ((squares + np.log(variance)).sum(axis=-1) + np.log(precision))
     at_zero = logsumexp(log_mass + _log_normal(centre, 1.0 / precision), axis=-1)
-    log_prior = _log_average_prior(centre, 1.0 / np.sqrt(precision), numbers, 0)
+    log_prior = _log_marginal_density(centre, 1.0 / np.sqrt(precision), numbers, 0)
     return np.asarray(at_zero - logsumexp(log_mass + log_prior, axis=-1))
 
 
-def _log_average_prior(
+def _log_marginal_density(
     centre: FloatArray, width: FloatArray, numbers: HyperpriorNumbers, j: int
 ) -> FloatArray:
     """Log of the integral of Normal(centre; m, width^2) prior(m) dm over the mean of a coefficient.
@@ -140,7 +140,9 @@ def zero_effect(
     centre = residual @ x[:, i] / squares
     variance = np.square(draws.sd[..., j]) / squares
     prior_variance = np.square(numbers.sd_scale[j])
-    return _average(_log_normal(centre, variance) - _log_normal(centre, variance + prior_variance))
+    return _zero_bayes_factor(
+        _log_normal(centre, variance) - _log_normal(centre, variance + prior_variance)
+    )
 
 
 def zero_difference(
@@ -154,7 +156,7 @@ def zero_difference(
     share = prior_variance / (prior_variance + variance)
     squares = np.square(weights)
     at_zero = _log_normal((share * centre) @ weights, (share * variance) @ squares)
-    return _average(at_zero - _log_normal(np.zeros(1), squares @ prior_variance))
+    return _zero_bayes_factor(at_zero - _log_normal(np.zeros(1), squares @ prior_variance))
 
 
 def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
@@ -162,7 +164,7 @@ def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
     return -0.5 * (np.square(distance) / variance + np.log(2.0 * np.pi * variance))
 
 
-def _average(log_ratios: FloatArray) -> ZeroBayesFactor:
+def _zero_bayes_factor(log_ratios: FloatArray) -> ZeroBayesFactor:
     """The log of the average of ratios given each draw, (chains, draws), and its error."""
     log_mean = float(logsumexp(log_ratios) - np.log(log_ratios.size))
     # Of ratios with the mean 1, the error of the mean is that of its logarithm.
