@@ -33,8 +33,6 @@ _DAMAGED_ALLOWED = "one that MATLAB has saved with '-v7'"
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
 _MOST_MEMORY = 2**32  # bytes
-#: Bytes of one variable, of which the process makes several copies.
-_LARGEST_VARIABLE = 2**29
 #: The program of the reader; its arguments are the parent of the package, and the source.
 _READER = (
     "import sys; sys.path.append(sys.argv[1]); "
@@ -85,15 +83,13 @@ def write_texts(source: str) -> None:
         variables = _variables(source, sys.stdin.buffer.read())
         sizes = [*_sizes(variables)]
         require_size(source, len(sizes), len(sizes) * max(sizes, default=0))
-        json.dump({"variables": _plain(variables)}, sys.stdout)
+        result = {"variables": _plain(variables)}
     except InputError as error:
-        json.dump({"problems": error.problems}, sys.stdout)
+        result = {"problems": error.problems}
     except MemoryError:
-        problem = (
-            f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory, allowed: a "
-            "smaller file"
-        )
-        json.dump({"problems": [problem]}, sys.stdout)
+        problem = f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory, allowed: "
+        result = {"problems": [f"{problem}a smaller file"]}
+    json.dump(result, sys.stdout)
 
 
 def _variables(source: str, data: bytes) -> Record:
@@ -141,7 +137,7 @@ def _hdf5_value(group: Any, name: str) -> Any:
         return {field: _hdf5_value(item, field) for field in item}
     if item.external:
         raise ValueError(f"{name} is in another file")
-    if item.nbytes > _LARGEST_VARIABLE:
+    if item.nbytes > _MOST_MEMORY // 8:  # the process makes several copies of it
         raise MemoryError
     if "MATLAB_empty" in item.attrs:
         return ""

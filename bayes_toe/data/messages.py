@@ -120,8 +120,9 @@ def sum_of_notes(notes: Texts) -> str | None:
     """
     if any(fixed_texts(note) != fixed_texts(notes[0]) for note in notes):
         return None
+    parts_of_notes = [getattr(note, "parts", [note]) for note in notes]
     parts = []
-    for part, *others in zip(*(getattr(note, "parts", [note]) for note in notes), strict=True):
+    for part, *others in zip(*parts_of_notes, strict=True):  # at the same place in each note
         if isinstance(part, tuple):
             n_first, noun = part
             part = (n_first + sum(n for n, _ in others), noun)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -75,6 +75,7 @@ from bayes_toe.data.trial_rows import (
     chosen_rows,
     frequency_column,
     nameless_doubts,
+    rare_answer_doubts,
     taken_out_doubts,
     trial_rows,
     with_row_for_each_trial,
@@ -414,6 +415,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
     table.require(problems, remedies)
+
     table = trial_rows(table, options, roles_read)
     frequency = frequency_column(table, options, roles_read)
     if frequency is not None:
@@ -426,6 +428,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         if role in columns:
             columns["n_second"] = columns[role]  # until the order of the stimuli is known
     columns |= _columns_of_file(table)
+
     if options.subject_from is not None:
         subject = subject_in(path, options.subject_from)
         if subject is None:
@@ -440,6 +443,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         columns["subject"] = bare_names(table, columns["subject"])
     if "condition" in columns:
         columns["subject"] = unit_column(table, columns, options.categorical)
+
     stimuli = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     stimuli, rounding = merge_rounded(stimuli, columns["subject"], options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
@@ -449,8 +453,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 def _require_header(table: TextTable, options: ReadOptions) -> None:
     """Refuse a table without a header, whose names are numbers and not those of the stimuli."""
     numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
-    has_no_stimuli = {*map(options.name, options.stimuli)}.isdisjoint(table.names)
-    if len(numbers_in_head) > 1 and has_no_stimuli:
+    if len(numbers_in_head) > 1 and {*map(options.name, options.stimuli)}.isdisjoint(table.names):
         cells = join_names(map(quoted, table.names))
         raise InputError(
             f"{table.source}: has no header: {table.head} holds {cells}; allowed: the "
@@ -481,7 +484,10 @@ def _known_names(names: Texts, options: ReadOptions) -> set[str]:
 
 
 def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
-    """The study of valid rows, with the counts of each by their names in :class:`Answers`."""
+    """The study of valid rows, with the counts of each by their names in :class:`Answers`.
+
+    `notes` say how the rows were read. Subjects have answers in order if rows have an order.
+    """
     n = counts["n_trials"]
     parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
     answers, missing, doubts = answers_in_order(rows.table, rows.columns, rows.pairs, parts, counts)
@@ -492,7 +498,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         subjects.append(subject if has_order else replace(subject, answers=None))
 
     has_counts = task_counted(rows.columns) is not None
-    if has_counts:
+    if has_counts:  # rows of a pair are merged
         merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
         if any(merged.values()):
             n_merged = (sum(merged.values()), "repeated row")
@@ -502,7 +508,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
 
     doubts += rows.rounding
     if task == THREE_ANSWERS:
-        doubts += _rare_answer_doubts(counts)
+        doubts += rare_answer_doubts(counts)
     if has_counts and len(n) >= 4 and (n == 100).all():
         doubts.append(
             "each row has 100 trials, as in a table of percentages. If there were fewer, write "
@@ -518,6 +524,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     codes = []
     if "response" in rows.columns:
         codes = [*filterfalse(is_no_response, rows.columns["response"].texts)]
+
     source = rows.table.source
     reading = Reading(
         tuple(rows.columns),
@@ -527,18 +534,6 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         tuple(codes),
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
-
-
-def _rare_answer_doubts(counts: Counts) -> Iterator[str]:
-    """A doubt about each of three answers that is as rare as stray words in a study of two."""
-    n_equal, n_trials, n_second = (counts[name].sum() for name in THREE_ANSWERS.counts)
-    numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
-    for answer, n_answers in numbers.items():
-        if n_answers < 0.01 * n_trials:
-            yield (
-                f"only {n_answers} of {n_trials} responses are {answer!r}. If participants had two "
-                "answers, correct or remove these rows"
-            )
 
 
 def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
@@ -559,6 +554,7 @@ def _trial_study(rows: _Rows) -> Study:
     """The study of a table whose rows are trials."""
     table, options, task_column = rows.table, rows.options, rows.columns.get("task")
     answer_role = "correct" if options.correct else "response"
+    # A digit shows a stimulus, also one that cannot be read.
     has_digit = re.compile("[0-9]").search
     has_stimuli = np.any([column.map(has_digit) for column in rows.stimulus_columns], axis=0)
     column, missed_texts = blank_missed(rows.columns[answer_role], options, has_stimuli)
@@ -661,6 +657,7 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         k = np.where(difference > 0.0, k, n - k)
         table.fault(trials, (difference == 0.0) & (n > 0), "0 where stimuli are equal")
     _require_counts(rows, n, task)
+
     answered = [k.sum(), " of ", n.sum(), f" trials answered '{task.yes}'"]
     notes = rows.layout("grouped", answered) + share_notes
     n_empty = (n == 0).sum()

@@ -1,17 +1,20 @@
 """Rows of a table that are trials: those that options choose, without practice and unfilled rows.
 
-What is left out is counted in the notes of the table. `frequency_column` finds the
-column of a table of frequencies, and `with_row_for_each_trial` makes trials of it.
+What is left out is counted in the notes of the table. `frequency_column` finds the column of a
+table of frequencies, and `with_row_for_each_trial` makes trials of it. `nameless_doubts`,
+`taken_out_doubts` and `rare_answer_doubts` are about rows that may be no trials.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import filterfalse
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, IntArray
+from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
     is_no_response,
     is_response_sign,
@@ -28,6 +31,7 @@ from bayes_toe.data.messages import (
     quoted,
 )
 from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.tasks import THREE_ANSWERS
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import (
     CONDITION_SEPARATOR,
@@ -44,6 +48,8 @@ from bayes_toe.errors import InputError, Remedy
 _RUN_BY_CHANCE = 1e-4
 #: How many trials a table of frequencies may have.
 _MOST_TRIALS = 10_000_000
+#: Share of the trials below which one of three answers is doubted.
+_RARE = 0.01
 
 
 def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
@@ -285,6 +291,18 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
             doubt += f"; {remedy.typed} leaves them out"
         doubts.append(doubt)
     return doubts
+
+
+def rare_answer_doubts(counts: Counts) -> Iterator[str]:
+    """A doubt about each of three answers that is as rare as stray words in a study of two."""
+    n_equal, n_trials, n_second = (counts[name].sum() for name in THREE_ANSWERS.counts)
+    numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
+    for answer, n_answers in numbers.items():
+        if n_answers < _RARE * n_trials:
+            yield (
+                f"only {n_answers} of {n_trials} responses are {answer!r}. If participants had two "
+                "answers, correct or remove these rows"
+            )
 
 
 def _subjects(table: TextTable, options: ReadOptions) -> Column:
