@@ -189,7 +189,7 @@ def with_next_questions(
         try:
             options = with_remedies(options, first_choice)
         except InputError:
-            break  # the remedies contradict an option, which they would replace
+            break  # the remedies can only replace an option that is given
 
         try:
             read(options)

@@ -41,8 +41,8 @@ _MOST_GROUPS = 8
 def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column:
     """The column of the unit of each row, such as S01@left, from subjects and conditions.
 
-    Numbers that are written differently are one level. A name with the sign that joins subject and
-    level is a problem of the table. A unit without a subject has no name.
+    Numbers that are written differently are one level, unless the condition is categorical. A name
+    with the sign that joins subject and level is a problem of the table.
     """
     subject, condition = columns["subject"], columns["condition"]
     for column in (subject, condition):
@@ -63,6 +63,7 @@ def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column
     unit_names = []
     for subject_code, level_code in unit_codes.tolist():
         name = subject.texts[subject_code]
+        # A unit without a subject has no name.
         unit_names.append(name and f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}")
     return Column.from_texts(subject.name, unit_names, unit_of_row.ravel())
 
@@ -81,6 +82,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
 
     has_options = options.reference is not None or options.categorical
     if "condition" not in study.reading.read:
+        # The condition is then the task, unless --where chooses one of its levels.
         if options.condition is not None and options.condition not in options.where:
             raise InputError(
                 f"{study.source}: --condition {options.condition}: found the task "
@@ -169,7 +171,7 @@ def _studies_by_group(
             studies[text] = read(options.of_task(named_task, rows))
             continue
 
-        by_task = {}  # the readings of the rows that succeed
+        by_task = {}  # the answers tell the task if only one reading succeeds
         for task in (SAME_DIFFERENT, WHICH_STRONGER):
             with suppress(InputError):
                 study = read(options.of_task(task, rows))
