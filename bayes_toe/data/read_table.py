@@ -62,7 +62,7 @@ LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists, as
 #: '[ {'. A byte-order mark may stand in front.
 _JSON_START = rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)"
-_TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+_TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".xpd")
 #: A formula that no program has computed, such as '<c r="B2"><f>A1+1</f><v></v></c>', and the error
 #: that stands for it.
 _NOT_COMPUTED = (
@@ -518,14 +518,17 @@ def _json_records(
             "trials, each with the same keys"
         )
 
+    # pandas writes a column as a record with a key for each row, from "0".
+    if value and all(isinstance(item, dict) and "0" in item for item in value.values()):
+        value = {name: list(column.values()) for name, column in value.items()}
     fields = {**shared, **value}
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
     nested = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
     nested += [key for key, item in fields.items() if isinstance(item, dict)]
     lengths = set(map(len, lists.values()))
     if len(nested) == 1:  # a participant with trials
-        trials = fields.pop(nested[0])
-        yield from _json_records(source, trials, fields)
+        single_values = {key: item for key, item in fields.items() if not isinstance(item, _NESTED)}
+        yield from _json_records(source, fields[nested[0]], single_values)
     elif len(lists) > 1 and len(lengths) == 1:  # columns
         for cells in zip(*lists.values(), strict=True):
             yield {**fields, **dict(zip(lists, cells, strict=True))}
