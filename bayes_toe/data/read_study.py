@@ -63,15 +63,10 @@ from bayes_toe.data.tasks import (
     task_of,
     tasks_named,
 )
-from bayes_toe.data.text_table import (
-    DELIMITERS,
-    Column,
-    Columns,
-    Frame,
-    TextTable,
-)
+from bayes_toe.data.text_table import DELIMITERS, Column, Columns, Frame, TextTable
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import (
+    ask_for_screens,
     chosen_rows,
     frequency_column,
     nameless_doubts,
@@ -452,9 +447,12 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
     """Refuse a table without a header, whose names are numbers and not those of the stimuli."""
-    numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
+    head = table.names
+    if len(head) == 1:  # cells that could not be told apart, as between spaces
+        head = head[0].split()
+    numbers_in_head = [cell for cell in head if math.isfinite(number(cell, True))]
     if len(numbers_in_head) > 1 and {*map(options.name, options.stimuli)}.isdisjoint(table.names):
-        cells = join_names(map(quoted, table.names))
+        cells = join_names(map(quoted, head))
         raise InputError(
             f"{table.source}: has no header: {table.head} holds {cells}; allowed: the "
             "names of the columns, such as subject, s1, s2, response"
@@ -565,7 +563,9 @@ def _trial_study(rows: _Rows) -> Study:
     answers, missed_signs = without_missed(answers, column, rows.signs, options.missed)
 
     # Rows without an answer, such as instruction screens, may hold anything else.
-    rows.require_pairs(answers.is_answered | answers.is_unscorable)
+    is_asked = answers.is_answered | answers.is_unscorable
+    ask_for_screens(table, is_asked & np.all([*map(empty, rows.stimulus_columns)], axis=0))
+    rows.require_pairs(is_asked)
     table.problems.refuse()
     require_task(table, answers.task, task_column)
     if not answers.is_answered.any():

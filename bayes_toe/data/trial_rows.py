@@ -253,6 +253,22 @@ def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
     return n_zero if probability < _RUN_BY_CHANCE else 0
 
 
+def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
+    """Ask whether rows with a response and without stimuli, such as a start screen, are no trials.
+
+    A column answers if all other rows have one text there, which these rows lack.
+    """
+    if not is_screen.any():
+        return
+    for name, column in table.columns.items():
+        texts = column.only(~is_screen).texts
+        if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
+            rows = plural(int(is_screen.sum()), "row")
+            remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
+            table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
+            return
+
+
 def nameless_doubts(subject: Column) -> Texts:
     """A doubt for each subject with a name such as 'NA', which may say that there is none."""
     doubts = []

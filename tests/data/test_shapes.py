@@ -400,6 +400,10 @@ REFUSED = {
         "a whole number from 0 to 10^12",
     ),
     "no_names.csv": (csv(IN_LOGS, header=False), "no_names.csv: has no header: row 1 holds 'P0"),
+    "no_names.txt": (
+        "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
+        "has no header: row 1 holds 'pair', '0'",
+    ),
     "row_names_of_a_part.csv": (
         IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(","),
         "row 2: found 5 cells below 4 names, allowed: a name for each column",
@@ -450,6 +454,11 @@ REFUSED = {
     "two_sheets.xlsx --sheet C{}": (
         excel(A=IN_LOGS, B=IN_LOGS),
         "found the sheets A, B, allowed: one of them",
+    ),
+    "start_screen.csv": (
+        with_rows(IN_LOGS.assign(screen="pair"), [["P03", "", "", "first", "start"]]),
+        "1 row with a response and without stimuli.",
+        "type:  --where screen=pair",
     ),
     "no_subjects.xlsx --sheet *": (
         excel(A=WITHOUT_SUBJECT, B=WITHOUT_SUBJECT),
