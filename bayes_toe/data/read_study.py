@@ -200,9 +200,10 @@ def read_study(
     except InputError as error:
         raise with_next_questions(error, options, read) from None
     study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
+    # A column that is only called condition may be none.
     is_chosen = options.categorical or options.condition or options.reference
-    is_known_by_name = study.conditions is not None and not is_chosen
-    if is_known_by_name and follows_from_pairs(units_by_subject(study).values()):
+    is_by_name = study.conditions is not None and not is_chosen
+    if is_by_name and follows_from_pairs(units_by_subject(study).values()):
         name = display_name(options.name("condition"))
         study = read_study(path, options.without_condition)
         note = (
@@ -336,7 +337,7 @@ class _Rows:
         return self.columns["subject"]
 
     @property
-    def signs(self) -> list[Column]:
+    def response_signs(self) -> list[Column]:
         """Columns that are not read and may show that nobody responded to a scored trial."""
         if self.options.correct is None:
             return []
@@ -351,7 +352,7 @@ class _Rows:
     @property
     def names_not_read(self) -> Texts:
         """The columns that are not read, without those that the options ignore."""
-        columns = (*self.columns.values(), *self.signs)
+        columns = (*self.columns.values(), *self.response_signs)
         names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
         for ours in self.options.ignore:
             names_to_skip.add(self.options.name(ours))
@@ -560,7 +561,7 @@ def _trial_study(rows: _Rows) -> Study:
         column = rows.order.by_interval(table, column, options)
     difference = np.diff(rows.pairs)[:, 0]
     answers = responses(table, column, task_column, options, difference, rows.order)
-    answers, missed_signs = without_missed(answers, column, rows.signs, options.missed)
+    answers, missed_signs = without_missed(answers, column, rows.response_signs, options.missed)
 
     # Rows without an answer, such as instruction screens, may hold anything else.
     is_asked = answers.is_answered | answers.is_unscorable

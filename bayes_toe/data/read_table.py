@@ -473,7 +473,7 @@ def _parse_json(source: str, text: str) -> object:
             return load(text)
         except json.JSONDecodeError:  # perhaps a trial a line
             return [load(line) for line in re.split("[\r\n]+", text) if line.strip()]
-    except InputError:
+    except InputError:  # it is a ValueError, too
         raise
     except (ValueError, RecursionError) as error:
         raise InputError(

@@ -154,7 +154,7 @@ def value_text(value: object) -> str | NoValue:
     if isinstance(plain, str | int | float | Decimal):
         if plain != plain:  # NaN
             return ""
-        if isinstance(plain, bool) or (isinstance(plain, float) and plain.is_integer()):
+        if isinstance(plain, bool | float) and plain % 1 == 0:
             plain = int(plain)
         text = str(plain)
         if not _NO_TEXT.search(text):
@@ -365,7 +365,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             "names, allowed: a name for each column"
         )
 
-    chosen = {*choice(names), ""}
+    chosen = {*choice(names), ""}  # also the numbers of rows, which have no name
     columns = {}
     for name in [*texts]:
         column = Column.from_texts(name, texts.pop(name))  # a large file fits into memory once
