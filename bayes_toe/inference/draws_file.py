@@ -69,6 +69,7 @@ def subjects_tree(
     acceptance = np.stack([draws.acceptance for draws in subject_draws], axis=-1)
     posterior, log_posterior = _posterior_group(study, subject_draws, settings.sampler.walkers)
 
+    # NetCDF has no Boolean values, and a text of any length is an object.
     types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
     sample_stats = xr.Dataset(coords=posterior.drop_vars("walker").coords)
     for name in statistics[0]:
