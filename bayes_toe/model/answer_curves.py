@@ -284,9 +284,10 @@ class AnswerRows(ABC):
         # Where an answer is impossible its slopes are infinite, and `times_counts` makes 0 of them.
         with np.errstate(over="ignore", invalid="ignore"):
             slope_terms = times_counts(n_yes, yes_slopes) + times_counts(n_no, no_slopes)
+            gradient = slope_terms.sum(axis=-1)
             information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
             information += times_counts(no_weight, no_slopes) @ np.swapaxes(no_slopes, -1, -2)
-        return self.terms(answers).sum(axis=-1), slope_terms.sum(axis=-1), information
+        return self.terms(answers).sum(axis=-1), gradient, information
 
     def expected_trials(self, answers: LogAnswers) -> FloatArray:
         """How often each question is expected, in an array that broadcasts with the answers.
