@@ -455,8 +455,8 @@ def _table_of_records(
 def _parse_json(source: str, text: str) -> object:
     """The content of a file; numbers keep their text."""
 
-    def record_of(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-        """The record of keys and values, each key once."""
+    def record_of(pairs: Sequence[tuple[str, object]]) -> object:
+        """The record of keys and values, each key once; a list where keys count rows from 0."""
         record = {}
         for key, value in pairs:
             name = key.strip()
@@ -465,7 +465,9 @@ def _parse_json(source: str, text: str) -> object:
                     f"{source}: found the key {quoted(name)} twice in a record, allowed: once"
                 )
             record[name] = value
-        return record
+        # pandas writes a column in this way.
+        is_list = [*record] == [*map(str, range(len(record)))]
+        return list(record.values()) if record and is_list else record
 
     load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=record_of)
     try:
@@ -518,13 +520,9 @@ def _json_records(
             "trials, each with the same keys"
         )
 
-    # pandas writes a column as a record with a key for each row, from "0".
-    if value and all(isinstance(item, dict) and "0" in item for item in value.values()):
-        value = {name: list(column.values()) for name, column in value.items()}
     fields = {**shared, **value}
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
-    nested = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
-    nested += [key for key, item in fields.items() if isinstance(item, dict)]
+    nested = [key for key, item in fields.items() if _has_records(item)]
     lengths = set(map(len, lists.values()))
     if len(nested) == 1:  # a participant with trials
         single_values = {key: item for key, item in fields.items() if not isinstance(item, _NESTED)}
@@ -534,6 +532,12 @@ def _json_records(
             yield {**fields, **dict(zip(lists, cells, strict=True))}
     else:  # a trial
         yield fields
+
+
+def _has_records(value: object) -> bool:
+    """Whether a value is a record, or a list of some."""
+    first = value[0] if isinstance(value, list) and value else value
+    return isinstance(first, dict)
 
 
 # --- MATLAB, Parquet -----------------------------------------------------------------------------
