@@ -203,8 +203,9 @@ def print_answer(
 
 def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | None) -> list[str]:
     """The sentences of the answer of a study: counts and directions for each question."""
-    has_conditions = study.conditions is not None
-    return study_lines(answers, group, synthetic=study.synthetic, units=has_conditions)
+    return study_lines(
+        answers, group, synthetic=study.synthetic, units=study.conditions is not None
+    )
 
 
 def without_decision(answers: OrderEffects, problems: Collection[str]) -> list[str]:
