@@ -383,7 +383,7 @@ class _Rows:
         parts = [f"{form} rows", table.form]
         if table.delimiter:
             parts.insert(1, f"{DELIMITERS[table.delimiter]}-separated")
-        if table.decimal_comma and any("," in text for text in texts):
+        if options.decimal != "." and any("," in text for text in texts):
             parts.append("decimal comma")
         notes: list[str] = [Note(", ".join([*parts, ""]), *answers), *table.notes]
         for name, text in options.where.items():

@@ -239,8 +239,8 @@ class TextTable:
 
     @property
     def decimal_comma(self) -> bool:
-        """Whether cells are texts, in which the comma may be a decimal sign."""
-        return self.delimiter != "" or self.form == EXCEL
+        """Whether the delimiter leaves the comma free to be a decimal sign."""
+        return self.delimiter not in ("", ",") or self.form == EXCEL
 
     @property
     def grouping_sign(self) -> str:

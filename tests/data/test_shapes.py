@@ -296,7 +296,12 @@ READ = {
     "percent_and_n.csv": labelled(IN_PERCENT, n_second="% second", n_trials="N"),
     "grams.csv --intensity 1000 --columns i1=w1,i2=w2": IN_GRAMS,
     "grams_by_unit.csv --unit g": labelled(IN_GRAMS, w1="i1", w2="i2"),
-    "decibel.csv --unit dB --columns s1=s1_dB,s2=s2_dB": DECIBEL,
+    "decibel.csv": DECIBEL,
+    "decibel_by_option.csv --unit dB --columns s1=s1_dB,s2=s2_dB": DECIBEL,
+    "decibel_by_columns.csv --columns s1=s1_dB,s2=s2_dB": DECIBEL,
+    "grams_by_name.csv": labelled(IN_GRAMS, w1="weight1_g", w2="weight2_g").assign(
+        rt1_ms=1, rt2_ms=2
+    ),
     "units_in_cells.csv --unit g --columns i1=w1,i2=w2": IN_GRAMS.assign(
         w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format)
     ),
@@ -377,6 +382,9 @@ NOTES = """
     separators.jsonl | trial rows, JSON, UTF-8, resp
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
+    decibel.csv | column s1_dB read as s1, dB
+    grams_by_name.csv | column weight2_g read as i2, amplitude in g
+    decimal_commas.csv | trial rows, comma-separated, UTF-8, decimal comma, resp
     a_sheet_a_session.xlsx | 1 subject in several files
     german.xlsx | sheet Daten read, not Info
     title.xlsx | rows above row 2 left out
@@ -472,19 +480,6 @@ REFUSED = {
     "error.xlsx": (
         excel(T=IN_LOGS.assign(s1="#DIV/0!")),
         "row 2, column s1: found #DIV/0!, allowed: a value that Excel",
-    ),
-    "decibel_by_name.csv": (DECIBEL, "--columns s1=s1_dB,s2=s2_dB", "--unit dB"),
-    "decibel.csv --columns s1=s1_dB,s2=s2_dB": (
-        DECIBEL,
-        "column s1_dB seems to be in dB",
-        "--unit dB ",
-        "--unit dB-power",
-    ),
-    "semitones.csv": (
-        "subject,semitone1,semitone2,response\na,63,61,first\na,61,63,second\n",
-        "column semitone1 seems to be in semitones",
-        "--unit semitones",
-        "if they are semitones",
     ),
     "percent_in_cells.csv": (
         "subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
