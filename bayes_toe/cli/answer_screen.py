@@ -171,7 +171,8 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
         return [("!", first.message, first.option)]
     marked = []
     for flag, problem in answer.problems.items():
-        message, mark = problem.message, "-"
+        message = problem.message
+        mark = "-"
         if flag == MISFIT_FLAG and answer.worst_pairs:
             message += f" {describe_pair(answer.worst_pairs[0], answer.unit)}"
         if flag.startswith(PRIOR_FLAG):
