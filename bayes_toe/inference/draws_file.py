@@ -77,7 +77,7 @@ def subjects_tree(
         sample_stats[name] = ("subject", np.array(column, types.get(name)))
     sample_stats["acceptance_rate"] = (("chain", "subject"), acceptance)
     target = model_posterior(settings.model, study.subjects[0], settings.prior)
-    density_of = ", ".join(target.coordinates[:6])
+    density_of = ", ".join(target.coordinates)
     density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
     sample_stats["lp"] = (BY_SUBJECT, log_posterior, {"description": density})
 
