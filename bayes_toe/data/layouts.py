@@ -150,7 +150,7 @@ def _require_certain(
     if None in is_first.values() and len(is_first) <= 2:
         counts = join_names(column.counts(is_first))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
-        _ask_order(table, column, problem, [*is_first])
+        _ask_order(table, column, problem, sorted(is_first))  # 'AB' before 'BA'
 
     # Texts such as '1' or 'first' say the interval, but not of which stimulus.
     intervals = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]

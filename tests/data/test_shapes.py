@@ -66,6 +66,9 @@ BY_COMPARISON = pd.DataFrame(
         "n_trials": COUNTS.n_trials,
     }
 )
+BY_LETTER = BY_COMPARISON.set_axis(
+    ["subject", "toneA", "toneB", "order", "n_comparison", "n_trials"], axis=1
+).replace({"SC": "AB", "CS": "BA"})
 IN_PERCENT = PROPORTIONS.assign(n_second=PROPORTIONS.n_second.map("{:.1%}".format))
 
 THREE = IN_LOGS.assign(response=TRIALS.response.where(TRIALS.s1 != TRIALS.s2, "same"))
@@ -291,6 +294,8 @@ READ = {
     "counts_of_the_comparison.csv --standard-interval order": labelled(
         BY_COMPARISON, n_chosen="n_comparison"
     ),
+    "a_and_b.csv --standard-interval order --columns standard=toneA,comparison=toneB "
+    "--standard-first-code AB": BY_LETTER,
     "right_answers.csv --columns n_correct=hits": RIGHT_COUNTS.drop(columns="n_second"),
     "counts_by_a_name.csv --standard-interval order --columns n_comparison=n_chosen": BY_COMPARISON,
     "percent_and_n.csv": labelled(IN_PERCENT, n_second="% second", n_trials="N"),
@@ -446,6 +451,13 @@ REFUSED = {
     "two_keys.csv": (
         "subject,s1,s2,k.keys,k_2.keys\na,,,space,\na,0,0.3,,j\na,0.3,0,,f\n",
         "type:  --columns response=k_2.keys --second-code j",
+    ),
+    "a_and_b.csv --columns s1=toneA,s2=toneB": (
+        BY_LETTER,
+        "columns toneA and toneB do not say which stimulus came first",
+        "--standard-interval order --columns standard=toneA,comparison=toneB --standard-first-code "
+        "AB\n",
+        "--standard-first  ",
     ),
     "german_names.csv": (csv(GERMAN, sep=";"), GERMAN_PAIR),
     "two_sheets.xlsx": (
