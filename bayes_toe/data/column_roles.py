@@ -320,12 +320,11 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     """
     if options.unit is not None or options.intensity is not None:
         return options
-    stimuli = tuple(map(options.name, options.stimuli))
+    stimuli: Texts = tuple(map(options.name, options.stimuli))
     if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
         other_words = VOCABULARY["words"]["about"]  # a pair of times is not the stimuli
-        stimuli = _numbered_pair(
-            [name for name in names if named_places(name)[2].isdisjoint(other_words)]
-        )
+        candidates = [name for name in names if named_places(name)[2].isdisjoint(other_words)]
+        stimuli = _stimulus_pair(candidates, _NUMBERS)
 
     units = {*map(unit_in, stimuli)}
     if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
