@@ -189,11 +189,12 @@ def read_study(
     )
     paths = list(path) if isinstance(path, list | tuple) else [path]
     paths, folder_notes = table_files(paths)
-    paths, options = with_sheets(paths, options, partial(_known_names, options=options))
 
     def read(with_options: ReadOptions) -> Study:
-        studies = read_files(paths, partial(_read, options=with_options))
-        return study_of_tasks(studies, with_options)
+        choice = partial(_known_names, options=with_options)
+        sheets, sheet_options = with_sheets(paths, with_options, choice)
+        studies = read_files(sheets, partial(_read, options=sheet_options))
+        return study_of_tasks(studies, sheet_options)
 
     try:
         study = read(options)

@@ -463,8 +463,8 @@ REFUSED = {
     "two_sheets.xlsx": (
         excel(A=IN_LOGS, B=IN_LOGS),
         "the sheets A and B have tables",
-        "--sheet '{}'  if each sheet is a subject",
-        "--sheet '*'   if the sheets have a column of subjects",
+        "--sheet '{}'",
+        "if the sheets have a column of subjects",
         "--sheet A",
     ),
     "two_sheets.xlsx --sheet C": (
