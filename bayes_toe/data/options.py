@@ -335,8 +335,8 @@ class ReadOptions:
         """The unit of the stimuli in words; empty for natural logs that no option names."""
         unit = "" if self.unit is None else display_name(self.unit)
         if self.intensity is not None:
-            return f"amplitude in units of {float(self.intensity)!r} {unit}".rstrip()
-        return f"amplitude in {unit}" if self.has_intensities else unit
+            return f"intensity in units of {float(self.intensity)!r} {unit}".rstrip()
+        return f"intensity in {unit}" if self.has_intensities else unit
 
     @property
     def has_intensities(self) -> bool:

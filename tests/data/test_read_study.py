@@ -132,8 +132,8 @@ def test_files_are_read(text, options, expected):
             "--intensity 0.087 --equal-code f --columns i1=first",
             """
             trial rows, comma-separated, UTF-8, responses 'f' as equal (1) / 'different' (0)
-            column first read as i1, amplitude in units of 0.087
-            column i2 read as amplitude in units of 0.087
+            column first read as i1, intensity in units of 0.087
+            column i2 read as intensity in units of 0.087
             """,
         ),
         (

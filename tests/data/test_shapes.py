@@ -388,7 +388,7 @@ NOTES = """
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
     decibel.csv | column s1_dB read as s1, dB
-    grams_by_name.csv | column weight2_g read as i2, amplitude in g
+    grams_by_name.csv | column weight2_g read as i2, intensity in g
     decimal_commas.csv | trial rows, comma-separated, UTF-8, decimal comma, resp
     a_sheet_a_session.xlsx | 1 subject in several files
     german.xlsx | sheet Daten read, not Info
