@@ -48,7 +48,7 @@ class ReadOptions:
     Parameters
     ----------
     intensity : float, optional
-        REF: columns i1, i2 hold raw amplitudes i and are read as s = ln(i / REF). Positive, in the
+        REF: columns i1, i2 hold raw intensities i and are read as s = ln(i / REF). Positive, in the
         unit of the columns.
     unit : str, optional
         Of the stimuli: "ln" (natural logs, the default), "log10", "dB" (20 per factor of ten of

@@ -154,7 +154,7 @@ def read_study(
         list make one study: the answers of a subject who is in more than one of them are put
         together, file by file a block. A folder stands for the tables in it.
     options : ReadOptions, optional
-        For raw amplitudes, other answer codes or other column names.
+        For raw intensities, other answer codes or other column names.
 
     Returns
     -------
