@@ -165,9 +165,13 @@ function choose(select, value) {
   if (select.selectedIndex < 0) select.value = "";
 }
 
+// The unit that is chosen, or else that in the names of the columns.
+const unitOf = (options) => options.unit ?? ("intensity" in options ? null : job.reading.table?.unit);
+
 function stimuliKind(options) {
   if (kinds.stimuli) return kinds.stimuli;
-  const isRaw = "intensity" in options || (options.unit && !LOG_UNITS.includes(options.unit));
+  const unit = unitOf(options);
+  const isRaw = "intensity" in options || (unit && !LOG_UNITS.includes(unit));
   if (orderOf(options)) return isRaw ? "standard_intensity" : "standard";
   return isRaw ? "intensity" : "log";
 }
@@ -233,9 +237,9 @@ function showForm() {
   }
   const isRaw = hasIntensities(stimuli);
   for (const label of ["#reference-label", "#unit-label"]) $(label).hidden = !isRaw;
-  if (document.activeElement !== $("#unit")) $("#unit").value = isRaw ? options.unit ?? "" : "";
+  if (document.activeElement !== $("#unit")) $("#unit").value = isRaw ? unitOf(options) ?? "" : "";
   $("#scale-label").hidden = isRaw;
-  choose($("#scale"), options.unit);
+  choose($("#scale"), unitOf(options));
   if (document.activeElement !== $("#intensity")) $("#intensity").value = options.intensity ?? "1";
   $("#order-label").hidden = !hasStandard(stimuli);
   fillOrder(options);
@@ -301,7 +305,7 @@ function optionsWithoutField(stimuli, responses) {
 }
 
 function collect() {
-  const { automatic } = job.reading.table;
+  const { automatic, unit: unitInNames } = job.reading.table;
   const stimuli = $("#stimuli-kind").value;
   const responses = $("#responses-kind").value;
   const options = optionsWithoutField(stimuli, responses);
@@ -317,9 +321,11 @@ function collect() {
   name(STIMULI[stimuli][0], $("#first").value);
   name(STIMULI[stimuli][1], $("#second").value);
   const isRaw = hasIntensities(stimuli);
-  const unit = isRaw ? $("#unit").value.trim() : $("#scale").value;
-  if (unit) options.unit = unit;
+  // Without 'ln' the unit in the names would be read again.
+  const scale = $("#scale").value || (unitInNames ? "ln" : "");
+  const unit = isRaw ? $("#unit").value.trim() : scale;
   const reference = $("#intensity").value.replace(",", ".") || "1";
+  if (unit && (unit !== unitInNames || reference !== "1")) options.unit = unit;
   if (isRaw && (!unit || reference !== "1")) options.intensity = reference;
   const order = hasStandard(stimuli) ? $("#standard-order").value : "";
   if (order === "*always") options.standard_first = true;

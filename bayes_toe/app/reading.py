@@ -101,14 +101,17 @@ def describe_table(table: TextTable) -> Record:
     }
 
 
-def describe_roles(table: TextTable, options: bt.ReadOptions) -> dict[str, dict[str, str]]:
+def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     """The column of each role, such as {'s1': 'first'}.
 
-    `roles` has those of the options, and `automatic` those if the page names no columns.
+    `roles` has those of the options, and `automatic` those if the page names no columns. `unit` is
+    that in the names of the stimuli.
     """
+    without_unit = replace(options, unit=None, intensity=None)
     return {
         "roles": _roles(table.names, options),
         "automatic": _roles(table.names, replace(options, columns={})),
+        "unit": with_likely_columns(table.names, without_unit).unit,
     }
 
 

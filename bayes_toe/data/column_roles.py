@@ -329,8 +329,9 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     units = {*map(unit_in, stimuli)}
     if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
         return options
-    columns = {**options.columns, **dict(zip(options.stimuli, stimuli, strict=True))}
-    return _with_intensities(names, replace(options, unit=units.pop(), columns=columns))
+    options = replace(options, unit=units.pop())
+    name_of_stimulus = dict(zip(options.stimuli, stimuli, strict=True))
+    return replace(options, columns={**options.columns, **name_of_stimulus})
 
 
 def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:

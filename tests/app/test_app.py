@@ -663,6 +663,7 @@ FILES = {
         rows("subject,s1,s2,Antwort,Gerät", "1,{a},{b},{answer},ä", pairs=LEVELS_DB)
     ],
     "intensities": [rows("vp,A (g),B (g),key", "1,{a},{b},{answer}", words="fj")],
+    "unit in the names": [rows("subject,w1_g,w2_g,response", "1,{a},{b},{answer}")],
     "standard in a unit": [
         rows(
             "subject,rate,standard,comparison,came,response",
@@ -698,6 +699,10 @@ intensities
     [data-role=response] = key
     [data-text=j] = second
 --columns 'i1=A (g),i2=B (g),response=key' --intensity 1 --second-code j
+
+unit in the names
+    #stimuli-kind = log
+--columns s1=w1_g,s2=w2_g --unit ln
 
 standard in a unit
     #stimuli-kind = standard_intensity
