@@ -108,7 +108,7 @@ class Job:
         return [*words, *option_words(record["options"])]
 
     def state(self) -> Record:
-        """All that the page shows of the study."""
+        """All that the page shows of the study; `done` counts the results so far."""
         log = self.folder / _LOG
         return {
             "id": self.name,

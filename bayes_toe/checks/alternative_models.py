@@ -95,7 +95,8 @@ def _is_doubtful(subject: Subject) -> bool:
 
 def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
     """Log mean evidence of the four models by their prior probabilities; NaN where it fails."""
-    # Alarms have limits of some nats, so that a standard error of 0.2 nat is small enough.
+    # Alarms have limits of some nats, so that a standard error of 0.2 nat is small enough. At 1000
+    # draws it may be larger: a check of all subjects must not take long.
     quick = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
     log_evidence = np.full(len(subjects), np.nan)
     # A fixed seed gives the same study the same alarms.

@@ -105,7 +105,7 @@ class PenalisedLikelihood:
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)
         gammas = (0.01, 0.1, 0.3, 0.9)
         shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
-        if self.subject.task.lapses == "q0":
+        if self.subject.task.lapses == "q0":  # P(equal) without a difference, near 1
             shares = 1.0 - shares
         points = np.array([*product(mu1, log_widths, gammas, shares)])
         return points.reshape(len(mu1), -1, 4)

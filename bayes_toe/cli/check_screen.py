@@ -139,7 +139,7 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
 def _obstacle(study: Study, findings: Findings) -> str:
     """A sentence on why nothing can be analysed yet; '' if something can."""
     codes = [finding.code for finding in findings]
-    if "other_task" in codes:
+    if "other_task" in codes:  # a finding of all subjects, whose task was read as 2AFC
         question = "All subjects need a decision: was the task 'same or different?'"
         words = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
         if words:
@@ -163,7 +163,7 @@ def _limits_of_design(study: Study, findings: Findings) -> list[str]:
     lines = [f"The design can show {join_words(effects)}."] if effects else []
     limits = [item for item in findings if item.code == "not_identified"]
     for subjects, message, _ in merge_notes((item.subject, item.message, "") for item in limits):
-        if subjects:
+        if subjects:  # none are named if the limit holds for the whole study
             message = f"{message.rstrip('.')} ({len(subjects)} of {all_subjects})."
         lines.append(message)
     return lines

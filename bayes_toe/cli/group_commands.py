@@ -162,6 +162,7 @@ def history(
     table = context.work("serial dependence", len(study), bt.serial_dependence, study, prior=prior)
     written = context.write(
         {
+            # With conditions a row is a unit, such as S01@left.
             output: partial(table.save, units=study.conditions is not None),
             figure_file: partial(bt.plots.save_figure, bt.plots.serial(table)),
         },
@@ -171,3 +172,4 @@ def history(
     print_history(context.out, table, output.name)
     context.print_uninterpretable(study)
     context.out.answer([*history_lines(table), written])
+    context.end(not all(row.has_result for row in table))

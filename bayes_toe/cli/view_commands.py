@@ -76,9 +76,10 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
 
     if path is None:
         return {}
+    # All subjects of a file have the same quantities.
     quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
     optional = list(dict.fromkeys(quantities))
-    names, columns = read_numbers(path, (), "subject", optional=optional, gaps=True)
+    names, columns = read_numbers(path, (), key="subject", optional=optional, gaps=True)
     truth: dict[str, dict[str, float]] = {name: {} for name in names}
     for key, column in columns.items():
         for name, value in zip(names, column.tolist(), strict=True):

@@ -208,8 +208,9 @@ def read_study(
         name = display_name(options.name("condition"))
         study = read_study(path, options.without_condition)
         note = (
-            f"column {name}: found no pair at two of its levels, as where it names pairs or their "
-            f"order, so that it is no condition: not used; --condition {name} takes it all the same"
+            f"column {name}: found no pair with one answer at two of its levels, as where it names "
+            f"pairs, their order or the outcome, so that it is no condition: not used; --condition "
+            f"{name} takes it all the same"
         )
         return replace(study, notes=(*study.notes, note))
     require_direction(study, options, read)
@@ -423,7 +424,8 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         columns["n_trials"] = table.columns[frequency.name]
     for role in ("n_comparison", "n_correct"):
         if role in columns:
-            columns["n_second"] = columns[role]  # until the order of the stimuli is known
+            # `_count_study` makes counts of 'second' of them.
+            columns["n_second"] = columns[role]
     columns |= _columns_of_file(table)
 
     if options.subject_from is not None:

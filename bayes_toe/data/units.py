@@ -295,8 +295,9 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
             outcomes += [(pair, "yes") for pair in compress(unit.pairs, unit.n_yes)]
             outcomes += [(pair, "no") for pair in compress(unit.pairs, n_no)]
         n_distinct = len(set(outcomes))
-        if n_distinct < len(outcomes):
+        if n_distinct < len(outcomes):  # two levels have the same answer to a pair
             return False
+        # Trials that could have given an answer again, at another level.
         n_repeated += sum(unit.total_trials for unit in units) - n_distinct
     return n_repeated >= _REPEATED
 

@@ -384,7 +384,7 @@ def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
     text = describe_fit(fit_p, n_subjects)
     if fit_p is None:
         return "untold", f"fit: {text}"
-    if fit_p < flag_limit(n_subjects):
+    if fit_p < flag_limit(n_subjects):  # the page writes 'the model does not fit:' before it
         return "misfit", text.removeprefix("poor, ")
     return "fine", f"fit: {text}"
 

@@ -494,7 +494,7 @@ def subject_rows(study: Study) -> SubjectRows:
 
 
 def _numbers(hyperprior: Hyperprior, study: Study) -> HyperpriorNumbers:
-    """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
+    """The hyperprior of all coefficients; roved first stimuli narrow that of the contraction."""
     parameters = group_parameters(study.task)
     rows = {parameter.name: getattr(hyperprior, parameter.name) for parameter in parameters}
     rows[CONTRACTION.name] = hyperprior.contraction.narrowed(study_scales(study).roving_share)

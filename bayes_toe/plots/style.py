@@ -224,10 +224,10 @@ class Scale(NamedTuple):
 def stimulus_scale(
     stimulus: str, unit: StimulusUnit, mean: float, limits: Sequence[float]
 ) -> Scale:
-    """An axis of stimuli in their unit, or in per cent of their mean if none is known."""
+    """An axis of stimuli in their unit; without one in per cent of their mean, or as logs."""
     if unit.of_stimuli:
         return Scale(f"{stimulus}, {unit.of_stimuli}", unit)
-    # The unit of differences is another one if per cents would be too large.
+    # Logs stand in place of per cents that would be too large.
     if unit.for_percent(percent(np.asarray(limits) - mean)) != unit:
         return Scale(f"{stimulus}, ln")
     return Scale(f"{stimulus}, % of the mean", unit.or_percent_of(mean))

@@ -116,7 +116,7 @@ def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(levels, n_l
     text = "\n".join([header, *rows * 4])
     study = read(text)
     assert (study.names, study.conditions) == (("a",), None)
-    assert "found no pair at two of its levels" in study.notes[-1]
+    assert "found no pair with one answer at two of its levels" in study.notes[-1]
     assert len(read(text, "--condition condition")) == n_levels
     with_a_shared_pair = f"{text}\na,0,0.3,equal,other"
     assert read(with_a_shared_pair).conditions is not None
