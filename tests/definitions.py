@@ -22,11 +22,6 @@ def normal(value, mean, sd):
     return -(((value - mpf(mean)) / mpf(sd)) ** 2) / 2 - log(mpf(sd) * sqrt(2 * mpmath.pi))
 
 
-def width_power(target):
-    """Of G, in the width sigma_p G^power."""
-    return mpf(1.5) if target.subject.task == SAME_DIFFERENT else mpf(1)
-
-
 def answers(task, z, share):
     """P of the answer that the task counts, and of the other one."""
     if task == SAME_DIFFERENT:
@@ -38,11 +33,6 @@ def answers(task, z, share):
 def log_power(p, n):
     """Log of p^n, where 0^0 is 1."""
     return n * log(p) if n else 0
-
-
-def log_counts(yes, no, k, n):
-    """Log probability of counts, without binomial coefficient."""
-    return log_power(yes, k) + log_power(no, n - k)
 
 
 def beta(x, a, b):
@@ -61,7 +51,8 @@ def terms(target, x):
     s, prior = target.subject, target.prior
     score, spread, gamma_probit, share_probit = x
     mu1 = mpf(prior.mu1_mean) + mpf(prior.mu1_sd) * score
-    gamma, power = mpmath.ncdf(gamma_probit), width_power(target)
+    gamma = mpmath.ncdf(gamma_probit)
+    power = mpf(1.5) if s.task == SAME_DIFFERENT else mpf(1)  # the width is sigma_p G^power
     ratio = (1 + sqrt(1 + 4 * gamma)) / 2
     p = gamma / ratio**2
     if prior.width_median is None:
@@ -74,7 +65,8 @@ def terms(target, x):
         first, second = mpf(float(s1)), mpf(float(s2))
         z = ((second - first) + p * (first - mu1)) / width
         share = mpmath.ncdf(share_probit)
-        result.append(log_counts(*answers(s.task, z, share), int(k), int(n)))
+        yes, no = answers(s.task, z, share)
+        result.append(log_power(yes, int(k)) + log_power(no, int(n - k)))
     result += [normal(score, 0, 1), normal(spread, 0, 1)]
     result.append(probit_of_beta(gamma_probit, mpf(prior.gamma_a), mpf(prior.gamma_b)))
     a, b = (mpf(getattr(prior, f"{s.task.lapses}_{end}")) for end in "ab")
@@ -90,19 +82,29 @@ def gradient(target, x):
     return value, slopes[:, target.is_free]
 
 
+def slopes(function, x, step):
+    """The derivative by each coordinate, from central differences."""
+    derivatives = []
+    for i in range(len(x)):
+        ahead, behind = list(map(mpf, x)), list(map(mpf, x))
+        ahead[i] += step
+        behind[i] -= step
+        derivatives.append((function(ahead) - function(behind)) / (2 * step))
+    return derivatives
+
+
 def assert_agrees(target, x, digits=120):
     """Value and gradient within so much of the sum of their terms' sizes, as rounding is."""
-    value, slopes_at_x = gradient(target, [x])
+
+    def term_array(point):
+        return np.array(terms(target, point))
+
+    value, gradient_at_x = gradient(target, [x])
     with mpmath.workdps(digits):
-        point, step = [mpf(float(v)) for v in x], mpf(10) ** (25 - digits // 2)
-        assert_sum_of_terms(value[0], terms(target, point), 1e-12)
-        for i, slope in enumerate(slopes_at_x[0]):
-            ahead, backward = list(point), list(point)
-            ahead[i] += step
-            backward[i] -= step
-            ends = zip(terms(target, ahead), terms(target, backward), strict=True)
-            slopes = [(high - low) / (2 * step) for high, low in ends]
-            assert_sum_of_terms(slope, slopes, 1e-11)
+        assert_sum_of_terms(value[0], terms(target, list(map(mpf, x))), 1e-12)
+        expected = slopes(term_array, x, step=mpf(10) ** (25 - digits // 2))
+        for slope, slopes_of_terms in zip(gradient_at_x[0], expected, strict=True):
+            assert_sum_of_terms(slope, slopes_of_terms, 1e-11)
 
 
 def assert_sum_of_terms(value, summands, tolerance):

@@ -76,7 +76,6 @@ def n_computed(monkeypatch, study, **options):
     def counted(jobs, workers):
         counts.append(sum(len(job.args[-1]) for job in jobs))
         raise KeyboardInterrupt
-        yield
 
     with monkeypatch.context() as patch:
         patch.setattr(result_store, "run_jobs", counted)

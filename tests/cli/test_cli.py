@@ -53,7 +53,6 @@ def test_run_writes_everything(out, printed):
     summary = pd.read_csv(out / "summary.csv")
     parameters = "mu1 sigma_p sigma_l q0 gamma sigma1 gain width pse_shift jnd"
     assert summary.parameter.unique().tolist() == parameters.split()
-    assert (summary.r_hat < 1.01).all()
     assert list(pd.read_csv(out / "evidence.csv").subject) == ["A", "B"]
     start = "study.csv: 2 subjects, 1,300 trials, same-different task, 13 pairs\n"
     assert printed.startswith(start)

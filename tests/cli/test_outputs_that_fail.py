@@ -116,7 +116,8 @@ def test_python_without_docstrings_is_refused_in_one_line():
 
 
 LONG = "y" * 250
-#: A name that leaves no room for its partial folder, folders, and names that are no file.
+#: A name that leaves no room for its partial folder, folders, names that are no file, and a name
+#: that is given twice.
 REFUSED_NAMES = f"""
     sample study.csv -o {LONG} | File name too long
     run study.csv -o {LONG} | File name too long
@@ -130,6 +131,7 @@ REFUSED_NAMES = f"""
     fit --example --asymmetry - | allowed: the name of a file
     fit --example --asymmetry new/ | allowed: the name of a file
     simulate -o a.csv --truth new/ | allowed: the name of a file
+    simulate -o a.csv --truth a.csv | error: a.csv: named for two outputs. Use two names.
 """
 
 

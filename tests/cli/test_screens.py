@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, inside, refused
+from commands import good, inside
 from conftest import WORD_BY_LETTER, leave_pictures_blank, made_subject, order_answer
 from populations import independent_draws, two_conditions
 
@@ -282,12 +282,6 @@ def test_where_nothing_can_be_analysed_no_command_is_proposed(answer_of_check):
     assert answer_of_check("A,0,0.3,1,1").endswith(sentence)
     sentence = "because no pair has two different stimuli."
     assert answer_of_check("A,0,0,4,40").endswith(sentence)
-
-
-def test_one_file_is_not_two_outputs(tmp_path):
-    line = "simulate -o a.csv --truth a.csv --subjects 1 --batches 1 --seed 1"
-    message = "error: a.csv: named for two outputs. Use two names.\n"
-    assert refused(line, cwd=tmp_path) == message
 
 
 def test_comparisons_have_a_column_of_their_own(table, capsys):

@@ -317,6 +317,12 @@ def test_three_reversed_subjects_beside_ten_of_a_hard_task_are_no_reversed_study
     assert direction(bt.Study(subjects)) == 0
 
 
+def test_a_file_of_one_reversed_subject_is_read_beside_that_of_another():
+    """By itself it would be refused as a reversed study."""
+    files = [bt.Study(subjects_with(1, slope)).frame() for slope in (6.0, -6.0)]
+    assert bt.read_study(files).names == ("6.0 0", "-6.0 0")
+
+
 @pytest.mark.parametrize("n_subjects", [1, 12, 40])
 def test_subjects_who_guess_are_no_reversed_study(n_subjects):
     """One study in three million would be by chance."""

@@ -166,11 +166,6 @@ def test_whole_numbers_keep_their_digits_and_truth_values_their_type():
     assert study["1008"].n_yes.tolist() == [1, 0]
 
 
-def test_a_study_gives_the_frame_that_it_is_read_from():
-    study = bt.simulate(2, batches=3, seed=1).study
-    assert study.frame().equals(bt.read_study(study.frame()).frame())
-
-
 def test_covariates_are_read_from_a_frame_without_those_that_are_missing():
     people = pd.DataFrame({"subject": ["01", "NA"], "age": [20.5, None], "group": ["x", "y"]})
     assert bt.read_covariates(people) == {

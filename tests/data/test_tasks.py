@@ -3,14 +3,11 @@
 What is read, refused, doubted.
 """
 
-from itertools import product
-
 import numpy as np
 import pandas as pd
 import pytest
 from commands import refused
 from conftest import counts, made_subject, read, text_table, typed_options
-from scipy.special import ndtr
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import check_answers
@@ -18,7 +15,6 @@ from bayes_toe.data.tasks import WHICH_STRONGER
 
 TRIALS, COUNTS = "subject,s1,s2,response", "subject,s1,s2,n_second,n_trials"
 RIGHT, TASK = "subject,s1,s2,acc", "subject,s1,s2,response,task"
-GRID = list(product((-0.4, -0.2, 0.0, 0.2, 0.4), repeat=2))
 #: What tests/data/test_shapes.py has not: header and rows, options, and the counts that are read.
 READ = f"""
     {TRIALS} a,0,1,second a,0,1,S1 a,1,0,2nd a,1,0,FIRST a,1,0, |  | 0 1 1 2, 1 0 1 2
@@ -135,33 +131,6 @@ def test_several_files_are_of_one_task():
     message = r"asked which is stronger, and .* same/different; allowed: files of one task"
     with pytest.raises(bt.InputError, match=message):
         bt.read_study([first, first.assign(response="second")])
-
-
-# --- Doubts ---------------------------------------------------------------------------------------
-
-
-def answering(name, sign):
-    """A subject of 2AFC, who answers in reverse where the sign is -1."""
-    s1, s2 = np.transpose(GRID)
-    p_second = 0.05 + 0.9 * ndtr((sign * (s2 - s1) + 0.03) / 0.2)
-    n_yes = np.random.default_rng(1).binomial(12, p_second)
-    return bt.Subject(name, s1, s2, n_yes, [12] * len(GRID), task=WHICH_STRONGER)
-
-
-def reversed_answers(study):
-    """Subjects who seem to answer in reverse, and what is typed for them."""
-    findings = check_answers(study)
-    return [(row.subject, row.option) for row in findings if row.code == "reversed_answers"]
-
-
-def test_some_reversed_subjects_are_found_with_what_to_type():
-    subjects = answering("a", 1), answering("b", -1)
-    study = bt.Study(subjects)
-    assert reversed_answers(study) == [("b", "--swap b")]
-    assert reversed_answers(bt.read_study(study.frame()).swap("b")) == []
-    # A file of one reversed subject is not a study.
-    frames = [bt.Study([subject]).frame() for subject in subjects]
-    assert reversed_answers(bt.read_study(frames)) == [("b", "--swap b")]
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
     assert worst.observed == (subject.n_yes / subject.n_trials)[is_worst]
 
 
-def test_no_more_pairs_than_parameters_have_no_p(small_study):
+def test_no_more_pairs_than_parameters_have_no_p():
     posterior = bt.model.paper_posterior(hard_cases()["single pair"])
     fit = gof.summarise_fit(posterior, np.zeros((5, 4)), np.zeros(4))
     assert fit.degrees_of_freedom == -3

@@ -80,7 +80,6 @@ def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
     x = np.concatenate([prior_draws(posterior, 4), far])
     values, gradient = definitions.gradient(posterior, x)
     assert posterior.log_density(x) == pytest.approx(values, rel=1e-12)
-    step = mpmath.mpf(10) ** -25
 
     def log_density(point):
         return sum(definitions.observer_log_density(posterior, point))
@@ -88,12 +87,8 @@ def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
     with mpmath.workdps(70):
         assert values == pytest.approx([float(log_density(point)) for point in x], rel=1e-12)
         for point, slopes in zip(x[2:], gradient[2:], strict=True):
-            for j, slope in enumerate(slopes):
-                ahead, backward = list(map(mpmath.mpf, point)), list(map(mpmath.mpf, point))
-                ahead[j] += step
-                backward[j] -= step
-                expected = (log_density(ahead) - log_density(backward)) / (2 * step)
-                assert slope == pytest.approx(float(expected), rel=1e-9, abs=1e-9)
+            expected = definitions.slopes(log_density, point, step=mpmath.mpf(10) ** -25)
+            assert slopes == pytest.approx(np.array(expected, float), rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("value", FAR_VALUES)
@@ -184,22 +179,18 @@ def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, chang
     moved = posterior_of(replace(subject, s1=s1, s2=s2))
     x = prior_draws(posterior, 300)
     assert moved.log_density(x) == pytest.approx(posterior.log_density(x), rel=tolerance)
-    for name in ("contraction", "lapse_rate"):
-        assert moved.quantities(x)[name] == pytest.approx(posterior.quantities(x)[name], rel=1e-9)
 
 
-def test_scales_by_hand():
+def test_scales_weigh_each_pair_by_its_trials():
     s1, s2, n = np.array([0.0, 1.0, 1.0]), np.array([3.0, 0.0, 1.0]), np.array([5, 15, 20])
     scales = StimulusScales.from_pairs(s1, s2, n)
     assert scales.sbar == pytest.approx((5 * 0 + 15 * 1 + 20 * 1) / 40)
-    # Equal pairs do not count: 5 steps of 3, and 15 of -1.
+    # The equal pair has no step: there are 5 steps of 3, and 15 of -1.
     assert scales.step == pytest.approx(np.sqrt((5 * 9 + 15) / 20))
 
-    stimuli = np.repeat(np.concatenate([s1, s2]), np.tile(n, 2))
-    assert scales.spread == pytest.approx(stimuli.std())
+    stimulus_of_each_trial = np.repeat(np.concatenate([s1, s2]), np.tile(n, 2))
+    assert scales.spread == pytest.approx(stimulus_of_each_trial.std())
     assert scales.first_spread == pytest.approx(np.repeat(s1, n).std())
-    assert StimulusScales(0.0, 0.0, 2.0, 5.0, 20.0).roving_share == pytest.approx(0.4)
-    assert StimulusScales.from_pairs(s1, s1, n) is None
 
 
 # --- Prior, quantities ----------------------------------------------------------------------------
@@ -256,6 +247,9 @@ def test_draws_from_the_prior_follow_its_quantiles(posterior):
         quantiles = np.array([posterior.prior_quantile(name, share) for share in p])
         shares = (values[name][:, None] <= quantiles).mean(axis=0)
         assert np.abs(shares - p).max() < stats.kstwobign.isf(1e-4) / np.sqrt(4000), name
+
+
+def test_a_quantity_that_the_model_lacks_is_refused(posterior):
     with pytest.raises(bt.InputError, match="unknown quantity 'width'; there are: noise"):
         posterior.prior_quantile("width", 0.5)
 

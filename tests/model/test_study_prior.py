@@ -39,21 +39,21 @@ def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
     assert moved.log_density(x) == pytest.approx(plain.log_density(x), rel=1e-9)
 
 
-def test_presets_words_and_what_is_refused(tmp_path):
+def test_presets_are_named():
     for preset in (None, "default"):
         assert preset_or_file(preset) == prior_for(STUDY, preset) == DEFAULT
     assert prior_for(STUDY, "paper") == prior_for(STUDY, bt.Prior()) == bt.Prior()
 
+
+def test_a_prior_is_described_with_its_scales():
     prior = prior_for(STUDY, bt.Prior(mu1_mean="stimuli", mu1_sd=3.0))
     assert prior.describe() == (
         "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); "
         f"M is the mean of the stimuli, {SCALES}"
     )
 
-    message = "prior 'flat': no such preset or file, allowed: 'default', 'paper', a TOML file"
-    with pytest.raises(bt.InputError, match=message):
-        prior_for(STUDY, "flat")
 
+def test_a_path_is_a_file_even_if_it_ends_with_the_name_of_a_preset(tmp_path):
     path = tmp_path / "default"
     path.write_text("[paper]\nsigma_p_scale = 0.5")
     assert preset_or_file(str(path)) == bt.Prior(sigma_p_scale=0.5)
