@@ -14,7 +14,7 @@ import re
 import tomllib
 import unicodedata
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
@@ -267,6 +267,15 @@ _UNIT_MEANINGS = {
     "ln": "the numbers are natural logs",
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
 }
+#: Signs of the first of two stimuli in names of columns, with those of the second: the last digit
+#: or a word; and signs that may not say which stimulus came first.
+_NUMBERS = {"1(?=[^0-9]*$)": "2", "first": "second", "First": "Second"}
+_LETTERS = {
+    r"(?<![^\W\d_])a(?![^\W\d_])": "b",
+    r"(?<![A-Z])A(?![^\W\d_])": "B",
+    "left": "right",
+    "Left": "Right",
+}
 _PAIRS = "are pairs of stimuli, natural logs without --unit"
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
@@ -295,7 +304,33 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     likely = _likely(names, options, roles)
     if options.correct is None:
         likely |= _likely_answers(names, options)
-    return replace(options, columns={**likely, **options.columns})
+    return _with_unit_in_names(names, replace(options, columns={**likely, **options.columns}))
+
+
+def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
+    """Options with the unit in the names of both stimuli, if no option gives one.
+
+    Two columns such as 'weight1_g' and 'weight2_g' are the stimuli if the file has no others.
+
+    Examples
+    --------
+    >>> options = _with_unit_in_names(["weight1_g", "weight2_g", "rt1_ms"], ReadOptions())
+    >>> options.unit, options.stimuli, options.name("i1")
+    ('g', ('i1', 'i2'), 'weight1_g')
+    """
+    if options.unit is not None or options.intensity is not None:
+        return options
+    stimuli: Texts = tuple(map(options.name, options.stimuli))
+    if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
+        other_words = VOCABULARY["words"]["about"]  # a pair of times is not the stimuli
+        candidates = [name for name in names if named_places(name)[2].isdisjoint(other_words)]
+        stimuli = _stimulus_pair(candidates, _NUMBERS)
+
+    units = {*map(unit_in, stimuli)}
+    if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
+        return options
+    columns = {**options.columns, **dict(zip(options.stimuli, stimuli, strict=True))}
+    return _with_intensities(names, replace(options, unit=units.pop(), columns=columns))
 
 
 def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
@@ -393,13 +428,14 @@ def columns_to_read(
         )
         return roles_read, problems, _score_remedies([response])
 
-    unordered = _unordered_stimuli(names, options)
+    interval_names = _interval_names(columns)
+    unordered = _unordered_stimuli(names, options, interval_names)
     if unordered:
         problems.append(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
             "would cancel out."
         )
-        return roles_read, problems, [*_order_remedies(columns)]
+        return roles_read, problems, [*_order_remedies(interval_names)]
 
     problem, unit = _unit_by_name(names, options)
     if problem:
@@ -538,10 +574,11 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     return list(dict.fromkeys([*counts, "n_trials"]))
 
 
-def _unordered_stimuli(names: Texts, options: ReadOptions) -> str:
+def _unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts) -> str:
     """The columns of a standard and a comparison, where nothing says which came first.
 
-    The text names both columns; it is empty where the order is known, or one is missing.
+    So may be stimuli A and B beside a column of their order. The text names both columns; it is
+    empty where the order is known, or one is missing.
     """
     if options.has_standard:
         return ""
@@ -550,26 +587,32 @@ def _unordered_stimuli(names: Texts, options: ReadOptions) -> str:
         candidates = [*names]
     standards = names_like(candidates, "standard")
     comparisons = names_like(candidates, "comparison")
-    if not standards or not comparisons:
+    if standards and comparisons:
+        return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
+    if not interval_names or _stimulus_pair(candidates, _NUMBERS):
         return ""
-    return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
+    return " and ".join(map(display_name, _stimulus_pair(candidates, _LETTERS)))
 
 
-def _order_remedies(columns: Iterable[Column]) -> Iterator[Remedy]:
+def _interval_names(columns: Iterable[Column]) -> list[str]:
+    """The columns of two codes that may say which stimulus came first, by their names or codes."""
+    names = []
+    for column in columns:
+        codes = {*map(str.upper, filterfalse(is_no_response, column.texts))}
+        is_named = len(codes) <= 2 and looks_like(column.name, "standard_interval")
+        if is_named or codes == {"AB", "BA"}:
+            names.append(column.name)
+    return names
+
+
+def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
     """Options to type if a table has a standard and a comparison.
 
     Examples
     --------
-    >>> column = Column.from_texts("order", ["1", "2", "1"])
-    >>> [remedy.typed for remedy in _order_remedies([column])]
+    >>> [remedy.typed for remedy in _order_remedies(["order"])]
     ['--standard-interval order', '--comparison-interval order', '--standard-first']
     """
-    interval_names = []
-    for column in columns:
-        n_codes = sum(not is_no_response(text) for text in column.texts)
-        if n_codes <= 2 and looks_like(column.name, "standard_interval"):
-            interval_names.append(column.name)
-
     for name in interval_names or ["NAME"]:
         stimuli, places, _ = named_places(name)
         for owner in ("standard", "comparison"):
@@ -597,14 +640,25 @@ def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
     return [intensities, *logarithms] if (stimuli > 0.0).all() else logarithms
 
 
-def _numbered_pair(names: Texts) -> tuple[str, str]:
-    """The only two names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
-    pairs = []
-    for name in names:
-        second_name = re.sub("1(?=[^0-9]*$)", "2", name)  # the last digit, as in 'stim1_dB'
-        if second_name != name and second_name in names:
-            pairs.append((name, second_name))
-    return pairs[0] if len(pairs) == 1 else ("", "")
+def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
+    """The only two names that differ by one of these signs, such as 'stim1' and 'stim2'.
+
+    Examples
+    --------
+    >>> _stimulus_pair(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
+    ('stim1_dB', 'stim2_dB')
+    >>> _stimulus_pair(["toneA", "toneB"], _LETTERS), _stimulus_pair(["DATA", "DATB"], _LETTERS)
+    (('toneA', 'toneB'), ())
+    """
+    for sign, second_sign in signs.items():
+        pairs = []
+        for name in names:
+            second_name = re.sub(sign, second_sign, name)
+            if second_name != name and second_name in names:
+                pairs.append((name, second_name))
+        if len(pairs) == 1:
+            return pairs[0]
+    return ()
 
 
 def _remedies(
@@ -690,7 +744,8 @@ def _columns_remedy(free_names: Texts, roles: Texts, options: ReadOptions) -> Re
     >>> _columns_remedy(["stim1", "stim2", "rt"], ["s1", "s2", "response"], ReadOptions()).typed
     '--columns s1=stim1,s2=stim2,response=NAME'
     """
-    name_of_stimulus = dict(zip(options.stimuli, _numbered_pair(free_names), strict=True))
+    pair = _stimulus_pair(free_names, _NUMBERS | _LETTERS)
+    name_of_stimulus = dict(zip(options.stimuli, pair, strict=False))  # without a pair, none
     name_by_role = []
     for role in roles:
         likely = names_like(free_names, role)

@@ -150,7 +150,7 @@ def _require_certain(
     if None in is_first.values() and len(is_first) <= 2:
         counts = join_names(column.counts(is_first))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
-        _ask_order(table, column, problem, [*is_first])
+        _ask_order(table, column, problem, sorted(is_first))  # 'AB' before 'BA'
 
     # Texts such as '1' or 'first' say the interval, but not of which stimulus.
     intervals = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
@@ -212,7 +212,9 @@ def stimulus_logs(table: TextTable, columns: Sequence[Column], options: ReadOpti
     logs = []
     for column in columns:
         if options.decimal is None:
-            values = [number(text, table.decimal_comma) for text in column.texts]
+            # A cell between commas may have one in quotation marks; '1,050' is asked for above.
+            has_comma = table.decimal_comma or table.delimiter == ","
+            values = [number(text, has_comma) for text in column.texts]
         else:
             values = [number_by_sign(text, options.decimal) for text in column.texts]
         if options.has_intensities:
