@@ -35,6 +35,8 @@ class Remedy(NamedTuple):
         each question is enough.
     step : int
         How many questions had to be answered before this one came up.
+    together : tuple of Remedy
+        Options that are typed with this one, and with no other answer.
 
     Examples
     --------
@@ -49,6 +51,7 @@ class Remedy(NamedTuple):
     meaning: str = ""
     question: int = -1
     step: int = 0
+    together: tuple[Any, ...] = ()
 
     @property
     def typed(self) -> str:
@@ -166,6 +169,9 @@ class InputError(BayesToeError, ValueError):
             # A question of a later step may not come up after another answer.
             typed_together = [answer for answer in answers if answer.step <= remedy.step]
             choices.append((typed_together, [remedy.meaning]))
+        for chosen, _ in choices:
+            for remedy in [*chosen]:
+                chosen += remedy.together
         return choices
 
     def __reduce__(self) -> tuple[Any, ...]:

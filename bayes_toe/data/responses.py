@@ -25,7 +25,6 @@ from bayes_toe.data.column_roles import (
     without_accents,
 )
 from bayes_toe.data.messages import (
-    MAX_LINES,
     Texts,
     display_name,
     join_names,
@@ -122,7 +121,10 @@ def responses(
         problem, remedies = _unknown_meaning(column, task_column, trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer_index, codes, names)
-    remedies = _three_answers(column, answer_index, names, options, trends) + remedies
+    three_answers = _three_answers(column, answer_index, names, options, trends)
+    remedies = _remedies_of_third(column, answer_index, names, three_answers) or (
+        three_answers + remedies
+    )
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
@@ -245,20 +247,26 @@ def blank_missed(
 def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     """The texts that say that nobody responded.
 
-    -1 is one, as jsPsych writes it, if two other texts or more are words or given codes.
+    -1 is one, as jsPsych writes it, if two other texts or more are words or given codes, and all
+    answers of the task are among the others. A number or a sign that is as frequent as an answer is
+    none.
 
     Examples
     --------
-    >>> _missed_texts(Column.from_texts("response", ["first", "-1", "none", "2nd"]), ReadOptions())
+    >>> texts = ["first", "2nd"] * 3 + ["-1", "none"]
+    >>> _missed_texts(Column.from_texts("response", texts), ReadOptions())
     ['none', '-1']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
     codes = {*map(_plain, filter(None, given_codes))}
     declared = {*map(_plain, options.missed)}
     missed, answers = [], set()
+    is_filled = ~column.map(lambda text: text.lower() in MISSING_WORDS)
+    is_frequent = np.bincount(column.codes, is_filled) > _MOST_MISSED * is_filled.sum()
+    frequent = {*map(_plain, compress(column.texts, is_frequent))}
     for text in column.texts:
         plain = _plain(text)
-        if plain in declared or (plain not in codes and is_no_response(plain)):
+        if plain in declared or (plain not in codes | frequent and is_no_response(plain)):
             missed.append(text)
         else:
             answers.add(plain)
@@ -267,7 +275,8 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     known_words = {*chain(*words_of_answers)}
     words = answers - codes - {"-1"}
     has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
-    if "-1" in answers - codes and len(answers) > 2 and has_known_words:
+    n_answers = len((options.task or SAME_DIFFERENT).answers)
+    if "-1" in answers - codes - frequent and len(answers) > n_answers and has_known_words:
         missed += [text for text in column.texts if _plain(text) == "-1"]
     return missed
 
@@ -424,18 +433,10 @@ def _unknown_texts(
     codes: Codes,
     names: Texts,
 ) -> Question:
-    """The problem of a column with several unknown texts, if the code of one answer is missing.
-
-    One unknown text beside all answers has only an option to type: it may be a missed trial.
-    """
+    """The problem of a column with several unknown texts, if the code of one answer is missing."""
     unknown = column.only(answer_index == _UNKNOWN)
     n_answers = len({*answer_index.tolist()} - {_MISSING, _UNKNOWN})
-    has_all_answers = n_answers == len(names)
-    n_unknown, n_answered = len(unknown.codes), np.count_nonzero(answer_index != _MISSING)
-    if has_all_answers and len(unknown.texts) == 1 and n_unknown < _MOST_MISSED * n_answered:
-        meaning = f"only if nobody responded in these {plural(n_unknown, 'trial')}; it drops them"
-        return "", [Remedy("missed", unknown.texts[0], meaning)]
-    if has_all_answers or len(unknown.texts) < 2 or codes.count(None) != 1:
+    if n_answers == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
 
     other = names[codes.index(None)]
@@ -445,6 +446,26 @@ def _unknown_texts(
     commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     remedies = [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
+
+
+def _remedies_of_third(
+    column: Column, answer_index: IntArray, names: Texts, three_answers: list[Remedy]
+) -> list[Remedy]:
+    """Options to type if a column has one text too many, and the rarest may be a missed trial."""
+    unknown = column.only(answer_index == _UNKNOWN)
+    counts = np.bincount(unknown.codes)
+    n_answers = len({*answer_index.tolist()} - {_MISSING, _UNKNOWN})
+    most_missed = _MOST_MISSED * np.count_nonzero(answer_index != _MISSING)
+    if n_answers + len(counts) != len(names) + 1 or counts.min() >= most_missed:
+        return []
+
+    text = unknown.texts[counts.argmin()]
+    meaning = f"only if nobody responded in these {plural(counts.min(), 'trial')}; it drops them"
+    remedies = [*three_answers, Remedy("missed", text, meaning)]
+    # Beside -1, 0 is the middle one of three answers.
+    if text[0] in "-9" or (text == "0" and "-1" not in column.texts):
+        remedies.reverse()
+    return remedies
 
 
 def _three_answers(
@@ -475,11 +496,7 @@ def _three_answers(
     meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
     if different_code is not None:
         meaning += ", in place of --different-code"
-    # The second option answers a question of its own, so it is typed together with the first one.
-    return [
-        Remedy("equal_code", equal, meaning),
-        Remedy("second_code", second, "", MAX_LINES, step=1),
-    ]
+    return [Remedy("equal_code", equal, meaning, together=(Remedy("second_code", second),))]
 
 
 def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:

@@ -208,6 +208,7 @@ def with_part(workbook, pattern, replacement):
 
 
 CODED = answered(IN_LOGS, 0, 1)
+RARE_CODE = with_rows(answered(IN_LOGS, 1, 2), [["P03", 0, 0.3, -9]] * 7)
 PSYCHOPY = with_rows(
     labelled(IN_LOGS, response="key_resp.keys"), [["P03", 0, 0.3, "second"]] * 2
 ).assign(
@@ -353,6 +354,7 @@ READ = {
     "unfilled_grams.csv --intensity 1000 --columns i1=w1,i2=w2 --second-code 39 --first-code 37": (
         padded(answered(IN_GRAMS, 37, 39).assign(rt=512), subject="P12")
     ),
+    "rare_code.csv --missed -9 --second-code 2": RARE_CODE,
     "arrays_line_by_line.txt": JATOS,
     "arrays_line_by_line.json": JATOS,
     "separators.jsonl": SEPARATORS,
@@ -442,6 +444,17 @@ REFUSED = {
         with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3),
         "type:  --missed 0",
         "only if nobody responded in these 3 trials; it drops them",
+    ),
+    "rare_code.csv": (
+        RARE_CODE,
+        "type:  --missed -9 --second-code 2\n",
+        "\n       --equal-code 1 --second-code 2  if 1 is 'equal' and 2 is 'second' of three",
+    ),
+    "rare_code.csv --second-code 2": (RARE_CODE, "type:  --missed -9  "),
+    "three_codes_of_unknown_unit.csv": (
+        "subject,i1,i2,response\na,1,2,x\na,2,1,y\na,2,2,z\n",
+        "type:  --unit a.u. --equal-code z --second-code x\n",
+        "\n       --unit a.u. --second-code x  ",
     ),
     "missing_cell.txt": (
         IN_LOGS.replace({"subject": {"P03": ""}}).to_string(index=False),
@@ -789,6 +802,10 @@ THREE_ANSWERS = """
     0 | 1 | 2 | --equal-code 1 --different-code 0 | --equal-code 1 --second-code 2
     0 | 1 | 2 | --equal-code 1 --different-code 2 | --equal-code 1 --second-code 2
     0 | 1 | 2 |  | --equal-code 1 --second-code 2
+    -1 | 0 | 1 |  | --equal-code 0 --second-code 1
+    -1 | 0 | 1 | --second-code 1 | --equal-code 0 --second-code 1
+    -1 | 0 | 1 | --second-code 1 --first-code -1 | --equal-code 0 --second-code 1
+    -99 | 0 | 999 | --second-code 999 | --equal-code 0 --second-code 999
     left | same | right |  | --equal-code same --second-code right
     left | same | right | --second-code right | --equal-code same --second-code right
     first | tie | second |  | --equal-code tie --second-code second
