@@ -152,7 +152,8 @@ def run(
     study, analyses, failed = _survivors(study, results)
     table = _table(analyses, settings, failed, study.task)
 
-    all_draws, curves = [], []
+    all_draws = []
+    curves = []
     for subject, analysis in zip(study, analyses, strict=True):
         # Both are there, because the request has chains.
         if analysis.draws is not None and analysis.curve_draws is not None:

@@ -20,7 +20,7 @@ from bayes_toe.arrays import Record
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.data.column_roles import with_likely_columns
 from bayes_toe.data.messages import display_name
-from bayes_toe.data.options import COLUMNS, changed
+from bayes_toe.data.options import COLUMNS, changed, parse_columns
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.study import pooled
 from bayes_toe.data.study_files import with_sheets
@@ -65,8 +65,10 @@ def _read_options(options: Record) -> bt.ReadOptions:
 
     Names of columns that the command `bayes-toe run` cannot name are refused.
     """
-    untypable = [name for name in options.get("columns", {}).values() if "," in name]
-    untypable += [name for name in options.get("where", {}) if "=" in name]
+    untypable = [name for name in options.get("where", {}) if "=" in name]
+    for role, name in options.get("columns", {}).items():
+        if parse_columns(f"{role}={name}") != {role: name}:
+            untypable.append(name)
     if untypable:
         raise bt.InputError(
             f"column {display_name(untypable[0])}: its name has a comma or '=', so that no command "

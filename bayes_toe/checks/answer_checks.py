@@ -275,7 +275,8 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     Two answers agree as often as the answers to the pair do, or, if that is more often, as often as
     right and wrong answers to all pairs do.
     """
-    n, k = subject.n_trials, subject.n_yes
+    n = subject.n_trials
+    k = subject.n_yes
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
@@ -333,13 +334,15 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
     if len(names) <= 0.5 * len(study):
         return {}
     subjects = f"{len(names)} of {plural(len(study), 'subject')}"
-    code, flagged = "other_task", study.names
+    code = "other_task"
+    flagged = study.names
     message = (
         f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
         "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
     )
     if study.task.has_criterion:
-        code, flagged = "like_2afc", tuple(names)
+        code = "like_2afc"
+        flagged = tuple(names)
         message = (
             f"P(equal) rises or falls with s2 - s1 in {subjects}. Check whether the question was "
             "'which was stronger?'. If it was 'same or different?', they share a large constant "
@@ -361,7 +364,8 @@ class AnswerTable:
     @property
     def is_mixed(self) -> BoolArray:
         """Whether a pair has both answers, shape (pairs,); otherwise its blocks cannot differ."""
-        n_yes, n_all = self.k.sum(1), self.n.sum(1)
+        n_yes = self.k.sum(1)
+        n_all = self.n.sum(1)
         return (n_yes > 0) & (n_yes < n_all)
 
     @property
@@ -512,10 +516,12 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
     often. Blocks that disagree with the others are then turned until nothing changes. This leaves
     two camps. The one with the expected relation counts as right, and the other one is swapped.
     """
-    expects_counted, tilt = difference, np.zeros(len(difference))
+    expects_counted = difference
+    tilt = np.zeros(len(difference))
     if task == SAME_DIFFERENT:
         # Another point of subjective equality tilts the answers 'equal'.
-        expects_counted, tilt = -np.abs(difference), difference
+        expects_counted = -np.abs(difference)
+        tilt = difference
     candidates = _camp_that_leans_wrongly(table, expects_counted - expects_counted.mean())
     return _surely_swapped(table, candidates, tilt)
 
@@ -561,7 +567,8 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     logits = table.other_logits()
     relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)  # all 0, or up to 1
     slopes = _TILT_SCALE * _MOVES if tilt.any() else np.zeros(1)
-    unswapped, swapped = [], []
+    unswapped = []
+    swapped = []
     for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
         moved = logits + preference + slope * relative_tilt
         # Laplace's prior of both moves.

@@ -258,11 +258,15 @@ def _similar_names(names: Iterable[str]) -> Findings:
             continue
         show = ascii  # so that invisible characters are seen
         if len({name.casefold() for name in alike}) == 1:
-            code, finding, show = "names_differ_in_case", "differ in case only", repr
+            code = "names_differ_in_case"
+            finding = "differ in case only"
+            show = repr
         elif math.isnan(number(look)):
-            code, finding = "names_look_alike", "look alike"
+            code = "names_look_alike"
+            finding = "look alike"
         else:
-            code, finding = "names_are_one_number", "are the same number"
+            code = "names_are_one_number"
+            finding = "are the same number"
         subjects = ", ".join(map(show, alike))
         advice = "If they are one subject, give them one name."
         yield Finding("", code, f"Subjects {subjects} {finding}. {advice}")
@@ -353,7 +357,8 @@ def _rounding(subject: Subject) -> Findings:
     is_near = (gaps <= ROUNDED * gaps.sum()) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)
     if not is_near.any():
         return
-    n_near, first = is_near.sum(), is_near.argmax()
+    n_near = is_near.sum()
+    first = is_near.argmax()
     further = f" and {n_near - 1} more" if n_near > 1 else ""
     unit = subject.unit
     near = levels[first : first + 2]

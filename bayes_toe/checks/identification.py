@@ -134,7 +134,8 @@ def _order_fills_blocks(answers: Answers) -> bool:
     """Whether each block, each session or each long stretch of trials holds only one order."""
     order = _order_sign(answers.keys[:, 0], answers.keys[:, 1])
     is_unequal = order != 0
-    order, n_trials = order[is_unequal], answers.n_trials[is_unequal]
+    order = order[is_unequal]
+    n_trials = answers.n_trials[is_unequal]
     if answers.block is not None and _holds_one_order(answers.block[is_unequal], order, n_trials):
         return True
     if answers.place is None:

@@ -171,7 +171,8 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
         return [("!", first.message, first.option)]
     marked = []
     for flag, problem in answer.problems.items():
-        message, mark = problem.message, "-"
+        message = problem.message
+        mark = "-"
         if flag == MISFIT_FLAG and answer.worst_pairs:
             message += f" {describe_pair(answer.worst_pairs[0], answer.unit)}"
         if flag.startswith(PRIOR_FLAG):
@@ -203,8 +204,9 @@ def print_answer(
 
 def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | None) -> list[str]:
     """The sentences of the answer of a study: counts and directions for each question."""
-    has_conditions = study.conditions is not None
-    return study_lines(answers, group, synthetic=study.synthetic, units=has_conditions)
+    return study_lines(
+        answers, group, synthetic=study.synthetic, units=study.conditions is not None
+    )
 
 
 def without_decision(answers: OrderEffects, problems: Collection[str]) -> list[str]:

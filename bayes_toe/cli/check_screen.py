@@ -71,7 +71,8 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
     names = list(by_subject)
     if not names and len(study) < MANY_SUBJECTS:
         names = list(study.names)
-    rows, full_findings = [], []
+    rows = []
+    full_findings = []
     for name in names:
         findings = by_subject.get(name, [])
         if name not in study.names:  # A subject with conditions, whose rows have other names.

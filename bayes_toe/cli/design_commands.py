@@ -94,7 +94,8 @@ def power(
     from bayes_toe.design.power import designs_by_task, group_power
     from bayes_toe.model.prior_file import preset_or_file
 
-    numbers, sizes = _whole_numbers("--trials", plan.trials), []
+    numbers = _whole_numbers("--trials", plan.trials)
+    sizes = []
     observers = plan.observers
     # Studies of several subjects also simulate how subjects differ.
     if plan.subjects is not None:
@@ -326,7 +327,8 @@ def _find_design(
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
     comparison_file = output.with_name(f"{output.stem}_compared.csv")
-    text_file, figure_file = output.with_suffix(".md"), output.with_suffix(".png")
+    text_file = output.with_suffix(".md")
+    figure_file = output.with_suffix(".png")
     context.require_files(output, comparison_file, text_file, figure_file)
 
     optimal = context.work(

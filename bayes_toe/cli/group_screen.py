@@ -85,7 +85,8 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
         for row in quantities:
             if row.quantity == ORDER_EFFECT:  # The answer has it, in a sentence.
                 continue
-            word, size = row.short_word, "-"  # no size of a difference that is not there
+            word = row.short_word
+            size = "-"  # no size of a difference that is not there
             if word not in ("no", "probably not"):
                 size = row.size(table.unit)
             if row.robust == "no":
@@ -106,7 +107,8 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
 
 def print_history(out: Terminal, table: SerialDependence, file: str) -> None:
     """Print word and size of both effects of every subject, and subjects without a result."""
-    rows, failed = [], {}
+    rows = []
+    failed = {}
     for row in table:
         if not row.has_result:
             failed[row.subject] = row.note

@@ -94,7 +94,8 @@ def _print_conclusion(
     from bayes_toe.answers.group_answer import good_fits_answer, group_answer
     from bayes_toe.cli.answer_screen import print_answer, without_decision
 
-    group, lines = analysis.group, []
+    group = analysis.group
+    lines = []
     if group is not None:
         lines = group_answer(group) + good_fits_answer(group, analysis.group_of_good_fits)
     if analysis.contrast is not None:
@@ -189,7 +190,8 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
     from bayes_toe.model.models import model_title
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
-    stats, problems = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
+    stats = draws.group("sample_stats")
+    problems = {**draws.not_converged, **draws.imprecise}
     columns = ["constant_error", "contraction", "jnd"]
     if "mu1" in draws.parameters:  # the paper's model
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]

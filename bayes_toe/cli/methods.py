@@ -72,7 +72,7 @@ _IN_PAPER = {
 def write_methods(analysis: Analysis, path: Path) -> None:
     """Write the document in Markdown, and its references as NAME.bib."""
     version = json.loads(analysis.draws.tree.attrs["versions"])["bayes_toe"]
-    template = (files("bayes_toe") / "cli" / "methods_template.md").read_text(encoding="utf-8")
+    template = (files("bayes_toe.cli") / "methods_template.md").read_text(encoding="utf-8")
     environment = Environment(undefined=StrictUndefined, trim_blocks=True)
     environment.filters.update(
         capitalized=capitalized,
@@ -93,12 +93,11 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         worst=worst,
     )
 
-    context = {"version": version, **_methods(analysis)}
-    filled = environment.from_string(template).render(context)
+    filled = environment.from_string(template).render(_methods(analysis), version=version)
     text = "\n\n".join(map(_wrap, filled.split("\n\n"))) + "\n"
     path.write_text(text, encoding="utf-8")
 
-    references = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8")
+    references = (files("bayes_toe.cli") / "references.bib").read_text(encoding="utf-8")
     path.with_suffix(".bib").write_text(references.replace("VERSION", version), encoding="utf-8")
 
 

@@ -133,7 +133,7 @@ LAYOUT_OPTIONS = {
     "comparison_code": (Text, "CODE", "The code for 'comparison'."),
     "wide": (Text, "PATTERN", "Pairs as '{first}_{second}'."),
     "decimal": (Text, "SIGN", "Decimal sign: . or ,"),
-    "sheet": (Text, "NAME", "Sheet of an Excel file; '{}' for a sheet a subject."),
+    "sheet": (Text, "NAME", "Excel sheet, or '{}' for all."),
     "encoding": (Text, "NAME", "Encoding, such as cp1252."),
     "condition": (Text, "COLUMN", "Column of the condition."),
     "reference": (Text, "LEVEL", "Level to compare others with."),

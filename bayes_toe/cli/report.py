@@ -182,7 +182,8 @@ def _number(value: float | None, digits: int = 2) -> str:
 
 def _context(analysis: Analysis, facts: Record) -> Record:
     """The values that all pages of the report share."""
-    study, group = analysis.study, analysis.group
+    study = analysis.study
+    group = analysis.group
     return {
         "analysis": analysis,
         "study": study,

@@ -63,7 +63,8 @@ def write_results(
     folder stay. Corner plots and curves are those of all subjects, "flagged" ones, who need action,
     or "none". `check` is the predictive check of the group.
     """
-    draws, stems = analysis.draws, file_stems(analysis.study.names)
+    draws = analysis.draws
+    stems = file_stems(analysis.study.names)
     flagged_subjects = flagged(analysis.answers, draws.not_converged)
     names = {"all": draws.names, "flagged": tuple(flagged_subjects), "none": ()}[figures]
     products = [*PRODUCTS]
@@ -96,8 +97,10 @@ def write_results(
 
 def _write_tables(analysis: Analysis, check: PredictiveCheck | None, folder: Path) -> None:
     """Write the tables of subjects, conditions and the group, with figures and draws of these."""
-    study, seed = analysis.study, analysis.settings.seed
-    contrast, group = analysis.contrast, analysis.group
+    study = analysis.study
+    seed = analysis.settings.seed
+    contrast = analysis.contrast
+    group = analysis.group
     units = study.conditions is not None
     write_table(analysis.summary(), folder / "summary.csv", seed, units=units)
     analysis.evidence.save(folder / "evidence.csv", units=units)
@@ -116,7 +119,8 @@ def _drawing_jobs(
     analysis: Analysis, stems: Mapping[str, str], folder: Path, curves: Path
 ) -> list[partial[None]]:
     """A call of :func:`_draw_subject` for each subject of `stems`, which names the files."""
-    study, jobs = analysis.study, []
+    study = analysis.study
+    jobs = []
     truths: Truth = {}
     if study.source == EXAMPLE and study.task == SAME_DIFFERENT:
         truths = example_truth(SAME_DIFFERENT)

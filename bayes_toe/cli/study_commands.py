@@ -71,7 +71,8 @@ def fit(
     context.require_files(*outputs)
     study, prior = context.read(file)
     # A study without pairs in both orders cannot be tested, but its model can be fitted.
-    asymmetries, problem = None, ""
+    asymmetries = None
+    problem = ""
     try:
         asymmetries = bt.asymmetry(study)
     except bt.InputError as error:

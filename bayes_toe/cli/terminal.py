@@ -28,7 +28,8 @@ Note = tuple[str, str, str]
 #: Columns of every line and table, whatever the width of the terminal.
 WIDTH = 80
 #: Subjects from which on tables show only those that need action; notes of one kind.
-MANY_SUBJECTS, MOST_NOTES = 20, 20
+MANY_SUBJECTS = 20
+MOST_NOTES = 20
 #: Where the other notes are, if nothing better is known.
 OUTPUT = "the output"
 #: The words that were typed after `bayes-toe`.

@@ -304,7 +304,33 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     likely = _likely(names, options, roles)
     if options.correct is None:
         likely |= _likely_answers(names, options)
-    return replace(options, columns={**likely, **options.columns})
+    return _with_unit_in_names(names, replace(options, columns={**likely, **options.columns}))
+
+
+def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
+    """Options with the unit in the names of both stimuli, if no option gives one.
+
+    Two columns such as 'weight1_g' and 'weight2_g' are the stimuli if the file has no others.
+
+    Examples
+    --------
+    >>> options = _with_unit_in_names(["weight1_g", "weight2_g", "rt1_ms"], ReadOptions())
+    >>> options.unit, options.stimuli, options.name("i1")
+    ('g', ('i1', 'i2'), 'weight1_g')
+    """
+    if options.unit is not None or options.intensity is not None:
+        return options
+    stimuli: Texts = tuple(map(options.name, options.stimuli))
+    if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
+        other_words = VOCABULARY["words"]["about"]  # a pair of times is not the stimuli
+        candidates = [name for name in names if named_places(name)[2].isdisjoint(other_words)]
+        stimuli = _stimulus_pair(candidates, _NUMBERS)
+
+    units = {*map(unit_in, stimuli)}
+    if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
+        return options
+    columns = {**options.columns, **dict(zip(options.stimuli, stimuli, strict=True))}
+    return _with_intensities(names, replace(options, unit=units.pop(), columns=columns))
 
 
 def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:

@@ -212,7 +212,9 @@ def stimulus_logs(table: TextTable, columns: Sequence[Column], options: ReadOpti
     logs = []
     for column in columns:
         if options.decimal is None:
-            values = [number(text, table.decimal_comma) for text in column.texts]
+            # A cell between commas may have one in quotation marks; '1,050' is asked for above.
+            has_comma = table.decimal_comma or table.delimiter == ","
+            values = [number(text, has_comma) for text in column.texts]
         else:
             values = [number_by_sign(text, options.decimal) for text in column.texts]
         if options.has_intensities:

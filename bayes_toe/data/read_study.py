@@ -63,15 +63,10 @@ from bayes_toe.data.tasks import (
     task_of,
     tasks_named,
 )
-from bayes_toe.data.text_table import (
-    DELIMITERS,
-    Column,
-    Columns,
-    Frame,
-    TextTable,
-)
+from bayes_toe.data.text_table import DELIMITERS, Column, Columns, Frame, TextTable
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import (
+    ask_for_screens,
     chosen_rows,
     frequency_column,
     nameless_doubts,
@@ -194,20 +189,22 @@ def read_study(
     )
     paths = list(path) if isinstance(path, list | tuple) else [path]
     paths, folder_notes = table_files(paths)
-    paths, options = with_sheets(paths, options, partial(_known_names, options=options))
 
     def read(with_options: ReadOptions) -> Study:
-        studies = read_files(paths, partial(_read, options=with_options))
-        return study_of_tasks(studies, with_options)
+        choice = partial(_known_names, options=with_options)
+        sheets, sheet_options = with_sheets(paths, with_options, choice)
+        studies = read_files(sheets, partial(_read, options=sheet_options))
+        return study_of_tasks(studies, sheet_options)
 
     try:
         study = read(options)
     except InputError as error:
         raise with_next_questions(error, options, read) from None
     study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
+    # A column that is only called condition may be none.
     is_chosen = options.categorical or options.condition or options.reference
-    is_known_by_name = study.conditions is not None and not is_chosen
-    if is_known_by_name and follows_from_pairs(units_by_subject(study).values()):
+    is_by_name = study.conditions is not None and not is_chosen
+    if is_by_name and follows_from_pairs(units_by_subject(study).values()):
         name = display_name(options.name("condition"))
         study = read_study(path, options.without_condition)
         note = (
@@ -341,7 +338,7 @@ class _Rows:
         return self.columns["subject"]
 
     @property
-    def signs(self) -> list[Column]:
+    def response_signs(self) -> list[Column]:
         """Columns that are not read and may show that nobody responded to a scored trial."""
         if self.options.correct is None:
             return []
@@ -356,7 +353,7 @@ class _Rows:
     @property
     def names_not_read(self) -> Texts:
         """The columns that are not read, without those that the options ignore."""
-        columns = (*self.columns.values(), *self.signs)
+        columns = (*self.columns.values(), *self.response_signs)
         names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
         for ours in self.options.ignore:
             names_to_skip.add(self.options.name(ours))
@@ -387,7 +384,7 @@ class _Rows:
         parts = [f"{form} rows", table.form]
         if table.delimiter:
             parts.insert(1, f"{DELIMITERS[table.delimiter]}-separated")
-        if table.decimal_comma and any("," in text for text in texts):
+        if options.decimal != "." and any("," in text for text in texts):
             parts.append("decimal comma")
         notes: list[str] = [Note(", ".join([*parts, ""]), *answers), *table.notes]
         for name, text in options.where.items():
@@ -452,9 +449,12 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
     """Refuse a table without a header, whose names are numbers and not those of the stimuli."""
-    numbers_in_head = [name for name in table.names if math.isfinite(number(name, True))]
+    head = table.names
+    if len(head) == 1:  # cells that could not be told apart, as between spaces
+        head = head[0].split()
+    numbers_in_head = [cell for cell in head if math.isfinite(number(cell, True))]
     if len(numbers_in_head) > 1 and {*map(options.name, options.stimuli)}.isdisjoint(table.names):
-        cells = join_names(map(quoted, table.names))
+        cells = join_names(map(quoted, head))
         raise InputError(
             f"{table.source}: has no header: {table.head} holds {cells}; allowed: the "
             "names of the columns, such as subject, s1, s2, response"
@@ -562,10 +562,12 @@ def _trial_study(rows: _Rows) -> Study:
         column = rows.order.by_interval(table, column, options)
     difference = np.diff(rows.pairs)[:, 0]
     answers = responses(table, column, task_column, options, difference, rows.order)
-    answers, missed_signs = without_missed(answers, column, rows.signs, options.missed)
+    answers, missed_signs = without_missed(answers, column, rows.response_signs, options.missed)
 
     # Rows without an answer, such as instruction screens, may hold anything else.
-    rows.require_pairs(answers.is_answered | answers.is_unscorable)
+    is_asked = answers.is_answered | answers.is_unscorable
+    ask_for_screens(table, is_asked & np.all([*map(empty, rows.stimulus_columns)], axis=0))
+    rows.require_pairs(is_asked)
     table.problems.refuse()
     require_task(table, answers.task, task_column)
     if not answers.is_answered.any():

@@ -62,7 +62,7 @@ LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists, as
 #: '[ {'. A byte-order mark may stand in front.
 _JSON_START = rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)"
-_TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+_TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".xpd")
 #: A formula that no program has computed, such as '<c r="B2"><f>A1+1</f><v></v></c>', and the error
 #: that stands for it.
 _NOT_COMPUTED = (
@@ -455,8 +455,8 @@ def _table_of_records(
 def _parse_json(source: str, text: str) -> object:
     """The content of a file; numbers keep their text."""
 
-    def record_of(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-        """The record of keys and values, each key once."""
+    def record_of(pairs: Sequence[tuple[str, object]]) -> object:
+        """The record of keys and values, each key once; a list where keys count rows from 0."""
         record = {}
         for key, value in pairs:
             name = key.strip()
@@ -465,7 +465,9 @@ def _parse_json(source: str, text: str) -> object:
                     f"{source}: found the key {quoted(name)} twice in a record, allowed: once"
                 )
             record[name] = value
-        return record
+        # pandas writes a column in this way.
+        is_list = [*record] == [*map(str, range(len(record)))]
+        return list(record.values()) if record and is_list else record
 
     load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=record_of)
     try:
@@ -473,7 +475,7 @@ def _parse_json(source: str, text: str) -> object:
             return load(text)
         except json.JSONDecodeError:  # perhaps a trial a line
             return [load(line) for line in re.split("[\r\n]+", text) if line.strip()]
-    except InputError:
+    except InputError:  # it is a ValueError, too
         raise
     except (ValueError, RecursionError) as error:
         raise InputError(
@@ -520,17 +522,22 @@ def _json_records(
 
     fields = {**shared, **value}
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
-    nested = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
-    nested += [key for key, item in fields.items() if isinstance(item, dict)]
+    nested = [key for key, item in fields.items() if _has_records(item)]
     lengths = set(map(len, lists.values()))
     if len(nested) == 1:  # a participant with trials
-        trials = fields.pop(nested[0])
-        yield from _json_records(source, trials, fields)
+        single_values = {key: item for key, item in fields.items() if not isinstance(item, _NESTED)}
+        yield from _json_records(source, fields[nested[0]], single_values)
     elif len(lists) > 1 and len(lengths) == 1:  # columns
         for cells in zip(*lists.values(), strict=True):
             yield {**fields, **dict(zip(lists, cells, strict=True))}
     else:  # a trial
         yield fields
+
+
+def _has_records(value: object) -> bool:
+    """Whether a value is a record, or a list of some."""
+    first = value[0] if isinstance(value, list) and value else value
+    return isinstance(first, dict)
 
 
 # --- MATLAB, Parquet -----------------------------------------------------------------------------

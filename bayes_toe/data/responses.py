@@ -400,7 +400,7 @@ def _count_remedies(column: Column, texts: Texts) -> list[Remedy]:
 
 
 def _two_tasks(finding: str, task_column: Column | None) -> Question:
-    """The problem of a column with responses to two tasks, with what chooses one of them."""
+    """The problem of a column with responses to two tasks, and options that choose one of them."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
         "contrast compares the tasks that --condition COLUMN names"

@@ -164,7 +164,7 @@ def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
     problems = []
     for alike in _alike(lines):
         several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
-        problems.append(several + ": ".join(filter(None, alike[0])))
+        problems.append(several + ": ".join(filter(None, alike[0])))  # the text may be empty
     if len(errors) > 1 and len(problems) > MAX_LINES:
         problems[MAX_LINES:] = ["... and more problems"]
 

@@ -154,7 +154,7 @@ def value_text(value: object) -> str | NoValue:
     if isinstance(plain, str | int | float | Decimal):
         if plain != plain:  # NaN
             return ""
-        if isinstance(plain, bool) or (isinstance(plain, float) and plain.is_integer()):
+        if isinstance(plain, bool | float) and plain % 1 == 0:
             plain = int(plain)
         text = str(plain)
         if not _NO_TEXT.search(text):
@@ -247,8 +247,9 @@ class TextTable:
         """The sign that may group thousands where the other one is decimal; empty if none may."""
         if self.form == EXCEL:
             return ","
-        # Programs in languages with a decimal comma separate cells by semicolons.
-        return {";": ".", "\t": ",", " ": ","}.get(self.delimiter, "")
+        # Programs in languages with a decimal comma separate cells by semicolons. Between commas a
+        # cell with a comma stands in quotation marks.
+        return {";": ".", ",": ",", "\t": ",", " ": ","}.get(self.delimiter, "")
 
     def only(self, rows: BoolArray | IndexArray, *notes: str) -> TextTable:
         """The table of these rows, with more notes; a row may come more than once."""
@@ -344,6 +345,10 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # Spreadsheets name the delimiter in a first line, such as 'sep=;'. It becomes an empty line, so
     # that rows keep their numbers.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
+    # The same with remarks above the names, as of Expyriment. One line alone may have the names.
+    remarks = re.match(r"(?:#.*[\r\n]+){2,}", text)
+    if remarks:
+        text = re.sub("[^\r\n]", "", remarks[0]) + text[remarks.end() :]
 
     delimiter, place, has_row_names = _layout(text, choice)
     records = itertools.islice(_records(text, delimiter), place, None)
@@ -360,7 +365,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             "names, allowed: a name for each column"
         )
 
-    chosen = {*choice(names), ""}
+    chosen = {*choice(names), ""}  # also the numbers of rows, which have no name
     columns = {}
     for name in [*texts]:
         column = Column.from_texts(name, texts.pop(name))  # a large file fits into memory once
@@ -430,7 +435,7 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
 
 def _names(cells: Cells) -> list[str]:
     """The cells of a record as names of columns; none where it cannot be split."""
-    return [] if isinstance(cells, csv.Error) else [cell.strip() for cell in cells]
+    return [] if isinstance(cells, csv.Error) else [" ".join(cell.split()) for cell in cells]
 
 
 def header_place(records: Sequence[Texts], choice: Choice) -> int:

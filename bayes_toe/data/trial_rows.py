@@ -95,6 +95,7 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
         )
 
     table = table.only(is_chosen_row)
+    # In the rows of one task, columns of another one are empty.
     others = table.columns.keys() - where.keys()
     empty_names = [name for name in others if table.columns[name].texts == [""]]
     columns = {ours: name for ours, name in options.columns.items() if name not in empty_names}
@@ -106,7 +107,7 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     """The column that says for how many trials each row stands; None where rows are trials.
 
     Options name it, or it is the only one with a name such as `Freq`, has whole numbers, not all of
-    them 0 or 1, and rows differ as those of frequencies do.
+    them 0 or 1, and its rows are those of a cross table.
 
     Raises
     ------
@@ -126,7 +127,7 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
-        # A column that is not read may describe trials, or split those of a pair, as a day does.
+        # Frequencies may be those of other columns, too, such as days.
         all_others = [name for name in table.columns if name != column.name]
         keys = (names_read, all_others)
         if has_counts and any(_is_cross_table(table, key, answers) for key in keys):
@@ -143,9 +144,9 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
 
 
 def _is_cross_table(table: TextTable, key: Texts, answers: Texts) -> bool:
-    """Whether rows are cells of a cross table of the `key`: a pair has a row for each response.
+    """Whether rows differ in the columns of `key`, and a pair has a row for each response.
 
-    A few pairs with rows of several responses may be a chance, but not five, or most rows.
+    A few pairs with several responses may be a chance, but not five, or most rows.
     """
     n_in_cell = _row_counts(table, key)
     n_of_pair = _row_counts(table, [name for name in key if name not in answers])
@@ -194,9 +195,9 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
         is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
         is_other = ~is_marked & ~empty(table.columns[options.name(options.stimuli[0])])
-        n_marked = np.bincount(subject, is_marked)
+        n_marked = np.bincount(subject, is_marked)  # of each subject
         n_others = np.bincount(subject, is_other)
-        if not (n_marked * n_others).any():
+        if not (n_marked * n_others).any():  # no subject has both
             continue
 
         marks = join_names(map(quoted, practice))
@@ -224,8 +225,9 @@ def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Te
     subject = _subjects(table, options)
     for name, rows in subject.rows_by_text(np.arange(len(is_zero))).items():
         n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
+        # In a matrix of zeros the unfilled rows also have the subject 0.
         if number(name) == 0 and is_zero[rows].all() and not is_zero.all():
-            n_unfilled = len(rows)  # unfilled rows have the subject 0, too
+            n_unfilled = len(rows)
         is_unfilled[rows[len(rows) - n_unfilled :]] = True
         counts[name or table.source] = n_unfilled
 
@@ -251,6 +253,22 @@ def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
     # The first row of the run follows another pair; each further one repeats the pair before.
     probability = share_repeated ** (n_zero - 1.0)
     return n_zero if probability < _RUN_BY_CHANCE else 0
+
+
+def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
+    """Ask whether rows with a response and without stimuli, such as a start screen, are no trials.
+
+    A column answers if all other rows have one text there, which these rows lack.
+    """
+    if not is_screen.any():
+        return
+    for name, column in table.columns.items():
+        texts = column.only(~is_screen).texts
+        if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
+            rows = plural(int(is_screen.sum()), "row")
+            remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
+            table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
+            return
 
 
 def nameless_doubts(subject: Column) -> Texts:

@@ -39,7 +39,8 @@ Response = bool | str
 #: s1, s2 and the answer.
 Trial = tuple[float, float, Response]
 #: What answers may be asked about: which of the four models, or all of their parameters too.
-MODEL, PARAMETERS = "model", "parameters"
+MODEL = "model"
+PARAMETERS = "parameters"
 DRAWS = 4000
 #: Draws of a model by which pairs are compared, at least.
 _FEWEST_DRAWS = 512
@@ -90,15 +91,19 @@ class Particles:
         They come from the adapted mixture. If there is none, or fewer than a quarter of its draws
         would count, the posterior is fitted anew.
         """
-        posterior, size = self.template.for_subject(subject), len(self.draws.x)
-        mixture, draws = self.mixture, self.draws
+        posterior = self.template.for_subject(subject)
+        size = len(self.draws.x)
+        mixture = self.mixture
+        draws = self.draws
         if mixture is not None:
             mixture = mixture.updated(draws, SHARP)
             (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
         if mixture is None or draws.efficiency < 0.25:
             fitted = fit_posterior(posterior, rng)
-            mixture, draws = fitted.mixture, fitted.fresh(rng, size)
-        self.mixture, self.draws = mixture, draws
+            mixture = fitted.mixture
+            draws = fitted.fresh(rng, size)
+        self.mixture = mixture
+        self.draws = draws
         self.first_efficiency = draws.efficiency
         self.p_answers = None
 

@@ -172,7 +172,8 @@ def exchange_trials(
     # Portions of each pair move to the best pair, until no move is worth it. One of both orders
     # stands for the pair.
     stands_for_pair = turned >= np.arange(len(turned))
-    utility, last_utility = information.utility(n_trials), -np.inf
+    utility = information.utility(n_trials)
+    last_utility = -np.inf
     while utility > last_utility + _GAIN:
         last_utility = utility
         for pair in np.flatnonzero(stands_for_pair & (n_trials > fixed)).tolist():
@@ -184,7 +185,8 @@ def exchange_trials(
                 utility_of_move = information.utility(moved)
                 if utility_of_move < utility + _GAIN:
                     break
-                n_trials, utility = moved, utility_of_move
+                n_trials = moved
+                utility = utility_of_move
 
     # What is left of the last portion goes to pairs that the design has.
     for _ in range(trials % portion // 2):

@@ -124,7 +124,8 @@ class Observer:
         expected : ndarray or float
             By how much the first stimulus is expected above sbar, after the trial before.
         """
-        s1, s2 = np.asarray(s1, np.float64), np.asarray(s2, np.float64)
+        s1 = np.asarray(s1, np.float64)
+        s2 = np.asarray(s2, np.float64)
         columns = (s1 - sbar - expected, s2 - s1, 0.5 * (s1 + s2) - sbar)
         # Of the shape (rows, points, pairs): each trial is a row with one pair.
         first, difference, middle = (column.reshape(-1, 1, 1) for column in columns)
@@ -161,7 +162,8 @@ class Observer:
         """
         rng = generator(seed, self.name, "answers", design.total)
         probabilities = self.p_design(design)
-        n_yes, n_second = rng.binomial(design.n_trials, probabilities[0]), None
+        n_yes = rng.binomial(design.n_trials, probabilities[0])
+        n_second = None
         if self.task.has_three_answers:  # the second question follows an answer 'not equal'
             n_second = rng.binomial(design.n_trials - n_yes, probabilities[1])
         return design.answered(n_yes, self.name, n_second)
@@ -379,7 +381,8 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
             f"{path}: draws of the model {draws.model!r}, allowed: those of "
             f"{', '.join(ORDER_MODELS)} (bayes-toe sample --model both)"
         )
-    observers, without_effect = [], []
+    observers = []
+    without_effect = []
     for number in range(1, size + 1):
         rng = generator(seed, "earlier study", number, "observer")
         subject = draws.names[rng.integers(len(draws.names))]

@@ -38,9 +38,11 @@ from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, Workers
 
 #: Names of the two designs that are compared.
-OPTIMISED, EVEN = "optimised", "even"
+OPTIMISED = "optimised"
+EVEN = "even"
 #: Pairs that can be shown, and levels of as many pairs.
-_MOST_PAIRS, _MOST_LEVELS = 20_000, 141
+_MOST_PAIRS = 20_000
+_MOST_LEVELS = 141
 _FEWEST = 4  # trials, and pairs
 
 
@@ -122,7 +124,8 @@ class OptimalDesign:
         frequent = np.sort(np.argsort(-share)[:4])  # four, in the order of their intensity
         levels, name = self.unit.numbers(stimuli[frequent], stimuli.mean())
         if not self.unit.of_stimuli:
-            levels, name = [f"{value:g}" for value in stimuli[frequent]], "ln"
+            levels = [f"{value:g}" for value in stimuli[frequent]]
+            name = "ln"
         firsts = ", ".join(
             f"{level} {name} ({percent:.0f} %)"
             for level, percent in zip(levels, 100 * share[frequent], strict=True)
@@ -178,7 +181,8 @@ class OptimalDesign:
 
     def text(self) -> str:
         """The design, why it is so, and what it shows, as a file of Markdown."""
-        frame, unit = self.frame(), self.unit.of_stimuli
+        frame = self.frame()
+        unit = self.unit.of_stimuli
         if unit:  # its columns of stimuli come last, before n_trials
             names = [f"first, {unit}", f"second, {unit}", "n_trials"]
             frame = frame.iloc[:, -3:].set_axis(names, axis=1)
@@ -220,7 +224,8 @@ def levels_between(
     """
     if not step:  # 5 %, or 0.05 natural logs as a round number of the log unit
         step = "5%" if options.has_intensities else f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
-    is_percent, size = step.endswith("%"), number(step.removesuffix("%"))
+    is_percent = step.endswith("%")
+    size = number(step.removesuffix("%"))
     if not size > 0.0:
         raise InputError(
             f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
@@ -229,7 +234,8 @@ def levels_between(
 
     ends = np.array([lowest, highest])
     if is_percent:  # equal steps of natural logs
-        ends, size = log_levels(ends, options), float(np.log1p(0.01 * size))
+        ends = log_levels(ends, options)
+        size = float(np.log1p(0.01 * size))
     if not (np.isfinite(ends).all() and lowest < highest):
         raise InputError(
             f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the "
@@ -303,7 +309,8 @@ def optimal_design(
         If something is not allowed.
     """
     goal = goal or DesignGoal()
-    root, own_prior = root_seed(seed), preset_or_file(prior).observer
+    root = root_seed(seed)
+    own_prior = preset_or_file(prior).observer
     levels = np.unique(np.asarray(levels, np.float64))
     plane = _pairs_to_show(levels, goal)
     # Five observers of each kind are enough for the information: the power needs more.
@@ -340,7 +347,8 @@ def best_design(
     fixed = np.zeros(plane.n_pairs, np.int64)
     if goal.keep is not None:
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
-    n_left, n_kept_pairs = trials - int(fixed.sum()), int((fixed > 0).sum())
+    n_left = trials - int(fixed.sum())
+    n_kept_pairs = int((fixed > 0).sum())
     if n_left < _FEWEST:
         part = f", {fixed.sum()} of which --keep has taken" if n_kept_pairs else ""
         raise InputError(f"--trials {trials}{part}: allowed is at least {_FEWEST} to distribute")

@@ -208,7 +208,8 @@ class PowerTable(Table[PowerEstimate]):
 
         'Order effect: cannot be told.' follows where the design cannot show it.
         """
-        effects, false_positives = [], []
+        effects = []
+        false_positives = []
         for kind in self.different("observers"):
             estimate = self[design, trials, kind, "order_effect", DETECTED]
             if self.has_effect(kind, "order_effect"):
@@ -256,7 +257,8 @@ def share(hits: int, size: int) -> tuple[float, float, float]:
     >>> [round(value, 3) for value in share(7, 20)]
     [0.35, 0.172, 0.568]
     """
-    a, b = hits + 0.5, size - hits + 0.5
+    a = hits + 0.5
+    b = size - hits + 0.5
     low, high = beta.ppf((_TAIL, 1.0 - _TAIL), a, b).tolist()
     if hits == 0:
         low = 0.0
@@ -307,7 +309,8 @@ def power(
     >>> table["the paper's pairs", 130, "both", "order_effect", "yes"].data_sets
     2
     """
-    root, own_prior = root_seed(seed), preset_or_file(prior).observer
+    root = root_seed(seed)
+    own_prior = preset_or_file(prior).observer
     simulated = list[DataSet]()
     for designs in designs_by_task(name_designs(design)):
         assumed = assume_observers(
@@ -352,7 +355,8 @@ def simulate_power(
 
     A job is a batch of observers with one design. Progress shows the names of its observers.
     """
-    jobs, names = [], []
+    jobs = []
+    names = []
     for name, design in designs:
         for start in range(0, len(observers), BATCH):
             batch = observers[start : start + BATCH]
@@ -429,7 +433,8 @@ class GroupPower(NamedTuple):
 
         It is in brackets if the true mean is 0, because it is then the share of false positives.
         """
-        low, high = 100.0 * self.power_low, 100.0 * self.power_high
+        low = 100.0 * self.power_low
+        high = 100.0 * self.power_high
         text = f"{100.0 * self.power:.0f} [{low:.0f}, {high:.0f}]"
         return text if self.has_mean else f"({text})"
 
@@ -535,11 +540,13 @@ def _count_detected_means(
     scales = group[0].scales
     if question == CONSTANT_ERROR.name:
         low, high = np.log1p([low / 100.0, high / 100.0])  # of per cent of intensity
-        unit, hyperprior = scales.step, Hyperprior().constant_error  # in D
+        unit = scales.step
+        hyperprior = Hyperprior().constant_error  # in D
         # At 0, Student's t with 3 degrees of freedom is curved like a normal with this SD.
         prior_sd = 0.5 * np.sqrt(3.0) * prior.constant_error_scale
     else:
-        unit, hyperprior = 1.0, Hyperprior().contraction.narrowed(scales.roving_share)
+        unit = 1.0
+        hyperprior = Hyperprior().contraction.narrowed(scales.roving_share)
         prior_sd = prior.contraction_sd * scales.roving_share
 
     posterior_sd = (high - low) / 3.92 / unit  # a 95 % interval of a normal is 2 x 1.96 SD wide
@@ -566,7 +573,8 @@ def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]
     >>> predicted_count(35, 50, 20)
     (14, 9, 18)
     """
-    a, b = hits + 0.5, size - hits + 0.5
+    a = hits + 0.5
+    b = size - hits + 0.5
     levels = (0.5, _TAIL, 1.0 - _TAIL)
     median, low, high = betabinom.ppf(levels, subjects, a, b).astype(int).tolist()
     return median, low, high

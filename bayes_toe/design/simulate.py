@@ -133,7 +133,8 @@ def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
     sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))  # gamma = (sigma_l / sigma_p)^2
     beta = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
     q0_or_lapse_rate = rng.beta(*beta, size)
-    mu1[15::16], sigma_l[15::16] = -0.6, 0.02
+    mu1[15::16] = -0.6
+    sigma_l[15::16] = 0.02
     rows = zip(subject_names(size), mu1, sigma_p, sigma_l, q0_or_lapse_rate, strict=True)
     return [PaperObserver(name, Natural(*values), task) for name, *values in rows]
 
@@ -303,7 +304,8 @@ class SimulatedTrials:
     @property
     def responses(self) -> npt.NDArray[np.str_]:
         """The responses in words, empty where nobody answered, shape (trials,)."""
-        answers, words = self.answers, np.array(self.observer.task.answers)
+        answers = self.answers
+        words = np.array(self.observer.task.answers)
         index = 1 - answers.n_yes  # the first word is the counted answer
         if answers.n_second is not None:  # of equal, second and first, what is neither is 'first'
             index = np.where(answers.n_yes + answers.n_second > 0, index, 2)
@@ -358,7 +360,8 @@ def _answer_trials(
     pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
     order = np.argsort(rng.uniform(size=(n_batches, len(pairs_of_batch))), axis=1)
     pair = pairs_of_batch[order.ravel()]
-    s1, s2 = design.s1[pair], design.s2[pair]
+    s1 = design.s1[pair]
+    s2 = design.s2[pair]
 
     probabilities = observer.p_trials(s1, s2, carry_over)
     batch = np.repeat(np.arange(1, n_batches + 1), len(pairs_of_batch))
@@ -438,7 +441,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     >>> simulate({"A": {"noise": 0.2, "q0": 0.95, "contraction": 0.3}}, batches=5).study.names
     ('A',)
     """
-    task, root = task_of(task), root_seed(seed)
+    task = task_of(task)
+    root = root_seed(seed)
     study_design = make_design(design, None, batches)
     differences = condition_differences(conditions, differ)
     simulated: Sequence[SimulatedObserver]
@@ -457,7 +461,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         differences=differences,
     )
     extra = {"carry_over": carry_over} if carry_over else {}
-    subjects, truth = [], {}
+    subjects = []
+    truth = {}
     for unit in trials:
         subject = Subject.from_answers(unit.observer.name, unit.answers, task)
         subjects.append(replace(subject, condition=unit.condition))
@@ -508,7 +513,8 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
     require_file(path, "--observers", POPULATIONS)
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         header = file.readline(10_000)
-    required, optional = natural_names(task), list[str]()
+    required = natural_names(task)
+    optional = list[str]()
     if "mu1" not in header:
         parameters = parameter_names(task)
         required = tuple(name for name in parameters if name in REQUIRED)
@@ -579,7 +585,8 @@ def make_design(
     else:
         require_file(design, "--design", _DESIGNS)
         _, columns = read_stimuli(design, options, optional=("n_trials",))
-        s1, s2 = columns["s1"], columns["s2"]
+        s1 = columns["s1"]
+        s2 = columns["s2"]
         n_trials = columns.get("n_trials", np.full(len(s1), batches)).astype(np.int64)
         study_design = StudyDesign(s1, s2, n_trials)
     return study_design if trials is None else study_design.with_total(trials)

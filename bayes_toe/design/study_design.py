@@ -219,7 +219,8 @@ def read_stimuli(
     the names of `logs`, and the counts that are `required` or `optional` by theirs.
     """
     table = read_table(path, lambda _: {*logs, *intensities, *required, *optional})
-    header, names = {*table.names}, logs
+    header = {*table.names}
+    names = logs
     if header.issuperset(intensities):
         if options.has_intensities:
             names = intensities

@@ -7,6 +7,7 @@ follow each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from numbers import Integral
 
 import numpy as np
@@ -100,10 +101,9 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
 
     dealt: list[IndexArray] = []  # trials that come to one block
     for pairs_and_counts in (both_orders, one_order):
-        of_levels = pairs_and_counts * n_levels
+        of_levels = list(product(range(n_levels), pairs_and_counts))
         for i in rng.permutation(len(of_levels)).tolist():
-            pairs, n_times = of_levels[i]
-            level = i // len(pairs_and_counts)
+            level, (pairs, n_times) = of_levels[i]
             dealt += [np.add(level * design.n_pairs, pairs)] * n_times
     require_kind("--blocks", blocks, Integral, "a whole number")
     if not 1 <= blocks <= len(dealt):

@@ -8,7 +8,7 @@ that panels which are not shown cost nothing.
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 from bokeh.document import Document
 from bokeh.models import (
@@ -35,11 +35,21 @@ from bayes_toe.plots.style import ORDERS
 
 #: Quantities that are shown together.
 SLOTS = 6
-#: The two entries that are shown together: colour, marker, dash of lines, and marker of the truth.
-#: The colours differ from those of the orders of stimuli.
+
+
+class _Look(NamedTuple):
+    """Colour of an entry, marker of its draws, dash of its lines, and marker of its truth."""
+
+    colour: str
+    marker: str
+    dash: str
+    cross: str
+
+
+#: The two entries that are shown together, in other colours than the orders of stimuli have.
 LETTERS = {
-    "a": ("#4B3B8F", "circle", "solid", "x"),
-    "b": ("#00795C", "triangle", "dashed", "cross"),
+    "a": _Look("#4B3B8F", "circle", "solid", "x"),
+    "b": _Look("#00795C", "triangle", "dashed", "cross"),
 }
 #: Orders under the names that sources have, with Bokeh's names of markers.
 KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
@@ -140,7 +150,8 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
     """
     plot = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width")
     x, y = f"x{i}", f"y{i}"
-    for letter, (colour, _, dash, _) in LETTERS.items():
+    for letter, look in LETTERS.items():
+        colour, dash = look.colour, look.dash
         plot.add_glyph(
             sources.get_source(f"prior-{letter}", x, y),
             Line(x=x, y=y, line_color="#8A8A8A", line_width=2, line_dash=dash),
@@ -164,16 +175,28 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     """
     name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
     plot = _panel(name, ranges[j], ranges[i], "both")
-    for letter, (colour, marker, *_) in LETTERS.items():
+    for letter, look in LETTERS.items():
         faint = Scatter(
-            x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None
+            x="x",
+            y="y",
+            marker=look.marker,
+            size=3,
+            fill_color=look.colour,
+            fill_alpha=0.12,
+            line_color=None,
         )
         plot.add_glyph(sources.get_source(f"all-{letter}-{i}-{j}", "x", "y"), faint)
 
     selected = []
-    for letter, (colour, marker, dash, _) in LETTERS.items():
+    for letter, look in LETTERS.items():
         strong = Scatter(
-            x="x", y="y", marker=marker, size=4, fill_color=colour, fill_alpha=0.35, line_color=None
+            x="x",
+            y="y",
+            marker=look.marker,
+            size=4,
+            fill_color=look.colour,
+            fill_alpha=0.35,
+            line_color=None,
         )
         selected.append(
             plot.add_glyph(
@@ -188,15 +211,22 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
         )
         plot.add_glyph(
             lines,
-            MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash),
+            MultiLine(
+                xs="xs",
+                ys="ys",
+                line_color=look.colour,
+                line_width="width",
+                line_dash=look.dash,
+            ),
         )
 
-    for letter, (colour, *_, cross) in LETTERS.items():
+    for letter, look in LETTERS.items():
         truth = sources.get_source(f"truth-{letter}", x, y)
-        for edge, width in ((_PAGE, 6), (colour, 3)):  # a cross with an edge in the page's colour
+        # A cross with an edge in the page's colour.
+        for colour, width in ((_PAGE, 6), (look.colour, 3)):
             plot.add_glyph(
                 truth,
-                Scatter(x=x, y=y, marker=cross, size=13, line_color=edge, line_width=width),
+                Scatter(x=x, y=y, marker=look.cross, size=13, line_color=colour, line_width=width),
             )
     plot.add_tools(
         HoverTool(name=f"hover-{name}", renderers=selected, limit=1, tooltips=[("", "$name")])
@@ -296,7 +326,7 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
 
     axis = sources.get_source(f"axis-{letter}", *_BAND)
     plot.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
-    _band(plot, axis, LETTERS[letter][0])
+    _band(plot, axis, LETTERS[letter].colour)
 
     points = []
     for order, (kind, marker) in KINDS.items():

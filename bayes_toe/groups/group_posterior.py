@@ -110,9 +110,11 @@ class SubjectRows(LinearLikelihood):
 
     def log_unshared_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the unshared parameters, (..., unshared) -> (...), and its slopes."""
-        total, slopes = np.zeros(unshared.shape[:-1]), np.empty_like(unshared)
+        total = np.zeros(unshared.shape[:-1])
+        slopes = np.empty_like(unshared)
         for j, coordinate in enumerate(self.unshared_coordinates):
-            density, u = self.rows.priors[coordinate], unshared[..., j]
+            density = self.rows.priors[coordinate]
+            u = unshared[..., j]
             total += density.log_density(u)
             slopes[..., j] = density.slope(u)
         return total, slopes
@@ -144,9 +146,12 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
 
     A step that lowers the log density is not made; the next one of that subject is shorter.
     """
-    n, k, q = rows.n_subjects, rows.n_coordinates, rows.n_coefficients
+    n = rows.n_subjects
+    k = rows.n_coordinates
+    q = rows.n_coefficients
     # The normal prior; that of the unshared parameters has SD 1.
-    centre, precision = np.zeros(k), np.ones(k)
+    centre = np.zeros(k)
+    precision = np.ones(k)
     centre[:q] = numbers.mean
     precision[:q] = 1.0 / (np.square(numbers.mean_scale) + np.square(numbers.sd_scale))
 
@@ -217,10 +222,14 @@ class GroupPosterior:
 
     def __call__(self, theta: FloatArray) -> ArrayPair:
         """Log density, (points,), and gradient, (points, n_coordinates)."""
-        numbers, q, fits = self.numbers, self.rows.n_coefficients, self.fits
-        precision, information = fits.precision[:, None], fits.information[:, None]
+        numbers = self.numbers
+        q = self.rows.n_coefficients
+        fits = self.fits
+        precision = fits.precision[:, None]
+        information = fits.information[:, None]
         mean, sd_score, effects, block = self._split(theta)
-        xi, unshared = block[..., :q], block[..., q:]
+        xi = block[..., :q]
+        unshared = block[..., q:]
         tau, tau_rise, log_prior_of_sd, slope_of_sd_prior = numbers.sds(sd_score)
         expected = self._subject_means(mean, effects)
 
@@ -283,7 +292,8 @@ class GroupPosterior:
         Means scatter by two of their standard errors, and standard deviations by a factor of about
         2. These are at least 0.3 of their scale, because separate fits may hardly differ.
         """
-        q, fits = self.rows.n_coefficients, self.fits
+        q = self.rows.n_coefficients
+        fits = self.fits
         mode = fits.mode[:, :q]
         spread = np.maximum(mode.std(axis=0), 0.3 * self.numbers.sd_scale)
         standard_error = spread / np.sqrt(self.rows.n_subjects)
@@ -310,7 +320,8 @@ class GroupPosterior:
 
         The blocks have the shape (subjects, points, ...).
         """
-        q, n_points = self.rows.n_coefficients, len(theta)
+        q = self.rows.n_coefficients
+        n_points = len(theta)
         mean, sd_score, effects, block = np.split(theta, (q, 2 * q, self.n_shared), axis=1)
         block = block.reshape(n_points, self.rows.n_subjects, self.rows.n_coordinates)
         return mean, sd_score, effects.reshape(n_points, -1, q), block.swapaxes(0, 1)

@@ -79,10 +79,12 @@ class Metric:
 
     def learn(self, draws: FloatArray) -> None:
         """Learn from draws, (draws, coordinates); the former map counts as a few draws more."""
-        n_shared, (n_blocks, size, _) = len(self._shared), self._blocks.shape
+        n_shared = len(self._shared)
+        (n_blocks, size, _) = self._blocks.shape
         weight = len(draws) / (len(draws) + _GUESS_WEIGHT)
         draws = draws - draws.mean(axis=0)
-        shared, blocks = draws[:, :n_shared], draws[:, n_shared:]
+        shared = draws[:, :n_shared]
+        blocks = draws[:, n_shared:]
         self._shared = _shrunk_root(shared[None], self._shared[None])[0]
         # B is the regression of the blocks on the shared coordinates, L the root of what it leaves.
         covariance = weight * shared.T @ blocks / len(draws)
@@ -127,7 +129,9 @@ class Hamiltonian:
     """
 
     def __init__(self, density: Density, start: FloatArray, metric: Metric, rng: Rng) -> None:
-        self._density, self._metric, self._rng = density, metric, rng
+        self._density = density
+        self._metric = metric
+        self._rng = rng
         self._x = start.copy()
         self._value, self._gradient = density(start)
         # A good step falls with this power of the dimension; warm-up adapts it.
@@ -152,7 +156,8 @@ class Hamiltonian:
         One in eight trajectories has shorter steps, so that a chain can leave a region in which the
         common step is too long.
         """
-        x, n_divergent = [], 0
+        x = []
+        n_divergent = 0
         is_careful = self._rng.uniform(size=n_draws) < 0.125
         for factor in np.where(is_careful, 0.2, 1.0).tolist():
             _, is_divergent = self._move(factor)
@@ -172,7 +177,8 @@ class Hamiltonian:
         `anchor` is their mu, `error` their H, and `averaged` the mean of the log step, which is the
         step at the end.
         """
-        anchor, error = np.log(2.0 * self.step), 0.0
+        anchor = np.log(2.0 * self.step)
+        error = 0.0
         averaged = np.log(self.step)
         draws = []
         for t in range(1, size + 1):
@@ -202,7 +208,9 @@ class Hamiltonian:
         step = factor * min(length / n_steps, self.step)
         metric = self._metric
         momentum = self._rng.standard_normal(self._x.shape)
-        x, value, gradient = self._x, self._value, self._gradient
+        x = self._x
+        value = self._value
+        gradient = self._gradient
         first_energy = _kinetic(momentum) - value
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):

@@ -118,7 +118,8 @@ def study_scales(study: Study) -> StimulusScales:
     scales = common_scales(*study)
     if scales is None:
         raise InputError("no pair has two different stimuli, so no order effect can be seen")
-    offsets, n_trials = [], []
+    offsets = []
+    n_trials = []
     for units in units_by_subject(study).values():
         mean = _mean_first(units)
         offsets += [unit.s1 - mean for unit in units]
@@ -469,7 +470,8 @@ def population(
 
 def group_posterior(study: Study, hyperprior: Hyperprior, x: FloatArray) -> GroupPosterior:
     """The joint posterior of a study's subjects with covariates x, (subjects, covariates)."""
-    rows, numbers = subject_rows(study), _numbers(hyperprior, study)
+    rows = subject_rows(study)
+    numbers = _numbers(hyperprior, study)
     return GroupPosterior(rows, numbers, x, separate_fits(rows, numbers))
 
 
@@ -477,7 +479,9 @@ def subject_rows(study: Study) -> SubjectRows:
     """The likelihood of a study's subjects, a row for each unit of subject and condition."""
     # A spread of 0 does not narrow the prior of p; the hyperprior is narrowed instead.
     scales = study_scales(study)._replace(first_spread=0.0)
-    units, unit_scales, first_row = list[Subject](), list[StimulusScales](), list[int]()
+    units = list[Subject]()
+    unit_scales = list[StimulusScales]()
+    first_row = list[int]()
     for subject_units in units_by_subject(study).values():
         first_row.append(len(units))
         units += subject_units
@@ -523,7 +527,8 @@ def load(path: StrPath) -> Draws | PopulationResult:
 
 def _stored_population(tree: xr.DataTree) -> PopulationResult:
     """The result from its :meth:`PopulationResult.tree`."""
-    posterior, covariates = tree["posterior"].to_dataset(), tree[COVARIATES].to_dataset()
+    posterior = tree["posterior"].to_dataset()
+    covariates = tree[COVARIATES].to_dataset()
     require_numbers(posterior, _DRAWS)
     require_numbers(covariates, _COVARIATES)
     xr.align(posterior, covariates, join="exact")

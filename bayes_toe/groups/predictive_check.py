@@ -119,7 +119,9 @@ def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
     *shape, q = draws.mean.shape
     evenly_spaced = np.linspace(0, np.prod(shape) - 1, 500).astype(int)
     index = np.unravel_index(evenly_spaced, shape)  # chains and draws
-    mean, sd, effects = draws.mean[index], draws.sd[index], draws.effects[index]
+    mean = draws.mean[index]
+    sd = draws.sd[index]
+    effects = draws.effects[index]
 
     expected = mean[:, None] + result.regressors.x @ effects
     coefficients = expected + sd[:, None] * rng.standard_normal(expected.shape)
@@ -180,7 +182,8 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
     for kind in kinds:
         if kind != "spread" and len(values) < 3:  # of two subjects, the others are constant
             continue
-        observed, simulated = float(measures[kind][0]), measures[kind][1:]
+        observed = float(measures[kind][0])
+        simulated = measures[kind][1:]
         tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
         # The observed group counts as one of the groups, so that p is never 0.
         p_value = min(1.0, 2.0 * (tail + 1) / (len(simulated) + 1))

@@ -158,7 +158,8 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
     # Squares of numbers beyond 1e154 are beyond the largest float, so the largest is the unit.
     unit = np.abs(values).max()
     values = values / unit
-    mean, sd = values.mean(), values.std(ddof=1)
+    mean = values.mean()
+    sd = values.std(ddof=1)
     words = f"{display_name(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
     column = (values - mean) / sd
     return [Regressor(name, level="", meaning=words)], column[:, None]

@@ -114,7 +114,8 @@ def _log_marginal_density(
 
     With Student's t it is a sum over the nodes of the narrower of the two densities.
     """
-    mean, scale = numbers.mean[j], numbers.mean_scale[j]
+    mean = numbers.mean[j]
+    scale = numbers.mean_scale[j]
     if not numbers.has_heavy_tails[j]:  # both densities are normal
         return _log_normal(centre - mean, np.square(width) + scale**2)
     score = (centre[..., None] + width[..., None] * _NORMAL_NODES - mean) / scale

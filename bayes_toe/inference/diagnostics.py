@@ -152,7 +152,8 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
 
     a = ess * p + 1.0
     b = ess * (1.0 - p) + 1.0
-    below, above = 0.1586553, 0.8413447  # one SD of a normal below its mean, and above it
+    below = 0.1586553
+    above = 0.8413447  # one SD of a normal below its mean, and above it
 
     # The draw with a share q of all draws up to it has the index q size - 1; both round outward.
     size = ascending.size

@@ -27,7 +27,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.arrays import NamedArrays, Record, StrPath, Texts, run_starts
+from bayes_toe.arrays import FloatArray, Record, StrPath, Texts, run_starts
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
@@ -67,29 +67,17 @@ def subjects_tree(
     """
     statistics = [draws.statistics for draws in subject_draws]
     acceptance = np.stack([draws.acceptance for draws in subject_draws], axis=-1)
-    quantities = _joined_quantities(subject_draws)
-    log_posterior = quantities.pop("lp")
+    posterior, log_posterior = _posterior_group(study, subject_draws, settings.sampler.walkers)
 
-    n_chains, n_draws, _ = log_posterior.shape
-    coordinates = {
-        "chain": np.arange(n_chains),
-        "draw": np.arange(n_draws),
-        "subject": np.array(study.names, object),
-    }
-    n_walkers = settings.sampler.walkers
-    walker = ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers))
-    posterior = xr.Dataset(coords={**coordinates, "walker": walker})
-    for name, draws in quantities.items():
-        posterior[name] = (BY_SUBJECT, draws, {"units": QUANTITY_BY_NAME[name].unit})
-
+    # NetCDF has no Boolean values, and a text of any length is an object.
     types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
-    sample_stats = xr.Dataset(coords=coordinates)
+    sample_stats = xr.Dataset(coords=posterior.drop_vars("walker").coords)
     for name in statistics[0]:
         column = [row[name] for row in statistics]
         sample_stats[name] = ("subject", np.array(column, types.get(name)))
     sample_stats["acceptance_rate"] = (("chain", "subject"), acceptance)
     target = model_posterior(settings.model, study.subjects[0], settings.prior)
-    density_of = ", ".join(target.coordinates[:6])
+    density_of = ", ".join(target.coordinates)
     density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
     sample_stats["lp"] = (BY_SUBJECT, log_posterior, {"description": density})
 
@@ -104,15 +92,31 @@ def subjects_tree(
     return tree
 
 
-def _joined_quantities(subject_draws: list[SubjectDraws]) -> NamedArrays:
-    """The draws of all subjects by quantity, (chains, draws, subjects); the list is emptied."""
-    n_subjects = len(subject_draws)
+def _posterior_group(
+    study: Study, subject_draws: list[SubjectDraws], n_walkers: int
+) -> tuple[xr.Dataset, FloatArray]:
+    """The draws of all subjects, and their log densities, (chains, draws, subjects) each.
+
+    The list `subject_draws` is empty afterwards.
+    """
     first = subject_draws[0].quantities
-    joined = {name: np.empty((*draws.shape, n_subjects)) for name, draws in first.items()}
-    for i in range(n_subjects):
+    n_chains, n_draws = first["lp"].shape
+    joined = {name: np.empty((n_chains, n_draws, len(study))) for name in first}
+    for i in range(len(study)):
         for name, draws in subject_draws.pop(0).quantities.items():
             joined[name][..., i] = draws
-    return joined
+    log_posterior = joined.pop("lp")
+
+    coordinates = {
+        "chain": np.arange(n_chains),
+        "draw": np.arange(n_draws),
+        "subject": np.array(study.names, object),
+        "walker": ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers)),
+    }
+    group = xr.Dataset(coords=coordinates)
+    for name, draws in joined.items():
+        group[name] = (BY_SUBJECT, draws, {"units": QUANTITY_BY_NAME[name].unit})
+    return group, log_posterior
 
 
 def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.DataTree:

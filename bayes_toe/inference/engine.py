@@ -295,7 +295,8 @@ def fresh_draws(
 ) -> list[WeightedDraws]:
     """`size` draws of every posterior, each posterior from its own mixture."""
     shape = (len(array), size, len(array.names))
-    probability, points = np.empty(shape), np.empty(shape)
+    probability = np.empty(shape)
+    points = np.empty(shape)
     is_prior = np.empty(shape[:2], np.bool_)
     for i, (mixture, rng) in enumerate(zip(mixtures, generators, strict=True)):
         probability[i] = rng.uniform(size=shape[1:])
@@ -431,7 +432,8 @@ def _refit(state: _State, precision: Precision) -> None:
     state.fresh = draws.part(slice(0))
 
     # The shape of a new component comes from the 120 draws about it.
-    n_near, n_added = 120, precision.n_added
+    n_near = 120
+    n_added = precision.n_added
     centres = draws.x[np.argsort(-draws.log_weights)[:n_added]][:, mixture.is_free]
     points = state.pool.x[:, mixture.is_free]
     sds = points.std(axis=0)

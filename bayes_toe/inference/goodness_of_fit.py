@@ -39,7 +39,8 @@ def binomial_deviance(
     because either probability may be below the smallest float. D is infinite where an answer was
     given that has the probability 0.
     """
-    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
+    k = np.asarray(n_yes, np.float64)
+    n = np.asarray(n_trials, np.float64)
     saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
     log_ratio = saturated - times_counts(k, log_q) - times_counts(n - k, log_other)
     return 2.0 * np.maximum(log_ratio, 0.0)  # rounding can make it negative
@@ -200,6 +201,7 @@ def _worst_pairs(
         if question == 1:  # asked where the answer to the first one was no
             share = share * (1.0 - shares[:, pair])
         observed, expected = share.tolist()
-        s1, s2 = float(subject.s1[pair]), float(subject.s2[pair])
+        s1 = float(subject.s1[pair])
+        s2 = float(subject.s2[pair])
         worst.append(PairResidual(s1, s2, observed, expected, subject.task.questions[question]))
     return tuple(worst)

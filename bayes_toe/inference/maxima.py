@@ -115,7 +115,8 @@ def ascend(
             stored[active[is_better]] = new[is_better]
 
         old = damping[active]
-        lighter, heavier = np.maximum(0.1 * old, 1e-12), np.maximum(10.0 * old, retry_damping)
+        lighter = np.maximum(0.1 * old, 1e-12)
+        heavier = np.maximum(10.0 * old, retry_damping)
         damping[active] = np.where(is_better, lighter, heavier)
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether

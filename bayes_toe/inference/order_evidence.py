@@ -93,13 +93,16 @@ class OrderEvidence(ModelSet):
         # The last two coordinates are those of the constant error and of p. They count in widths of
         # the prior, so that a wider prior is the same density at u / factor, but for its cut.
         if effect == CONSTANT_ERROR:
-            has_effect, coordinate = HAS_ERROR, -2
+            has_effect = HAS_ERROR
+            coordinate = -2
             density: PriorDensity = StandardStudent()
             density_of_scaled = density
         else:
-            has_effect, coordinate = HAS_CONTRACTION, -1
+            has_effect = HAS_CONTRACTION
+            coordinate = -1
             sd = self.prior.contraction_sd * self.subject.scales.roving_share
-            density, density_of_scaled = CutNormal(1.0 / sd), CutNormal(1.0 / (factor * sd))
+            density = CutNormal(1.0 / sd)
+            density_of_scaled = CutNormal(1.0 / (factor * sd))
 
         reweighted = list(self.draws)
         for i in np.flatnonzero(has_effect):

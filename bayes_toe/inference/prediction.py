@@ -68,7 +68,8 @@ def answer_probabilities(target: SubjectPosterior, x: FloatArray) -> FloatArray:
     """
     n_pairs = target.subject.n_pairs
     yes, no = (np.exp(logs) for logs in target.log_answers(x))
-    p_yes, p_no = yes[:, :n_pairs], no[:, :n_pairs]
+    p_yes = yes[:, :n_pairs]
+    p_no = no[:, :n_pairs]
     if yes.shape[1] == n_pairs:  # one question
         return np.stack([p_yes, p_no])
     # The second question, 'second' or 'first', is asked where the stimuli do not seem equal.

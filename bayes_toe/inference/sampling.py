@@ -146,7 +146,8 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
             del quantities[name]  # its ranks, and so its diagnostics, are those of another one
         diagnostics = convergence_of(quantities)
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
-        imprecise, is_hopeless = "", False
+        imprecise = ""
+        is_hopeless = False
         if not reason:
             natural = {name: quantities[name] for name in posterior.names.natural}
             limit = settings.max_quantile_error

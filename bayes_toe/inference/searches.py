@@ -27,7 +27,8 @@ _ERRORS = np.array([0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0])
 _LAPSE_STARTS = (-1.0, 0.6, 1.8)
 #: Normal scores of the noise in its prior at which searches start. With little noise the curve is
 #: steep, and with much noise it is flat.
-_STEEP, _FLAT = -0.5, 2.0
+_STEEP = -0.5
+_FLAT = 2.0
 #: Logit of the peak at which searches start: P('equal') is 0.88.
 _PEAK_START = 2.0
 
@@ -46,7 +47,9 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     profile, profile_owners = _profile(array, has_error)
     first_from_flat = len(profile.x) - len(array)
 
-    free_searches, free_owners, best_searches = [], [], []
+    free_searches = []
+    free_owners = []
+    best_searches = []
     # The search that holds the constant error 0, of a posterior or, if it has no constant error, of
     # the next one.
     first = 0

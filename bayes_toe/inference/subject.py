@@ -112,7 +112,9 @@ def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest)
     judging_draws = 4000 if request.chains is None else SHARP.most_draws
     fitted = fit_posterior(target, generator(*key, "proposal"), judging_draws)
 
-    chains, fit, evidence = None, None, None
+    chains = None
+    fit = None
+    evidence = None
     if request.chains is not None:
         chains = sample_chains(fitted, request.chains, seed)
         draws = chains.x.reshape(-1, chains.x.shape[-1])

@@ -28,7 +28,8 @@ from bayes_toe.model.paper_equations import LN2
 #: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level:
 #: there, twelve leave no error but rounding. They come on (-1, 1).
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_NODES = 0.5 * (_NODES + 1.0)
+_WEIGHTS = 0.5 * _WEIGHTS
 
 
 class LogAnswers(NamedTuple):
@@ -120,7 +121,8 @@ def near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
 
 def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatArray:
     """Log of Phi(k - d) - Phi(-k - d) for d, k >= 0; `near` is k - d."""
-    upper, lower = log_ndtr(near), log_ndtr(-k - distance)
+    upper = log_ndtr(near)
+    lower = log_ndtr(-k - distance)
     # Where Phi(k - d) is 0 even as a logarithm, so is the difference.
     log_ratio = np.where(np.isfinite(upper), lower - upper, -np.inf)
     result = np.asarray(upper + np.log1p(-np.exp(log_ratio)))
@@ -197,7 +199,8 @@ def pair_arrays(
     n_pairs = max(subject.n_pairs for subject in subjects)
     arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))
     for i, (subject, origin, unit) in enumerate(zip(subjects, origins, units, strict=True)):
-        first, second = (subject.s1 - origin) / unit, (subject.s2 - origin) / unit
+        first = (subject.s1 - origin) / unit
+        second = (subject.s2 - origin) / unit
         difference = (subject.s2 - subject.s1) / unit  # without the rounding of `first`
         n_no = subject.n_trials - subject.n_yes
         columns = (first, difference, 0.5 * (first + second), subject.n_yes, n_no)
@@ -277,16 +280,18 @@ class AnswerRows(ABC):
         answers, yes_slopes, no_slopes = self.answer_slopes(u)
         n_trials = self.expected_trials(answers)
         # Counts and weights get an axis for the coordinates: (rows, points, k, pairs).
-        n_yes, n_no = self.n_yes[:, :, None], self.n_no[:, :, None]
+        n_yes = self.n_yes[:, :, None]
+        n_no = self.n_no[:, :, None]
         yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
         no_weight = (n_trials * np.exp(answers.no))[..., None, :]
 
         # Where an answer is impossible its slopes are infinite, and `times_counts` makes 0 of them.
         with np.errstate(over="ignore", invalid="ignore"):
             slope_terms = times_counts(n_yes, yes_slopes) + times_counts(n_no, no_slopes)
+            gradient = slope_terms.sum(axis=-1)
             information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
             information += times_counts(no_weight, no_slopes) @ np.swapaxes(no_slopes, -1, -2)
-        return self.terms(answers).sum(axis=-1), slope_terms.sum(axis=-1), information
+        return self.terms(answers).sum(axis=-1), gradient, information
 
     def expected_trials(self, answers: LogAnswers) -> FloatArray:
         """How often each question is expected, in an array that broadcasts with the answers.

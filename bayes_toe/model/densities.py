@@ -162,7 +162,8 @@ class ProbitOfBeta:
 
     def curvature(self, u: FloatArray) -> FloatArray:
         """The negative second derivative, without the terms that are negative for a, b < 1."""
-        below, above = normal_hazard(-u), normal_hazard(u)
+        below = normal_hazard(-u)
+        above = normal_hazard(u)
         share_term = max(self.a - 1.0, 0.0) * below * (below + u)
         complement_term = max(self.b - 1.0, 0.0) * above * (above - u)
         return 1.0 + share_term + complement_term

@@ -166,7 +166,8 @@ class ObserverPosterior(SubjectPosterior):
 
         The inverse of :meth:`quantities`.
         """
-        step, prior = self.scales.step, self.prior
+        step = self.scales.step
+        prior = self.prior
         # Slopes and effects are multiples of their coordinates, and so have their units at 1.
         units = self.quantities(np.ones(len(self.coordinates)))
         columns = []

@@ -233,7 +233,8 @@ class ObserverRows(AnswerRows):
         if not self.task.has_three_answers:
             return equal, lapse * 2.0 * ndtr(-k) + attend * (near + far)
         guessed = lapse * ndtr(-k)
-        expected, opposite = guessed + attend * near, guessed + attend * far
+        expected = guessed + attend * near
+        opposite = guessed + attend * far
         is_second = z > 0.0  # the expected answer
         return (
             equal,
@@ -330,7 +331,9 @@ class ObserverRows(AnswerRows):
     ) -> list[FloatArray]:
         """Slopes of both log answers to the one or the first question in every coordinate."""
         log_lapse, log_attend = self._lapse_logs(values)
-        near, rise_in_z, in_log_k = z, np.ones(1), None
+        near = z
+        rise_in_z = np.ones(1)
+        in_log_k = None
         if k is not None:
             # The density at the far edge is phi(|z| + k) = phi(|z| - k) exp(-2 |z| k).
             distance = np.abs(z)
@@ -416,7 +419,8 @@ class ObserverRows(AnswerRows):
     @cached_property
     def priors(self) -> tuple[PriorDensity, ...]:
         """The prior of every coordinate."""
-        normal, student = StandardNormal(), StandardStudent()
+        normal = StandardNormal()
+        student = StandardStudent()
         contraction = CutNormal(1.0 / self.contraction_sd)
         if not self.task.has_criterion:
             return normal, normal, student, student, contraction

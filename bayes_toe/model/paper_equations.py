@@ -195,7 +195,8 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     >>> float(log_different(0.0, 690.0))
     -690.0
     """
-    t, logit = LN2 * np.square(z), np.asarray(logit_q0)
+    t = LN2 * np.square(z)
+    logit = np.asarray(logit_q0)
     q = np.exp(-np.logaddexp(0.0, -logit) - t)
     fall = -np.expm1(-t)  # 1 - 2^(-z^2)
     lapse = np.exp(-np.logaddexp(0.0, logit))  # 1 - q0

@@ -192,8 +192,10 @@ class PaperRows(AnswerRows):
         in_z, in_share = slopes_at(z, logit_share, answers)
 
         # Slopes of the log width in the second and in the third coordinate.
-        p, pull_slope = self.pull(u), self._pull_slope(u)
-        width_by_spread, width_by_gamma = self.spread_slope(u), np.zeros_like(p)
+        p = self.pull(u)
+        pull_slope = self._pull_slope(u)
+        width_by_spread = self.spread_slope(u)
+        width_by_gamma = np.zeros_like(p)
         if self.prior.spread != "width":
             width_by_gamma = self.power * pull_slope / (1.0 - p)
 
@@ -260,10 +262,12 @@ def guessing_slopes(
     """
     log_guessed, log_attended = _guessing_parts(z, logit_rate)
     log_density = log_expit(-logit_rate) + log_normal(z)
-    yes_in_z, no_in_z = np.exp(log_density - answers.yes), -np.exp(log_density - answers.no)
+    yes_in_z = np.exp(log_density - answers.yes)
+    no_in_z = -np.exp(log_density - answers.no)
     in_rate = []
     for log_part, log_p in zip(log_attended, answers, strict=True):
-        guessed_share, attended_share = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
+        guessed_share = np.exp(log_guessed - log_p)
+        attended_share = np.exp(log_part - log_p)
         in_rate.append(guessed_share * expit(-logit_rate) - attended_share * expit(logit_rate))
     yes_in_rate, no_in_rate = in_rate
     return (yes_in_z, no_in_z), (yes_in_rate, no_in_rate)
@@ -374,7 +378,9 @@ class PaperPosterior(SubjectPosterior):
         """
         rows = self.rows
         fourth = self.subject.task.lapses  # q0 or lapse_rate
-        mu1, width, p = rows.mu1(x), np.exp(rows.log_width(x)), rows.pull(x)
+        mu1 = rows.mu1(x)
+        width = np.exp(rows.log_width(x))
+        p = rows.pull(x)
 
         gain = 1.0 - p
         sigma_p = width * gain**rows.power

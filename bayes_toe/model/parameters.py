@@ -31,7 +31,9 @@ from bayes_toe.data.messages import display_name, quoted
 from bayes_toe.data.tasks import TASKS, Task
 from bayes_toe.errors import InputError
 
-LOG_INTENSITY_UNIT, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
+LOG_INTENSITY_UNIT = "ln intensity"
+PER_LOG_INTENSITY = "1 / ln intensity"
+PURE_NUMBER = "1"
 #: What the symbols of a prior mean.
 SCALES = "D is the root mean square of s2 - s1 over unequal pairs, and R is the SD of the stimuli"
 
@@ -247,8 +249,10 @@ class Parameter(Quantity):
 
 _WITH_EQUAL = tuple(task for task in TASKS if task.has_criterion)
 #: What axes show, see :class:`Quantity`.
-DIFFERENCE, KNOWN_DIFFERENCE = "difference", "known difference"
-STIMULUS, PERCENT = "stimulus", "percent"
+DIFFERENCE = "difference"
+KNOWN_DIFFERENCE = "known difference"
+STIMULUS = "stimulus"
+PERCENT = "percent"
 
 NOISE = Parameter(
     "noise",

@@ -153,7 +153,8 @@ class PosteriorArray:
 
         The shape of both is (posteriors, points, d).
         """
-        slopes, curvatures = np.empty_like(w), np.empty_like(w)
+        slopes = np.empty_like(w)
+        curvatures = np.empty_like(w)
         for j, density in enumerate(self.priors):
             slopes[..., j] = density.slope(w[..., j])
             curvatures[..., j] = density.curvature(w[..., j])
@@ -188,7 +189,8 @@ def independent_array(rows: AnswerRows, free_names: Sequence[Sequence[str]]) -> 
     free_names : sequence of (sequence of str)
         For each row the coordinates that its model has.
     """
-    names, n_rows = rows.coordinates, len(rows.n_yes)
+    names = rows.coordinates
+    n_rows = len(rows.n_yes)
     loading = np.broadcast_to(np.eye(len(names)), (n_rows, len(names), len(names)))
     likelihood = LinearLikelihood(rows, loading, np.arange(n_rows))
     is_free = np.array([np.isin(names, list(free)) for free in free_names])

@@ -45,9 +45,11 @@ from bayes_toe.model.parameters import (
 )
 
 #: Sections of a prior file: that of the paper's model (H1), and that of a group.
-PAPER, GROUP = "paper", "group"
+PAPER = "paper"
+GROUP = "group"
 #: Beyond these a square would leave the range of floats.
-_SMALLEST, _LARGEST = 1e-100, 1e100
+_SMALLEST = 1e-100
+_LARGEST = 1e100
 
 # --- A group --------------------------------------------------------------------------------------
 
@@ -78,7 +80,8 @@ class ParameterHyperprior(PriorNumbers):
 
     def narrowed(self, share: float) -> ParameterHyperprior:
         """This prior with both scales multiplied by a share."""
-        mean_scale, sd_scale = share * self.mean_scale, share * self.sd_scale
+        mean_scale = share * self.mean_scale
+        sd_scale = share * self.sd_scale
         return replace(self, mean_scale=mean_scale, sd_scale=sd_scale)
 
     @property

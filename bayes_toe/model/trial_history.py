@@ -118,7 +118,8 @@ class HistoryRows(ObserverRows):
         if not history.has_carry_over:
             cells, cell = np.unique(np.stack([pair, previous]), axis=1, return_inverse=True)
             cell = cell.ravel()
-            pair, previous = cells[0].astype(np.intp), cells[1]
+            pair = cells[0].astype(np.intp)
+            previous = cells[1]
 
         n_yes = np.bincount(cell, answer > 0.0)
         n_no = np.bincount(cell, answer < 0.0)

@@ -373,9 +373,9 @@ def test_a_damaged_file_has_no_table_and_a_problem(server, name, content):
 
 
 def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
-    header = b'subject,s1,s2,"response (1, 2)"\nA,0,0.3,1\n'
+    header = b'subject,s1,s2,"response (1, a=2)"\nA,0,0.3,1\n'
     job = server.add("x.csv", header)["id"]
-    for options in ({"columns": {"response": "response (1, 2)"}}, {"intensity": "x"}):
+    for options in ({"columns": {"response": "response (1, a=2)"}}, {"intensity": "x"}):
         state = server.state(job, "/options", json.dumps(options))
         assert len(state["reading"]["problems"]) == 1
         assert state["reading"]["table"]["names"][0] == "subject"

@@ -250,6 +250,9 @@ READ = {
     "windows.csv": csv(IN_LOGS.assign(note="größer"), "cp1252"),
     "encoding.csv --encoding mac_roman": csv(IN_LOGS.assign(note="größer"), "mac_roman"),
     "lines_above.csv": b"Experiment 1\n\nlab 3\n" + csv(IN_LOGS),
+    "expyriment.xpd": b"# -*- coding: UTF-8 -*-\n#e Experiment: A, B\n#s id: 3\n" + csv(IN_LOGS),
+    "names_in_two_lines.csv --columns 's1=First (ln)'": labelled(IN_LOGS, s1="First\n(ln)"),
+    "decimal_commas.csv": csv(IN_LOGS, decimal=","),
     "last_comma.csv": IN_LOGS.assign(**{"": ""}),
     "quoted.csv": csv(IN_LOGS.assign(note="two\nlines"), quoting=1),
     f"german_windows.csv {GERMAN_PAIR}": csv(GERMAN, "cp1252", sep=";"),
@@ -260,6 +263,7 @@ READ = {
     "heavier.csv": answered(IN_LOGS, "first heavier", "second was heavier"),
     "trials.json": RECORDS,
     "by_person.json": BY_PERSON,
+    "pandas.json": IN_LOGS.to_json(),
     "in_a_key.json": {"trials": RECORDS, "version": 2},
     "by_column.json": LISTS,
     "table.xlsx": excel(Trials=IN_LOGS),
@@ -278,6 +282,7 @@ READ = {
     # As Excel saves it if all formulas give an empty text.
     "empty_texts.xlsx": with_part(excel(T=WITH_FORMULA), rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"'),
     "vectors.mat": matlab(LISTS),
+    "struct_and_vector.mat": matlab({"data": LISTS, "screen": [1920, 1080]}),
     "struct.mat": matlab({"data": LISTS}),
     "nested.mat": matlab({"data": NESTED}),
     "nested.json": NESTED,
@@ -296,7 +301,12 @@ READ = {
     "percent_and_n.csv": labelled(IN_PERCENT, n_second="% second", n_trials="N"),
     "grams.csv --intensity 1000 --columns i1=w1,i2=w2": IN_GRAMS,
     "grams_by_unit.csv --unit g": labelled(IN_GRAMS, w1="i1", w2="i2"),
-    "decibel.csv --unit dB --columns s1=s1_dB,s2=s2_dB": DECIBEL,
+    "decibel.csv": DECIBEL,
+    "decibel_by_option.csv --unit dB --columns s1=s1_dB,s2=s2_dB": DECIBEL,
+    "decibel_by_columns.csv --columns s1=s1_dB,s2=s2_dB": DECIBEL,
+    "grams_by_name.csv": labelled(IN_GRAMS, w1="weight1_g", w2="weight2_g").assign(
+        rt1_ms=1, rt2_ms=2
+    ),
     "units_in_cells.csv --unit g --columns i1=w1,i2=w2": IN_GRAMS.assign(
         w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format)
     ),
@@ -377,6 +387,9 @@ NOTES = """
     separators.jsonl | trial rows, JSON, UTF-8, resp
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
+    decibel.csv | column s1_dB read as s1, dB
+    grams_by_name.csv | column weight2_g read as i2, amplitude in g
+    decimal_commas.csv | trial rows, comma-separated, UTF-8, decimal comma, resp
     a_sheet_a_session.xlsx | 1 subject in several files
     german.xlsx | sheet Daten read, not Info
     title.xlsx | rows above row 2 left out
@@ -400,6 +413,10 @@ REFUSED = {
         "a whole number from 0 to 10^12",
     ),
     "no_names.csv": (csv(IN_LOGS, header=False), "no_names.csv: has no header: row 1 holds 'P0"),
+    "no_names.txt": (
+        "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
+        "has no header: row 1 holds 'pair', '0'",
+    ),
     "row_names_of_a_part.csv": (
         IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(","),
         "row 2: found 5 cells below 4 names, allowed: a name for each column",
@@ -446,8 +463,8 @@ REFUSED = {
     "two_sheets.xlsx": (
         excel(A=IN_LOGS, B=IN_LOGS),
         "the sheets A and B have tables",
-        "--sheet '{}'  if each sheet is a subject",
-        "--sheet '*'   if the sheets have a column of subjects",
+        "--sheet '{}'",
+        "if the sheets have a column of subjects",
         "--sheet A",
     ),
     "two_sheets.xlsx --sheet C": (
@@ -457,6 +474,11 @@ REFUSED = {
     "two_sheets.xlsx --sheet C{}": (
         excel(A=IN_LOGS, B=IN_LOGS),
         "found the sheets A, B, allowed: one of them",
+    ),
+    "start_screen.csv": (
+        with_rows(IN_LOGS.assign(screen="pair"), [["P03", "", "", "first", "start"]]),
+        "1 row with a response and without stimuli.",
+        "type:  --where screen=pair",
     ),
     "no_subjects.xlsx --sheet *": (
         excel(A=WITHOUT_SUBJECT, B=WITHOUT_SUBJECT),
@@ -470,19 +492,6 @@ REFUSED = {
     "error.xlsx": (
         excel(T=IN_LOGS.assign(s1="#DIV/0!")),
         "row 2, column s1: found #DIV/0!, allowed: a value that Excel",
-    ),
-    "decibel_by_name.csv": (DECIBEL, "--columns s1=s1_dB,s2=s2_dB", "--unit dB"),
-    "decibel.csv --columns s1=s1_dB,s2=s2_dB": (
-        DECIBEL,
-        "column s1_dB seems to be in dB",
-        "--unit dB ",
-        "--unit dB-power",
-    ),
-    "semitones.csv": (
-        "subject,semitone1,semitone2,response\na,63,61,first\na,61,63,second\n",
-        "column semitone1 seems to be in semitones",
-        "--unit semitones",
-        "if they are semitones",
     ),
     "percent_in_cells.csv": (
         "subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
