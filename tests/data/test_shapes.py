@@ -925,7 +925,8 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
     write(files[0], (header + empty_row + rows).replace("NAME", "anna"))
     write(files[1], (header + rows).replace("NAME", "ben"))
     assert bt.read_study(files).notes == (
-        "trial rows, comma-separated, UTF-8, responses 'second' (36) / 'first' (36)",
+        "trial rows, comma-separated, UTF-8, responses 'second' (36) / 'first' (36), "
+        "stimuli as natural logs",
         "10 rows left out as practice (column part: 'practice'); --ignore practice reads them",
         "anna.csv: 1 row without stimuli and response left out",
         "2 trials without a response dropped: anna 1, ben 1",
