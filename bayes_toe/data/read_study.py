@@ -177,8 +177,8 @@ def read_study(
     ...     rows = "subject,s1,s2,response\n01,0,0.3,equal\n01,0.3,0,different\n"
     ...     _ = pilot.write_text(rows, encoding="utf-8")
     ...     study = read_study(pilot)
-    >>> study.names, study.notes
-    (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
+    >>> study.names, study.notes[0].partition("responses ")[2]
+    (('01',), "'equal' (1) / 'different' (1), stimuli as natural logs")
     """
     options = ReadOptions() if options is None else options
     require_kind(
@@ -387,7 +387,9 @@ class _Rows:
             parts.insert(1, f"{DELIMITERS[table.delimiter]}-separated")
         if options.decimal != "." and any("," in text for text in texts):
             parts.append("decimal comma")
-        notes: list[str] = [Note(", ".join([*parts, ""]), *answers), *table.notes]
+        unit = options.unit_in_words
+        scale = "" if unit else ", stimuli as natural logs"
+        notes: list[str] = [Note(", ".join([*parts, ""]), *answers, scale), *table.notes]
         for name, text in options.where.items():
             notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
 
@@ -395,7 +397,6 @@ class _Rows:
         for ours, theirs in options.columns.items():
             if theirs != ours and ours in self.columns:
                 read_as[theirs] = [ours]
-        unit = options.unit_in_words
         if unit:
             for column in self.stimulus_columns:
                 read_as.setdefault(column.name, []).append(unit)

@@ -307,7 +307,8 @@ def pooled_conditions(
 ) -> list[str]:
     """The names of columns that may be a condition, in which a subject has several levels.
 
-    None of them follows from the stimuli and answers, or has about as many texts as trials.
+    None of them follows from the stimuli and answers, or has about as many texts as trials; but the
+    pairs may tell the task.
     """
     answered = np.flatnonzero(counts["n_trials"])
     is_yes = (counts["n_yes"] == counts["n_trials"])[answered]
@@ -318,11 +319,12 @@ def pooled_conditions(
 
     names = []
     for column in columns:
-        if not (looks_like(column.name, "condition") or looks_like(column.name, "isi")):
+        is_task = looks_like(column.name, "dimension")
+        if not (is_task or looks_like(column.name, "condition") or looks_like(column.name, "isi")):
             continue
         row_levels = column.codes[answered]
         follows = False
-        for stimuli in (direction, pairs[answered]):
+        for stimuli in (direction, direction if is_task else pairs[answered]):
             # All rows of a group, with the same subject, answer and stimuli, have the same level.
             rows = np.column_stack([subject_codes, is_yes, stimuli])[is_unequal]
             n_groups = _n_distinct(rows)

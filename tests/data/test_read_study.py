@@ -97,14 +97,16 @@ def test_files_are_read(text, options, expected):
             TRIALS + "a,0,0,1.0\na,0,0,0\n",
             "--equal-code 1",
             """
-            trial rows, comma-separated, UTF-8, responses '1.0' as equal (1) / '0' as different (1)
+            trial rows, comma-separated, UTF-8, responses '1.0' as equal (1) / '0' as different (1),
+            stimuli as natural logs
             """,
         ),
         (
             TRIALS + "a,0,1,5\na,1,0,3\na,1,0,0\n",
             "--second-code 5 --first-code 3 --missed 0",
             """
-            trial rows, comma-separated, UTF-8, responses '5' as second (1) / '3' as first (1)
+            trial rows, comma-separated, UTF-8, responses '5' as second (1) / '3' as first (1),
+            stimuli as natural logs
             1 trial without a response dropped ('0' in column response): a 1
             """,
         ),
@@ -112,7 +114,8 @@ def test_files_are_read(text, options, expected):
             COUNTS + "a,0,0.3,1,5\nb,0,0,3,3\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4\n",
             "",
             """
-            grouped rows, comma-separated, UTF-8, 6 of 18 trials answered 'equal'
+            grouped rows, comma-separated, UTF-8, 6 of 18 trials answered 'equal',
+            stimuli as natural logs
             1 row with n_trials = 0 left out
             2 repeated rows merged: a 2
             """,
@@ -121,7 +124,8 @@ def test_files_are_read(text, options, expected):
             "subject,s1,s2,k,n\na,0,0,1,2\na,0,0,1,2\n",
             "--columns n_equal=k,n_trials=n",
             """
-            grouped rows, comma-separated, UTF-8, 2 of 4 trials answered 'equal'
+            grouped rows, comma-separated, UTF-8, 2 of 4 trials answered 'equal',
+            stimuli as natural logs
             column k read as n_equal
             column n read as n_trials
             1 repeated row merged: a 1
@@ -141,7 +145,7 @@ def test_files_are_read(text, options, expected):
             "--where task=x",
             """
             trial rows, semicolon-separated, UTF-8, decimal comma,
-            responses 'same' as equal (2) / 'different' (0)
+            responses 'same' as equal (2) / 'different' (0), stimuli as natural logs
             only rows with x in column task
             """,
         ),

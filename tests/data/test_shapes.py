@@ -660,6 +660,10 @@ REFUSED = {
 #: Tables, and what the screen of `check` warns of.
 WARNED = {
     "--condition modality": IN_LOGS.assign(modality=["light", "sound"] * 40),
+    "--condition task": (
+        "subject,task,s1,s2,response\na,time,0,0.3,first\na,time,0.3,0,second\n"
+        "a,force,5,5.3,second\na,force,5.3,5,first\n"
+    ),
     "percentages": COUNTS.assign(n_second=np.arange(len(COUNTS)), n_trials=100),
     "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
     "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
@@ -938,7 +942,8 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
     write(files[0], (header + empty_row + rows).replace("NAME", "anna"))
     write(files[1], (header + rows).replace("NAME", "ben"))
     assert bt.read_study(files).notes == (
-        "trial rows, comma-separated, UTF-8, responses 'second' (36) / 'first' (36)",
+        "trial rows, comma-separated, UTF-8, responses 'second' (36) / 'first' (36), "
+        "stimuli as natural logs",
         "10 rows left out as practice (column part: 'practice'); --ignore practice reads them",
         "anna.csv: 1 row without stimuli and response left out",
         "2 trials without a response dropped: anna 1, ben 1",

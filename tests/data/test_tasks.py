@@ -52,7 +52,7 @@ def test_right_answers_are_dropped_where_stimuli_are_equal_and_said():
     study = read(f"{RIGHT}\na,0,1,1\na,0,0,1\nb,0,1,0\nb,0,1,\n", "--correct acc")
     assert study.notes == (
         "trial rows, comma-separated, UTF-8, responses '1' as right (2) / '0' as wrong (1), "
-        "'second' or 'first' by the sign of s2 - s1",
+        "'second' or 'first' by the sign of s2 - s1, stimuli as natural logs",
         "1 trial without a response dropped: b 1",
         "1 trial with equal stimuli, of which no answer is right, dropped: a 1",
     )
