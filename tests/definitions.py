@@ -86,10 +86,10 @@ def slopes(function, x, step):
     """The derivative by each coordinate, from central differences."""
     derivatives = []
     for i in range(len(x)):
-        ahead, behind = list(map(mpf, x)), list(map(mpf, x))
+        ahead, backward = list(map(mpf, x)), list(map(mpf, x))
         ahead[i] += step
-        behind[i] -= step
-        derivatives.append((function(ahead) - function(behind)) / (2 * step))
+        backward[i] -= step
+        derivatives.append((function(ahead) - function(backward)) / (2 * step))
     return derivatives
 
 

@@ -52,7 +52,6 @@ def run(
 
     if explore:
         require_bokeh()
-    file, context = context.ask(file)
 
     if figures not in ("all", "flagged", "none"):
         raise bt.InputError(f"--figures is {figures!r}. It must be one of all, flagged, none.")

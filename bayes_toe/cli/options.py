@@ -7,9 +7,8 @@ file if none is given, and reads the study.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from glob import glob
 from inspect import Parameter
@@ -178,22 +177,6 @@ class StudyFile:
         Texts, option("--exclude", "A08:2,4", "Exclude a subject or blocks; repeatable.")
     ] = None
     reading: Mapping[str, Any] = field(default_factory=dict)
-
-    def ask(self) -> StudyFile:
-        """Ask in a terminal which file to read, if neither a file nor the example is named."""
-        if self.files or self.example or not (sys.stdin.isatty() and sys.stdout.isatty()):
-            return self
-        typed = typer.prompt(
-            "Which file? Type a name, or press Enter for the bundled example (12 synthetic\n"
-            "subjects, about a minute): ",
-            default="",
-            show_default=False,
-            prompt_suffix="",
-        )
-        name = typed.strip().strip("'\"")  # terminals quote a file that is dragged into them
-        if not name:
-            return replace(self, example=FIRST_EXAMPLE)
-        return replace(self, files=[Path(name).expanduser()])
 
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""

@@ -33,7 +33,7 @@ from bayes_toe.cli.options import (
     option,
     rare,
 )
-from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
+from bayes_toe.cli.terminal import WIDTH, Terminal, describe_study
 from bayes_toe.data.messages import format_path, plural, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
 from bayes_toe.errors import (
@@ -119,14 +119,6 @@ class RunContext:
 
         for part in study.by_task:
             self.out.findings(uninterpretable_findings(part))
-
-    def ask(self, file: StudyFile) -> tuple[StudyFile, RunContext]:
-        """The study, asked for in a terminal if none is named, and the context with its files."""
-        named_file = file.ask()
-        files = named_file.files or []
-        if named_file is not file:
-            TYPED.extend(map(str, files) if files else ["--example"])
-        return named_file, replace(self, inputs=(*self.inputs, *files))
 
     # --- the work ---------------------------------------------------------------------------------
 

@@ -7,8 +7,6 @@ import inspect
 import re
 from dataclasses import fields
 from itertools import chain
-from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import typer.main
@@ -68,24 +66,6 @@ def test_every_command_has_both_examples(monkeypatch, tmp_path, typed, example):
             finished = inside(f"{command} {typed}", cwd=tmp_path)
             assert finished.stderr == f"error: {example}\n", command
             assert {"swap", "exclude"} <= {*names(function)}, command
-
-
-@pytest.mark.parametrize(
-    "typed, study_file",
-    [
-        ("  ", StudyFile(example="2afc")),
-        ("'my study.csv' ", StudyFile(files=[Path("my study.csv")])),
-    ],
-)
-def test_run_asks_in_a_terminal_which_file(monkeypatch, typed, study_file):
-    for stream in ("sys.stdin", "sys.stdout"):
-        monkeypatch.setattr(stream, SimpleNamespace(isatty=lambda: True))
-    monkeypatch.setattr("typer.prompt", lambda *_, **__: typed)
-    study, context = RunContext(inputs=(Path("prior.toml"),)).ask(StudyFile())
-    assert study == study_file
-    assert context.inputs == (Path("prior.toml"), *(study_file.files or ()))
-    monkeypatch.setattr("typer.prompt", pytest.fail)
-    assert RunContext().ask(study_file)[0] is study_file
 
 
 def test_a_bug_shows_itself(monkeypatch):
