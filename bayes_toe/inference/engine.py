@@ -153,7 +153,8 @@ class PriorMixture:
         """Draws, shape (n, d), and which of them are to come from the prior instead, (n,)."""
         shape = size, len(self.is_free)
         component = self.student.sample_components(rng, size)
-        normal = rng.standard_normal(shape)[:, self.is_free]  # as many numbers for every model
+        # Every model takes as many numbers, so that later draws do not depend on its coordinates.
+        normal = rng.standard_normal(shape)[:, self.is_free]
         points = np.zeros(shape)
         points[:, self.is_free] = self.student.offset(component, normal, rng)
         return points, rng.uniform(size=size) < self.prior_share
