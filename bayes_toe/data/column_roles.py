@@ -36,8 +36,8 @@ VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
 
 
 #: What a cell says where something holds, and where it does not.
-TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "wahr", "ja"})
-FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "falsch", "nein", ""})
+TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "y", "wahr", "ja", "oui", "x"})
+FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "n", "falsch", "nein", "non", ""})
 #: The stimulus or the place that a word means: 'std' is 'standard', and '1st' is 'first'.
 _MEANINGS = dict[str, str]()
 for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
@@ -186,6 +186,8 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     --------
     >>> taken_out_texts("exclude", ["0", "1"]), taken_out_texts("is_valid", ["yes", "no"])
     (['1'], ['no'])
+    >>> taken_out_texts("excluded", ["x", ""]), taken_out_texts("keep", ["x", ""])
+    (['x'], [''])
     >>> taken_out_texts("status", ["ok", "aborted"]), taken_out_texts("rejected", ["0", "3"])
     (['aborted'], [])
     """
@@ -198,6 +200,8 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
         words |= TRUE_WORDS
     elif is_flag(texts) and plain in by_0:
         words |= FALSE_WORDS - {""}
+        if words.isdisjoint(map(str.lower, texts)):
+            words.add("")  # where the others are crossed
     # '1.0' as it stands, and 'Fixation break' in small letters alone.
     return [text for text in texts if {text.lower(), plain_name(text)} & words]
 

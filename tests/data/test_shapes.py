@@ -770,6 +770,10 @@ TAKEN_OUT = """
     block | attention | main
     condition | practice | main part
     aborted | 1 |
+    excluded | x |
+    use | no | yes
+    keep |  | x
+    Ausschluss | ja | nein
 """
 
 
