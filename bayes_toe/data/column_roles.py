@@ -280,6 +280,8 @@ _LETTERS = {
     "left": "right",
     "Left": "Right",
 }
+#: Roles whose names are proposed only, by role.
+_PROPOSED = {"response": "key", "subject": "id"}
 _PAIRS = "are pairs of stimuli, natural logs without --unit"
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
@@ -754,8 +756,7 @@ def _columns_remedy(free_names: Texts, roles: Texts, options: ReadOptions) -> Re
     name_by_role = []
     for role in roles:
         likely = names_like(free_names, role)
-        if role == "response":
-            likely += names_like(free_names, "key")
+        likely += names_like(free_names, _PROPOSED.get(role, role))
         name_by_role.append((role, name_of_stimulus.get(role) or _first_or_blank(likely)))
 
     meaning = "with the names in your file"

@@ -472,6 +472,10 @@ REFUSED = {
         "AB\n",
         "--standard-first  ",
     ),
+    "proposed_names.csv": (
+        "worker,toneA,toneB,louder\na,0,0.3,B\na,0.3,0,A\n",
+        "type:  --columns subject=worker,s1=toneA,s2=toneB,response=louder --second-code B",
+    ),
     "german_names.csv": (csv(GERMAN, sep=";"), GERMAN_PAIR),
     "two_sheets.xlsx": (
         excel(A=IN_LOGS, B=IN_LOGS),
