@@ -79,18 +79,17 @@ class Analysis:
     draws: Draws
     evidence: EvidenceTable
     settings: Settings
-    curves: tuple[Predictor, ...] = ()
-    summary_rows: tuple[SummaryRow, ...] = ()
-    contrast: ContrastTable | None = None
-    group: PopulationResult | None = None
-    group_of_good_fits: PopulationResult | None = None
+    curves: tuple[Predictor, ...]
+    summary_rows: tuple[SummaryRow, ...]
+    contrast: ContrastTable | None
+    group: PopulationResult | None
+    group_of_good_fits: PopulationResult | None
 
     def __repr__(self) -> str:
         return f"<Analysis of {self.study!r}: answers, draws, evidence, summary()>"
 
     def _repr_html_(self) -> str:
-        without_brackets = repr(self)[1:-1]
-        return as_html(without_brackets, self.evidence.frame())
+        return as_html(repr(self)[1:-1], self.evidence.frame())  # without < and >
 
     @property
     def answers(self) -> tuple[OrderEffect, ...]:
@@ -111,7 +110,7 @@ class Analysis:
         """The same as :meth:`bayes_toe.inference.draws.Draws.summary`."""
         import pandas as pd
 
-        return pd.DataFrame(self.summary_rows, columns=list(SUMMARY_COLUMNS))
+        return pd.DataFrame(self.summary_rows, columns=SUMMARY_COLUMNS)
 
 
 def run(
@@ -413,9 +412,7 @@ def _table(
     rows = []
     for analysis in analyses:
         row = analysis.evidence
-        if row.answer is not None:
-            row = replace(row, answer=row.answer.in_study(len(analyses)))
-        rows.append(row)
+        rows.append(replace(row, answer=row.answer.in_study(len(analyses))))
     return EvidenceTable(tuple(rows), settings.seed, settings.prior, failed, task)
 
 

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 import joblib
 from threadpoolctl import threadpool_info
 
-from bayes_toe.arrays import StrPath
+from bayes_toe.arrays import Record, StrPath, Texts
 from bayes_toe.data.whole_files import (
     HIDDEN,
     Standing,
@@ -103,7 +103,9 @@ def run_stored(
     OutputError
         If the folder cannot be written to.
     """
-    results, files = {}, {}  # by the index of the job
+    # By the index of the job.
+    results = {}
+    files = {}
     if folder is not None:
         path = Path(folder)
         require_writable(path / SUFFIX, overwrite=True)  # before the work
@@ -139,7 +141,7 @@ def _write(file: Path, seed: int, result: object) -> None:
 
 
 @cache
-def versions() -> tuple[str, ...]:
+def versions() -> Texts:
     """All that decides a result besides its job: versions of libraries, and the processor.
 
     BLAS has different kernels for each kind of processor.
@@ -169,7 +171,7 @@ def discard(folder: Path) -> None:
     remove_empty(folder)
 
 
-def _read(file: Path) -> dict[str, Any] | None:
+def _read(file: Path) -> Record | None:
     """The seed and the result in a file; None where there is none, or those of another job."""
     with suppress(Exception):  # A damaged file can raise anything.
         stored = _RecordReader(io.BytesIO(file.read_bytes())).load()

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
+from bayes_toe.arrays import Texts
 from bayes_toe.cluster import DEAD_WORKER, Jobs, Outcomes, count_workers, run_on
 from bayes_toe.errors import NumericalError, WorkerError, require_number
 from bayes_toe.libraries import import_without_folder_settings
@@ -111,7 +112,7 @@ def run_in_order(
     jobs: Jobs[Result],
     workers: Workers,
     progress: Progress | None,
-    names: Sequence[tuple[str, ...]],
+    names: Sequence[Texts],
 ) -> list[Result]:
     """Return the results in the order of the jobs.
 
@@ -144,7 +145,8 @@ def without_failed(
     WorkerError
         If all failed.
     """
-    finished, failed = [], {}
+    finished = []
+    failed = {}
     for name, result in zip(names, results, strict=True):
         if isinstance(result, NumericalError):
             failed[name] = str(result)

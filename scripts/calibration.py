@@ -131,7 +131,8 @@ def estimate_evidence(design: str, name: str, origin: str, seed: int) -> Row:
         frequencies = rng.uniform(size=pairs.n_pairs)
         subject = pairs.answered(rng.binomial(pairs.n_trials, frequencies), name)
     request = AnalysisRequest(evidence_draws=EVIDENCE_DRAWS)
-    evidence = subject_evidence(fitted_result(paper_posterior(subject, PRIOR), seed, request))
+    # H1 and H0 only, without the answer of the four models.
+    evidence = subject_evidence(fitted_result(paper_posterior(subject, PRIOR), seed, request), None)
     fit = subject_fit(subject, PRIOR, seed=seed, replicates=REPLICATES)
     return {
         "design": design,

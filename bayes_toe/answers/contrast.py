@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -56,7 +56,6 @@ from bayes_toe.model.parameters import (
     NOISE,
     PEAK,
     ObserverPrior,
-    Parameter,
 )
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
@@ -68,22 +67,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: The quantities by name, each with the parameter that differs, and the quantity of the observer.
-QUANTITIES = {
-    "constant error": (CONSTANT_ERROR, "constant_error"),
-    "contraction": (CONTRACTION, "contraction"),
-    "JND": (NOISE, "jnd"),
-}
-_DIFFERING = (CONSTANT_ERROR, CONTRACTION, NOISE)
 #: The sets of parameters that may differ, from none to all three.
-CHOICES: tuple[tuple[Parameter, ...], ...] = (
-    (),
-    *combinations(_DIFFERING, 1),
-    *combinations(_DIFFERING, 2),
-    _DIFFERING,
+CHOICES = tuple(
+    chain.from_iterable(combinations((CONSTANT_ERROR, CONTRACTION, NOISE), n) for n in range(4))
 )
 ORDER_EFFECT = "order effect"
-_PARAMETERS_OF = {
+#: The quantities, each with the parameters of which at least one differs if the quantity differs.
+QUANTITIES = {
     "constant error": {CONSTANT_ERROR},
     "contraction": {CONTRACTION},
     "JND": {NOISE},
@@ -99,10 +89,6 @@ WORDS = (
     "probably no difference",
     "no difference",
 )
-CONTRAST_COLUMNS = (
-    *("subject", "quantity", "comparison", "mean", "sd", "q025", "q05", "q50", "q95", "q975"),
-    *("p_direction", "log_bf_differs", "log_bf_differs_se", "word", "robust", "model", "prior"),
-)
 #: What the words mean.
 LEGEND = (
     f"'Differs' needs a Bayes factor of at least {SURELY:g}, and 'probably differs' needs at least "
@@ -110,6 +96,11 @@ LEGEND = (
     f"at most 1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
     "lapses' means that the word changes if the lapse rate may differ between conditions"
 )
+
+
+def observer_name(quantity: str) -> str:
+    """The name that the observer has for a quantity, such as 'jnd' for 'JND'."""
+    return quantity.lower().replace(" ", "_")
 
 
 class Difference(NamedTuple):
@@ -186,6 +177,10 @@ class Difference(NamedTuple):
         return format_difference(self.interval(UNKNOWN_UNIT), unit, sign)
 
 
+#: The columns of contrast.csv: 'robust', the last attribute, follows the word.
+CONTRAST_COLUMNS = (*Difference._fields[:-1], "word", "robust", "model", "prior")
+
+
 def word_of(log_bf: float) -> str:
     """The word for a log Bayes factor of a difference.
 
@@ -233,8 +228,7 @@ class ContrastTable(Table[Difference]):
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of contrast.csv."""
         frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])  # without model and prior
-        prior = self.prior.describe(self.task)
-        return frame.assign(model="both", prior=prior)
+        return frame.assign(model="both", prior=self.prior.describe(self.task))
 
     @property
     def subjects(self) -> Texts:
@@ -244,7 +238,7 @@ class ContrastTable(Table[Difference]):
     @property
     def quantities(self) -> Texts:
         """The quantities, in order."""
-        return tuple(_PARAMETERS_OF)
+        return tuple(QUANTITIES)
 
     def sentences(self) -> list[str]:
         """Sentences on the conditions, and in how many subjects each quantity differs."""
@@ -264,14 +258,17 @@ class ContrastTable(Table[Difference]):
         """Write :attr:`answers` as a table with the first columns of evidence.csv."""
         import pandas as pd
 
-        frame = pd.DataFrame([answer.cells for answer in self.answers], columns=[*ANSWER_COLUMNS])
+        frame = pd.DataFrame([answer.cells for answer in self.answers], columns=ANSWER_COLUMNS)
         frame["prior"] = self.prior.describe(self.task)
         return write_table(frame, path, self.seed, overwrite=overwrite)
 
     def select(self, quantity: str, comparison: str | None = None) -> tuple[Difference, ...]:
         """The rows of a quantity, and of a comparison."""
-        rows = [row for row in self.rows if row.quantity == quantity]
-        return tuple(row for row in rows if comparison in (None, row.comparison))
+        return tuple(
+            row
+            for row in self.rows
+            if row.quantity == quantity and comparison in (None, row.comparison)
+        )
 
 
 def contrast(
@@ -412,7 +409,7 @@ def subject_contrast(
     rng = generator(seed, name, "differences")
 
     rows = []
-    for quantity, parameters in _PARAMETERS_OF.items():
+    for quantity, parameters in QUANTITIES.items():
         # The models in which the quantity differs.
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
         log_bf = evidence.log_bayes_factor(differs)
@@ -449,7 +446,7 @@ def _difference(
         of_contraction = change["contraction"] * scales.first_spread
         difference = np.hypot(change["constant_error"], of_contraction)
     else:
-        difference = change[QUANTITIES[quantity][1]]
+        difference = change[observer_name(quantity)]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
     quantiles = np.quantile(difference, [0.025, 0.05, 0.5, 0.95, 0.975]).tolist()
     return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
@@ -460,8 +457,7 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
 
     Lapses are the lapse rate and, in 'same or different', the peak.
     """
-    may_differ = {LAPSE_RATE, PEAK}.intersection(models.differing)
-    lapses = [parameter for parameter in models.parameters if parameter in may_differ]
+    lapses = [parameter for parameter in (PEAK, LAPSE_RATE) if parameter in models.differing]
     with_lapses = [(*choice, *lapses) for choice in CHOICES]
     all_choices = [*CHOICES, *with_lapses]
     array = models.array(all_choices)
@@ -486,5 +482,7 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
 
     n = len(CHOICES)
     prior_probabilities = np.full(n, 1.0 / n)
-    without_lapses = ModelSet.from_draws(draws[:n], prior_probabilities)
-    return without_lapses, ModelSet.from_draws(draws[n:], prior_probabilities)
+    return (
+        ModelSet.from_draws(draws[:n], prior_probabilities),
+        ModelSet.from_draws(draws[n:], prior_probabilities),
+    )

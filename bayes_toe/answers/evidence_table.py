@@ -46,7 +46,6 @@ _COMPARISON_COLUMNS = (
 )
 #: Columns of evidence.csv: the answer, then the paper's comparison.
 EVIDENCE_COLUMNS = (*ANSWER_COLUMNS, *_COMPARISON_COLUMNS, "prior")
-_COUNTS = ("n_pairs", "n_trials")
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,7 @@ class SubjectEvidence:
 
     Attributes
     ----------
-    answer : OrderEffect or None
-        None where only H1 against H0 was asked for.
+    answer : OrderEffect
     fit : GoodnessOfFit or None
         Goodness of fit of the paper's model (H1), of chains.
     notes : tuple of str
@@ -75,17 +73,15 @@ class SubjectEvidence:
     log_evidence_h1_laplace: float | None
     log_evidence_h0_laplace: float
     pareto_k: float
-    answer: OrderEffect | None = None
-    fit: GoodnessOfFit | None = None
-    notes: Texts = ()
+    answer: OrderEffect
+    fit: GoodnessOfFit | None
+    notes: Texts
 
     @property
     def cells(self) -> Mapping[str, object]:
         """The entries of evidence.csv but the prior's; None where one is empty."""
-        cells = dict[str, object]()
-        if self.answer is not None:
-            cells |= self.answer.cells
-        for column in ("subject", *_COMPARISON_COLUMNS):
+        cells = dict(self.answer.cells)
+        for column in _COMPARISON_COLUMNS:
             cells[column] = getattr(self, column)
         return cells
 
@@ -144,17 +140,17 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         prior = None if self.prior is None else self.prior.describe_all(self.task)
         rows = [row.cells for row in self.rows]
         rows += [{"subject": name} for name in self.failed]
-        frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS)).assign(prior=prior)
+        frame = pd.DataFrame(rows, columns=EVIDENCE_COLUMNS).assign(prior=prior)
         # Counts with missing ones would be written as 400.0.
-        return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
+        return frame.astype({"n_pairs": "Int64", "n_trials": "Int64"}) if self.failed else frame
 
     @property
     def answers(self) -> tuple[OrderEffect, ...]:
         """The answers of the subjects."""
-        return tuple(row.answer for row in self.rows if row.answer is not None)
+        return tuple(row.answer for row in self.rows)
 
 
-def subject_evidence(result: SubjectResult, answer: OrderEffect | None = None) -> SubjectEvidence:
+def subject_evidence(result: SubjectResult, answer: OrderEffect) -> SubjectEvidence:
     """The row of one subject in the evidence table, from the fit of H1."""
     estimate = cast(Evidence, result.evidence)
     subject = result.subject

@@ -211,8 +211,7 @@ def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     values = row.interval
     sign = "+"
     if row.parameter == CONSTANT_ERROR.name:
-        shift = result.in_units(row.parameter, values)
-        return format_difference(shift, result.study.unit)
+        return format_difference(result.in_units(row.parameter, values), result.study.unit)
     if row.parameter == CONTRACTION.name:
         return format_share(values)
     if row.parameter == NOISE.name:  # a difference of logs is the log of a ratio

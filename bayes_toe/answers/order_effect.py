@@ -83,6 +83,7 @@ ANSWER_COLUMNS = (
         for name, ending in product(MODEL_NAMES, ("", "_se", "_laplace"))
     ),
 )
+#: Numbers by the name of a question or of a model.
 _Numbers = Mapping[str, float]
 #: Nats below the best within which a model's error matters.
 COUNTS_WITHIN = 5.0
@@ -93,8 +94,6 @@ MISFIT_FLAG = "the model does not fit"
 PRIOR_FLAG = "depends on the prior"
 PREVIOUS_TRIAL_FLAG = "responses depend on the previous trial"
 WANDERING_FLAG = "the preference for a response wanders"
-OUTSIDE_FLAG = "the PSE lies outside the pairs shown, so its size rests on the prior"
-ROVING_FLAG = "the size of the contraction rests on the prior"
 
 
 class Size(NamedTuple):
@@ -677,14 +676,12 @@ def _words(
     return words
 
 
-def _by_model(values: FloatArray) -> dict[str, float]:
+def _by_model(values: FloatArray) -> _Numbers:
     """Values of the four models by their names."""
     return dict(zip(MODEL_NAMES, values.tolist(), strict=True))
 
 
-def _support(
-    models: ModelSet, has_effects: Mapping[str, BoolArray]
-) -> tuple[dict[str, float], dict[str, float]]:
+def _support(models: ModelSet, has_effects: Mapping[str, BoolArray]) -> tuple[_Numbers, _Numbers]:
     """Posterior probabilities and log Bayes factors by question.
 
     `has_effects` has, for each question, which models say yes to it.
@@ -697,7 +694,7 @@ def _support(
     return probabilities, log_bayes_factors
 
 
-def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], list[str]]:
+def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str]]:
     """Sizes, upper bounds in JND, and flags of sizes that rest on the prior."""
     all_models = evidence.averaged()
     with_error = evidence.averaged(HAS_ERROR)
@@ -714,11 +711,14 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
         zone = all_models.quantities["zone"]
         sizes["zone_percent"] = _size(all_models, percent(zone))
         sizes["zone_jnd"] = _size(all_models, zone / jnd)
-    flags = _size_flags(evidence, with_error, with_contraction)
-    return sizes, _upper_bounds(evidence, all_models), flags
+    return (
+        sizes,
+        _upper_bounds(evidence, all_models),
+        _size_flags(evidence, with_error, with_contraction),
+    )
 
 
-def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> dict[str, float]:
+def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     """The 95 % quantile of each question's size, in JND."""
     subject = evidence.subject
     scales = subject.scales
@@ -748,11 +748,11 @@ def _size_flags(
     scales = subject.scales
     size_of_error = np.abs(with_error.quantities["constant_error"])
     if _size(with_error, size_of_error).q50 > np.abs(subject.s2 - subject.s1).max():
-        flags.append(OUTSIDE_FLAG)
+        flags.append("the PSE lies outside the pairs shown, so its size rests on the prior")
     # The stimuli of a pair are about a step apart, so a shift of three steps lies beyond them.
     roving_shift = np.abs(with_contraction.quantities["contraction"]) * scales.first_spread
     if _size(with_contraction, roving_shift).q50 > 3.0 * scales.step:
-        flags.append(ROVING_FLAG)
+        flags.append("the size of the contraction rests on the prior")
     return flags
 
 
@@ -833,9 +833,13 @@ def answer_evidence(
     evidence: OrderEvidence, seed: int, findings: Sequence[Finding] = ()
 ) -> OrderEffect:
     """The answer of a subject from its evidences, with tests of fit and of the trial before."""
-    fit = best_model_fit(evidence, seed)
-    screen = subject_screen(evidence)
-    return order_effect(evidence, identify(evidence.subject), findings, fit, screen)
+    return order_effect(
+        evidence,
+        identify(evidence.subject),
+        findings,
+        fit=best_model_fit(evidence, seed),
+        screen=subject_screen(evidence),
+    )
 
 
 def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:

@@ -187,12 +187,13 @@ class SerialDependence(SubjectTable[SubjectDependence]):
 
     def posterior(self, row: SubjectDependence, history: str) -> TrialHistoryPosterior:
         """The posterior of a subject under one of :data:`HISTORIES`."""
-        subject = self.study[row.subject]
-        return TrialHistoryPosterior(subject, row.history(history), self.prior.observer)
+        return TrialHistoryPosterior(
+            self.study[row.subject], row.history(history), self.prior.observer
+        )
 
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of history.csv; natural logs, empty where there is none."""
-        return pd.DataFrame([row.cells for row in self.rows], columns=list(HISTORY_COLUMNS))
+        return pd.DataFrame([row.cells for row in self.rows], columns=HISTORY_COLUMNS)
 
 
 def serial_dependence(
@@ -246,13 +247,10 @@ def _dependences(
     subjects: Sequence[Subject], seed: int, prior: ObserverPrior
 ) -> list[SubjectDependence | NumericalError]:
     """The serial dependence of some subjects, whose models of order are analysed together."""
-    results = list[SubjectDependence | NumericalError]()
-    for evidence in try_order_evidence(subjects, seed, prior):
-        if isinstance(evidence, NumericalError):
-            results.append(evidence)
-        else:
-            results.append(subject_dependence(evidence, seed))
-    return results
+    return [
+        evidence if isinstance(evidence, NumericalError) else subject_dependence(evidence, seed)
+        for evidence in try_order_evidence(subjects, seed, prior)
+    ]
 
 
 def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
@@ -306,8 +304,7 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
     order_index = MODEL_NAMES.index(posterior.model.order.name)
     order_points = evidence.draws[order_index].resampled(rng, _CLOUD)
     # The prior of rho and kappa is standard normal here, and the posterior is narrower.
-    n_effects = len(posterior.model.effects)
-    history_points = 0.7 * rng.standard_normal((_CLOUD, n_effects))
+    history_points = 0.7 * rng.standard_normal((_CLOUD, len(posterior.model.effects)))
     points = np.concatenate([order_points, history_points], axis=1)
     mixture = mixture_of_points(points, posterior.array.is_free[0])
     family = np.zeros(1, np.intp)  # one posterior
@@ -324,8 +321,9 @@ def _quantiles(
     `histories` lacks the first model, which has no history.
     """
     has_effect = EFFECT_MODELS[effect]
-    values = []
-    for i in np.flatnonzero(has_effect).tolist():
-        values.append(histories[i - 1].quantities(models.draws[i].x)[effect])
+    values = [
+        histories[i - 1].quantities(models.draws[i].x)[effect]
+        for i in np.flatnonzero(has_effect).tolist()
+    ]
     weights = models.weights(has_effect)
     return tuple(weighted_quantiles(np.concatenate(values), weights, PROBABILITIES))

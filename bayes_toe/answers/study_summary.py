@@ -22,8 +22,6 @@ from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
 #: Interpretable subjects from which on `run` fits the population.
 FEWEST_FOR_GROUP = 6
-#: How often a test of every subject flags one by chance.
-FALSE_ALARMS = f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."
 #: One sentence on the table of Appendix C.
 APPENDIX_C = "The comparison of H1 with H0 does not test for an order effect"
 
@@ -256,7 +254,10 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
         return []
     subjects = plural(len(misfits), "subject")
     names = join_names([answer.subject for answer in misfits], 5)
-    lines = [f"The model does not fit {subjects}: {names}. {FALSE_ALARMS}"]
+    lines = [
+        f"The model does not fit {subjects}: {names}. "
+        f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."
+    ]
     # Questions to which no poor fit says yes have the same count without them.
     counts = []
     for question in QUESTIONS:

@@ -38,10 +38,14 @@ from bayes_toe.result_store import discard, stored_files
 
 #: Files that a study may have. Files of the page have other names.
 RESULTS = "results"
-RECORD, _COMMAND, _LOG = "study", "command", "run.log"
+RECORD = "study"
+_COMMAND = "command"
+_LOG = "run.log"
 _STORE = f"{RESULTS}.partial"
 #: In the home folder, a folder with the locks of the server and of the run.
-_LOCKS, _SERVER, _RUN = ".bayes_toe_app", "server", "run"
+_LOCKS = ".bayes_toe_app"
+_SERVER = "server"
+_RUN = "run"
 
 #: The options of the page, which have the names of the command's, with the kind of their value.
 _KINDS: dict[str, type] = {"swap": list, "exclude": list}
@@ -282,7 +286,8 @@ def _checksum(value: object) -> str:
 
 def list_jobs(home: Path) -> tuple[list[Job], list[str]]:
     """The studies of a home folder, the newest first, and the folders of none or a damaged one."""
-    created, damaged = {}, []
+    created = {}
+    damaged = []
     for file in home.glob(f"*/{RECORD}"):
         job = Job(file.parent)
         try:

@@ -35,7 +35,8 @@ def read_job(job: Job) -> Record:
     record = job.record()
     paths = [job.folder / name for name in record["files"]]
     options = dict(record["options"])
-    swap, exclude = options.pop("swap", ()), options.pop("exclude", ())
+    swap = options.pop("swap", ())
+    exclude = options.pop("exclude", ())
     reading: Record = {"table": None, "problems": [], "remedies": [], "study": None}
     try:
         file_options = bt.ReadOptions(sheet=options.get("sheet"), encoding=options.get("encoding"))
@@ -125,7 +126,8 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
     """The pairs with their counts, notes of reading, and findings with what to do about them."""
     all_trials = pooled(tuple(study))
     pairs = all_trials.pairs
-    n_yes, n_trials = all_trials.n_yes.tolist(), all_trials.n_trials.tolist()
+    n_yes = all_trials.n_yes.tolist()
+    n_trials = all_trials.n_trials.tolist()
     return {
         "answer": study.task.yes,
         "subjects": len({subject.subject_name for subject in study}),

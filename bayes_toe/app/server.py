@@ -39,7 +39,7 @@ from bayes_toe.app.job import (
     result_files,
     running_job,
 )
-from bayes_toe.arrays import Record
+from bayes_toe.arrays import Record, Texts
 from bayes_toe.data.messages import format_path
 from bayes_toe.errors import InputError
 
@@ -47,7 +47,8 @@ ADDRESS = "127.0.0.1"
 LARGEST_UPLOAD = 64 * 2**20  # bytes; page.js checks it too
 HEADER = "X-Bayes-Toe"
 #: Seconds that reading may take, and that a run may take to end.
-READING_TIME, ENDING_TIME = 120, 15
+READING_TIME = 120
+ENDING_TIME = 15
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' data:; connect-src 'self'; frame-src 'self'; base-uri 'none'; "
@@ -70,7 +71,7 @@ class Site:
     #: In addresses of results: links in a report have an origin of their own, and no cookie.
     key: str = field(default_factory=secrets.token_hex)
     #: What reading gave, by the study and its command.
-    readings: dict[tuple[str, ...], Record] = field(default_factory=dict)
+    readings: dict[Texts, Record] = field(default_factory=dict)
     #: One reading at a time, so that the last one belongs to the last options.
     is_reading: asyncio.Lock = field(default_factory=asyncio.Lock)
     #: The process of the last run. While it is referenced here, Python collects its exit code.
@@ -151,7 +152,8 @@ class Handler(RequestHandler):
 
     def prepare(self) -> None:
         """Refuse a request of another site, without the token, or without the header."""
-        host, origin = self.request.headers.get("Host"), self.request.headers.get("Origin")
+        host = self.request.headers.get("Host")
+        origin = self.request.headers.get("Origin")
         if host != self.site.host or origin not in (None, f"http://{self.site.host}"):
             raise HTTPError(403, reason="Another site may not use this page")
         token = self.token() or ""
@@ -220,7 +222,8 @@ class Page(Handler):
 
     def get(self, name: str) -> None:
         """Send a file of the page, page.html if the address names none."""
-        name, site = name or "page.html", self.site
+        name = name or "page.html"
+        site = self.site
         self.set_cookie(site.cookie, site.token, httponly=True, samesite="Strict", path="/")
         self.set_content_type(name)
         self.finish((files("bayes_toe.app") / name).read_bytes())
@@ -255,7 +258,8 @@ class OneJob(Handler):
 
     async def post(self, name: str, action: str) -> None:
         """Do what a button of the page says, and send the state of the study afterwards."""
-        job, site = self.job(name), self.site
+        job = self.job(name)
+        site = self.site
         is_running = job.run_state() == "running"
         if action == "options":
             if is_running:

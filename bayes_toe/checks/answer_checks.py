@@ -26,7 +26,7 @@ from typing import TypeAlias, cast
 import numpy as np
 from scipy.special import logit, logsumexp
 
-from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, NamedArrays, run_starts
 from bayes_toe.checks.alarm_rate import (
     FALSE_ALARM_SHARE,
     REFUSAL_SHARE,
@@ -172,7 +172,14 @@ def subject_findings(
     `alternatives` are other explanations of the responses; None if the subject leaves no doubt.
     """
     findings = []
-    for find in _ALARMS:
+    for find in (
+        _repeated_trials,
+        _few_trials,
+        _one_answer,
+        _swapped_blocks,
+        _unlike_blocks,
+        _drift,
+    ):
         finding = find(subject, n_subjects)
         if finding is not None:
             findings.append(finding)
@@ -189,8 +196,11 @@ def _few_trials(subject: Subject, n_subjects: int) -> Finding | None:
     """Too few trials, in a study of any size."""
     if subject.total_trials >= FEW_TRIALS:
         return None
-    n_trials = plural(subject.total_trials, "trial")
-    return Finding(subject.name, "few_trials", f"Only {n_trials}, so the prior has much influence.")
+    return Finding(
+        subject.name,
+        "few_trials",
+        f"Only {plural(subject.total_trials, 'trial')}, so the prior has much influence.",
+    )
 
 
 def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
@@ -420,9 +430,10 @@ class AnswerTable:
             statistics = []
             for start in range(0, size, largest_batch):
                 n_tables = min(largest_batch, size - start)
-                pairs = []
-                for n, k in zip(self.n, self.k.sum(1), strict=True):
-                    pairs.append(rng.multivariate_hypergeometric(n, k, n_tables))
+                pairs = [
+                    rng.multivariate_hypergeometric(n, k, n_tables)
+                    for n, k in zip(self.n, self.k.sum(1), strict=True)
+                ]
                 statistics.append(statistic(np.stack(pairs, axis=1)))
             return np.concatenate(statistics)
 
@@ -631,7 +642,7 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     )
 
 
-def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, FloatArray]:
+def _kinds_of_drift(subject: Subject, difference: FloatArray) -> NamedArrays:
     """What may drift, with the value that each pair's counted answer adds to it, (pairs,)."""
     kinds = {
         f"P({subject.task.yes})": np.ones(len(difference)),
@@ -654,14 +665,3 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     weights = kinds[:, None, :, None] * centred
     squares = (n * np.square(weights)).sum((2, 3), keepdims=True)
     return weights / np.where(squares > 0.0, squares, 1.0)
-
-
-#: The alarms of one subject in a study of so many, in the order in which they are looked for.
-_ALARMS = (
-    _repeated_trials,
-    _few_trials,
-    _one_answer,
-    _swapped_blocks,
-    _unlike_blocks,
-    _drift,
-)

@@ -42,10 +42,9 @@ from bayes_toe.model.prior_file import preset_or_file
 #: Codes of findings that are no warnings.
 NOTES = frozenset({"columns_ignored", "criterion"})
 
-_SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
 #: Joiners, fillers and selectors, which are letters or marks to Unicode, and the braille blank.
 _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(
-    map(chr, _SELECTORS)
+    map(chr, (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0)))
 )
 
 
@@ -167,12 +166,11 @@ def _scales_of_subjects(study: Study) -> Findings:
     strong = [subject.name for subject in study if subject.stimuli.min() >= gap.above[0]]
     if gap.separates_scales and len(weak) + len(strong) == len(study):
         ranges = [_range_of(group, study.unit, study.reading) for group in gap[:2]]
-        names = join_names(map(display_name, weak))
         yield Finding(
             "",
             "two_scales",
-            f"The stimuli of {names} are {ranges[0]}, those of other subjects {ranges[1]}. Correct "
-            "them if they are in another unit.",
+            f"The stimuli of {join_names(map(display_name, weak))} are {ranges[0]}, those of other "
+            f"subjects {ranges[1]}. Correct them if they are in another unit.",
         )
 
 
@@ -214,8 +212,7 @@ def _columns(reading: Reading) -> Findings:
         alike = [name for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
             message = f"Column {display_name(alike[0])} looks like {ours}, but it is ignored."
-            option = Remedy("columns", ((ours, alike[0]),)).typed
-            yield Finding("", "column_alike", message, option)
+            yield Finding("", "column_alike", message, Remedy("columns", ((ours, alike[0]),)).typed)
     for name in reading.pooled:
         message = f"Column {display_name(name)} differs within subjects, and its levels are pooled."
         yield Finding("", "pooled_condition", message, Remedy("condition", name).typed)
@@ -268,8 +265,11 @@ def _similar_names(names: Iterable[str]) -> Findings:
             code = "names_are_one_number"
             finding = "are the same number"
         subjects = ", ".join(map(show, alike))
-        advice = "If they are one subject, give them one name."
-        yield Finding("", code, f"Subjects {subjects} {finding}. {advice}")
+        yield Finding(
+            "",
+            code,
+            f"Subjects {subjects} {finding}. If they are one subject, give them one name.",
+        )
 
 
 def _look(name: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray, run_starts
+from bayes_toe.arrays import FloatArray, IntArray, Texts, run_starts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
@@ -30,8 +30,6 @@ _FEWEST_IN_STRETCH = 8
 TYPICAL_TRIALS = 300
 
 NO_DIFFERENCE = "no pair has two different stimuli"
-ONE_ORDER = "unequal stimuli were presented in one order only"
-ORDER_IN_BLOCKS = "each block has one order, so a change between blocks looks like an effect"
 ONE_FIRST_STIMULUS = (
     "the first stimulus is always the same, so a contraction looks like a constant error"
 )
@@ -59,7 +57,7 @@ class Identification:
     """
 
     reasons: Mapping[str, str]
-    notes: tuple[str, ...] = ()
+    notes: Texts = ()
 
     @property
     def contraction_adds_to_error(self) -> bool:
@@ -76,18 +74,16 @@ def identify(subject: Subject) -> Identification:
     >>> identify(subject).reasons["contraction"]
     'the first stimulus is always the same, so a contraction looks like a constant error'
     """
-    notes: tuple[str, ...] = ()
-    if subject.task in CRITERION_NOTES:
-        notes = (CRITERION_NOTES[subject.task],)
+    notes = (CRITERION_NOTES[subject.task],) if subject.task in CRITERION_NOTES else ()
 
     order = _order_sign(subject.s1, subject.s2)
     reason = ""
     if not order.any():
         reason = NO_DIFFERENCE
     elif order.min() >= 0 or order.max() <= 0:
-        reason = ONE_ORDER
+        reason = "unequal stimuli were presented in one order only"
     elif subject.answers is not None and _order_fills_blocks(subject.answers.answered):
-        reason = ORDER_IN_BLOCKS
+        reason = "each block has one order, so a change between blocks looks like an effect"
     if reason:
         return Identification(dict.fromkeys(QUESTIONS, reason), notes)
 

@@ -33,7 +33,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.stats import boschloo_exact, fisher_exact
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, Texts
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.messages import plural
 from bayes_toe.data.stimulus_unit import StimulusUnit
@@ -148,7 +148,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         return f"'{answer}'" if answer == self.task.yes else answer
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> Texts:
         """Notes on the pairs that were presented in one order only."""
         notes = []
         for row in self.rows:
@@ -248,7 +248,8 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     # Rows with the weaker stimulus first, and with the stronger one first.
     weak, strong = pairs_in_both_orders(subject).T
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
-    q, error = laplace_estimate(n_wrong, subject.n_trials), laplace_error(n_wrong, subject.n_trials)
+    q = laplace_estimate(n_wrong, subject.n_trials)
+    error = laplace_error(n_wrong, subject.n_trials)
     difference = q[strong] - q[weak]
     counts = np.column_stack([n_wrong, subject.n_trials])
     tables = np.hstack([counts[strong], counts[weak]]).tolist()

@@ -25,7 +25,7 @@ import pandas as pd
 from scipy.optimize import minimize
 from scipy.special import logit
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng, Texts
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import Task
@@ -120,7 +120,8 @@ class PenalisedLikelihood:
     def minus_objective(self, x: FloatArray, n_yes: FloatArray) -> tuple[float, FloatArray]:
         """Penalty minus log likelihood of counts, and its gradient, (4,)."""
         mu1, log_width, gamma, share = x.tolist()
-        p, width = float(pull(gamma)), np.exp(log_width)
+        p = float(pull(gamma))
+        width = np.exp(log_width)
         lever = self.subject.s1 - mu1
         z = (self.subject.s2 - self.subject.s1 + p * lever) / width
 
@@ -154,7 +155,9 @@ class PenalisedLikelihood:
             value, gradient = self.minus_objective(point * scale, counts)
             return value, gradient * scale
 
-        points, values, has_converged = [], [], []
+        points = []
+        values = []
+        has_converged = []
         for start in starts:
             end = minimize(
                 scaled,
@@ -248,7 +251,7 @@ class SubjectFit:
     n_failed: int
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Texts:
         """Names of the parameters."""
         return natural_names(self.task)
 
@@ -280,7 +283,7 @@ class SubjectFit:
         return np.quantile(self.yes(s1, s2), [low, high], axis=0)
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> Texts:
         """Remarks on the fit and its intervals, a sentence each."""
         remarks = []
         names = np.array(self.names)
@@ -301,7 +304,7 @@ class SubjectFit:
         return tuple(remarks)
 
 
-def fit_columns(task: Task) -> tuple[str, ...]:
+def fit_columns(task: Task) -> Texts:
     """Columns of fit.csv; limits are named such as mu1_lower and mu1_upper."""
     natural = natural_names(task)
     limits = map("_".join, product(natural, ("lower", "upper")))
@@ -393,7 +396,8 @@ def fit(
     require_share("level", level)
     require_number("replicates", replicates)
     require_study(study)
-    root, penalty = root_seed(seed), prior_for(study, prior)
+    root = root_seed(seed)
+    penalty = prior_for(study, prior)
     jobs = [
         partial(subject_fit, subject, penalty, seed=root, replicates=replicates)
         for subject in study
@@ -417,7 +421,8 @@ def subject_fit(
     n_failed = sum(not maxima.has_converged[maxima.is_highest].any() for maxima in searches)
 
     # What differs between equally high maxima is not determined.
-    maxima, parameters = searches[0], natural[0]
+    maxima = searches[0]
+    parameters = natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
     parameters[np.ptp(equally_high, axis=0) > _TOLERANCE] = np.nan
     penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2

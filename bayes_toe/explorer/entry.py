@@ -27,7 +27,15 @@ from bayes_toe.answers.order_effect import (
     answer_subject,
     describe_fit,
 )
-from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, NamedArrays, Record
+from bayes_toe.arrays import (
+    ArrayPair,
+    BoolArray,
+    FloatArray,
+    IndexArray,
+    NamedArrays,
+    Record,
+    Texts,
+)
 from bayes_toe.checks.alarm_rate import flag_limit
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.messages import visible
@@ -63,7 +71,8 @@ from bayes_toe.seeds import generator
 #: Kind and words of each badge, or questions with the words of the answer.
 Pairs = tuple[tuple[str, str], ...]
 #: What the two tabs are called.
-EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
+EFFECTS_TAB = "effects"
+PAPER_TAB = "paper's parameters"
 #: The names of the sizes of an answer by quantity. Those of differences are in per cent.
 _SIZES = {**SIZE_OF, "jnd": "jnd_percent", "zone": "zone_percent"}
 #: Points of every curve, which the page joins by straight lines: enough for a bell to look smooth.
@@ -73,7 +82,8 @@ MOST_SLICES = 6
 #: Draws with an effect from which on the effect is shown.
 FEWEST_DRAWS = 100
 #: Margins, as shares of a range: of the plane of stimuli, and of a curve beyond its last pair.
-_PLANE_MARGIN, _CURVE_MARGIN = 0.08, 0.04
+_PLANE_MARGIN = 0.08
+_CURVE_MARGIN = 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,16 +140,16 @@ class Entry:
         return self.target.quantities(self.x.reshape(-1, self.x.shape[-1]))
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Texts:
         """All quantities, first those that :attr:`main` names."""
         return tuple(dict.fromkeys((*self.main, *self.target.names.all)))
 
     @property
-    def main(self) -> tuple[str, ...]:
+    def main(self) -> Texts:
         """The quantities that the page shows when it opens."""
         return quantity_names(self.target, "natural")
 
-    def columns(self) -> dict[str, FloatArray]:
+    def columns(self) -> NamedArrays:
         """The draws as axes show them, (draws,) each; NaN where a draw lacks the effect."""
         columns = {}
         for name in self.names:
@@ -195,7 +205,9 @@ class Entry:
 
         The page makes a density of 201 quantiles, from 0 to 100 %.
         """
-        prior, quantiles, shares = prior_values(self.target), [], []
+        prior = prior_values(self.target)
+        quantiles = []
+        shares = []
         for name in names:
             values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
             quantiles.append(axis_values(name, values, self.unit))
@@ -235,7 +247,8 @@ class Entry:
         `x` has shape (rows, k), and `index` the numbers of these draws among all.
         """
         counts = self.target.subject
-        low, high = float(counts.stimuli.min()), float(counts.stimuli.max())
+        low = float(counts.stimuli.min())
+        high = float(counts.stimuli.max())
         pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
         ends = [low - pad, high + pad]
 
@@ -311,7 +324,7 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
     return packed
 
 
-def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Truth) -> list[Entry]:
+def entries_of(draws: Draws, label: str, subjects: Texts, truths: Truth) -> list[Entry]:
     """The entries of subjects in a file of draws; `label` names the model on the page.
 
     If the draws are of the paper's model, each subject also has an entry with the average of the
@@ -345,7 +358,8 @@ def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Trut
 
 def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     """The entry of the four models averaged, in place of that of the paper's model."""
-    subject, prior = entry.target.subject, draws.prior.observer
+    subject = entry.target.subject
+    prior = draws.prior.observer
     (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
     average = evidence.averaged()
     # The page takes draws of equal weight, here as one chain.
@@ -407,20 +421,25 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         Whether the fixed stimulus stands above the panel.
     """
     counts = fitted.target.subject
-    unit, is_by_first = counts.unit, counts.task == WHICH_STRONGER
+    unit = counts.unit
+    is_by_first = counts.task == WHICH_STRONGER
     slice_of_pair, position = slice_and_position(counts)
     if is_by_first:  # Position is s2 - s1, of which all panels show the same range.
-        is_member, orders = slice_of_pair == fixed, [0]
+        is_member = slice_of_pair == fixed
+        orders = [0]
         start = float(position.min() - _CURVE_MARGIN * np.ptp(position))
-        end, low = float(position.max()), start
+        end = float(position.max())
+        low = start
     else:  # Position is the stronger stimulus, and curves start at the weaker one.
         is_member = pairs_with_weaker(counts, fixed)
-        position, order = position[is_member], presentation_order(counts)[is_member]
+        position = position[is_member]
+        order = presentation_order(counts)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
         # A single pair of equal stimuli is a point of the other curves, if there are any.
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
-        start, end = fixed, float(position.max())
+        start = fixed
+        end = float(position.max())
         # The panel of the weakest stimulus also has the pairs of equal stimuli below it.
         low = min(fixed, float(position.min()))
 

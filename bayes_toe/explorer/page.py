@@ -198,7 +198,8 @@ def page(
     # Fewer of each entry on a page of many, but enough to see a posterior.
     rows = max(150, min(2000, _ROWS // len(page_entries)))
 
-    contents, list_of_entries = {}, []
+    contents = {}
+    list_of_entries = []
     for i, entry in enumerate(page_entries):
         name = entry.target.subject.name
         contents[f"entry-{i}"] = entry.packed(rows)

@@ -22,7 +22,7 @@ from scipy.special import expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
-from bayes_toe.model.densities import PriorDensity, half_normal_quantile, log_normal
+from bayes_toe.model.densities import Priors, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
 
 #: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level:
@@ -37,6 +37,10 @@ class LogAnswers(NamedTuple):
 
     yes: FloatArray
     no: FloatArray
+
+
+#: Both log answers, and the slopes of both in every coordinate, (rows, points, k, pairs).
+AnswerSlopes = tuple[LogAnswers, FloatArray, FloatArray]
 
 
 # --- Counts --------------------------------------------------------------------------------------
@@ -238,7 +242,7 @@ class AnswerRows(ABC):
 
     @property
     @abstractmethod
-    def priors(self) -> tuple[PriorDensity, ...]:
+    def priors(self) -> Priors:
         """The prior of every coordinate."""
 
     def part(self, index: IndexArray) -> Self:
@@ -251,7 +255,7 @@ class AnswerRows(ABC):
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
 
     @abstractmethod
-    def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
+    def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
 
     def log_likelihood(self, u: FloatArray) -> FloatArray:
@@ -271,7 +275,7 @@ class AnswerRows(ABC):
         value, gradient, _ = self.scoring(u)
         return value, gradient
 
-    def scoring(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def scoring(self, u: FloatArray) -> tuple[FloatArray, ...]:
         """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]]).
 
         The information is the sum over answers of n P slope slope', with the trials n that are

@@ -48,6 +48,7 @@ from bayes_toe.model.parameters import (
     PEAK,
     ObserverPrior,
     Parameter,
+    Parameters,
     task_parameters,
 )
 from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray
@@ -115,12 +116,12 @@ class ConditionModels:
         return OrderModel("both").posterior(self.subject, self.prior)
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> Parameters:
         """The parameters of all tasks, in the order of the coordinates."""
         return task_parameters(self.subject.task)
 
     @cached_property
-    def differing(self) -> tuple[Parameter, ...]:
+    def differing(self) -> Parameters:
         """The parameters that may differ."""
         tasks = {unit.task for unit in self.units}
         return tuple(parameter for parameter in DIFFERENCE_SDS if tasks.issubset(parameter.tasks))
@@ -174,8 +175,9 @@ class ConditionModels:
         """The posteriors of the four models for a design without columns: nothing differs."""
         array = self.array([()] * len(ORDER_MODELS))
         task = self.subject.task
-        models = map(OrderModel, ORDER_MODELS)
-        is_free = [np.isin(array.names, model.coordinates(task)) for model in models]
+        is_free = [
+            np.isin(array.names, OrderModel(name).coordinates(task)) for name in ORDER_MODELS
+        ]
         return replace(array, is_free=np.array(is_free))
 
     def quantities(self, points: FloatArray) -> NamedArrays:

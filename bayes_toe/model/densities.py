@@ -49,6 +49,10 @@ class PriorDensity(Protocol):
         """Inverse of the distribution function."""
 
 
+#: The prior of every coordinate, in their order.
+Priors = tuple[PriorDensity, ...]
+
+
 def log_normal(u: FloatArray) -> FloatArray:
     """Log of the standard normal density, -u^2/2 - ln(2 pi)/2."""
     return -0.5 * (np.square(u) + LOG_2PI)

@@ -11,7 +11,6 @@ the keys of its random streams.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -39,7 +38,7 @@ from bayes_toe.model.parameters import (
     lapse_score,
     task_parameters,
 )
-from bayes_toe.model.posterior import Names, SubjectPosterior
+from bayes_toe.model.posterior import Determined, Names, SubjectPosterior
 from bayes_toe.model.prior import DEFAULT, Prior
 
 
@@ -98,9 +97,7 @@ class ObserverPosterior(SubjectPosterior):
     @cached_property
     def scales(self) -> StimulusScales:
         """Location and scales of the stimuli: those given, or those of the subject's stimuli."""
-        if self.given_scales is not None:
-            return self.given_scales
-        return self.subject.scales
+        return self.given_scales or self.subject.scales
 
     @property
     def sbar(self) -> float:
@@ -129,7 +126,7 @@ class ObserverPosterior(SubjectPosterior):
         return Names(self.coordinates, self.coordinates, derived, monotone=("jnd",))
 
     @property
-    def monotone_in(self) -> Mapping[str, tuple[str, int]]:
+    def monotone_in(self) -> Determined:
         """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
         return {name: (name, 1) for name in self.coordinates} | {"jnd": ("noise", 1)}
 
@@ -188,8 +185,6 @@ class ObserverPosterior(SubjectPosterior):
 
 #: The names to type.
 MODEL_NAMES = (*(name.replace(" ", "-") for name in ORDER_MODELS), "paper")
-#: Former names of the paper's model.
-_PAPER_NAMES = ("paper", "update", "predictive update", "predictive-update")
 
 
 def require_model(name: str) -> str:
@@ -206,7 +201,8 @@ def require_model(name: str) -> str:
     ('constant error', 'predictive update')
     """
     require_kind("model", name, str, f"one of: {', '.join(MODEL_NAMES)}")
-    if name in _PAPER_NAMES:
+    # The last three are former names of the paper's model.
+    if name in ("paper", "update", "predictive update", "predictive-update"):
         return PAPER_MODEL
     spaced = name.replace("-", " ")
     if spaced in ORDER_MODELS:

@@ -33,6 +33,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
+    AnswerSlopes,
     LogAnswers,
     criterion,
     criterion_slope,
@@ -47,7 +48,7 @@ from bayes_toe.model.answer_curves import (
 from bayes_toe.model.densities import (
     CutNormal,
     LogitOfBeta,
-    PriorDensity,
+    Priors,
     StandardNormal,
     StandardStudent,
     log_normal,
@@ -58,8 +59,6 @@ from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameter
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
-#: Log probability of both answers of an observer who guesses which stimulus is stronger.
-_GUESS = LogAnswers(np.array(-LN2), np.array(-LN2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +299,7 @@ class ObserverRows(AnswerRows):
         return in_z, in_k * k, by_yes * (erf(k * np.sqrt(0.5)) - probabilities[0])
 
     @np.errstate(over="ignore", invalid="ignore")
-    def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
+    def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs).
 
         Of three answers, those of the second question follow, as in :meth:`log_answers`.
@@ -417,7 +416,7 @@ class ObserverRows(AnswerRows):
     # --- Prior -----------------------------------------------------------------------------------
 
     @cached_property
-    def priors(self) -> tuple[PriorDensity, ...]:
+    def priors(self) -> Priors:
         """The prior of every coordinate."""
         normal = StandardNormal()
         student = StandardStudent()
@@ -431,7 +430,7 @@ class ObserverRows(AnswerRows):
 def _blind_answers(k: FloatArray | None) -> LogAnswers:
     """Log probability of both answers in a lapse: a guess, or the answers to equal stimuli."""
     if k is None:
-        return _GUESS
+        return LogAnswers(np.array(-LN2), np.array(-LN2))
     return equal_answers(np.zeros(1), k)
 
 

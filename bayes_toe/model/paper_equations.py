@@ -261,8 +261,7 @@ def require_natural(
     mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike, q0: npt.ArrayLike
 ) -> None:
     """Raise NumericalError, naming the parameter, unless all natural parameters are usable."""
-    parameters = (sigma_p, sigma_l, q0)
-    sigma_p, sigma_l, q0 = (np.asarray(values, np.float64) for values in parameters)
+    sigma_p, sigma_l, q0 = (np.asarray(values, np.float64) for values in (sigma_p, sigma_l, q0))
     rules = {
         "mu1 must be finite": np.isfinite(mu1),
         "sigma_p must be finite and positive": np.isfinite(sigma_p) & (sigma_p > 0),

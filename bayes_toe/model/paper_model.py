@@ -19,7 +19,6 @@ posterior, and :class:`FunnelArray` the posterior in coordinates without a funne
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,6 +30,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.model.answer_curves import (
     AnswerRows,
+    AnswerSlopes,
     LogAnswers,
     over_scale,
     pair_arrays,
@@ -38,7 +38,7 @@ from bayes_toe.model.answer_curves import (
     with_complement,
 )
 from bayes_toe.model.densities import (
-    PriorDensity,
+    Priors,
     ProbitOfBeta,
     StandardNormal,
     half_normal_score,
@@ -59,7 +59,7 @@ from bayes_toe.model.paper_equations import (
     pull,
     variance_ratio,
 )
-from bayes_toe.model.posterior import Names, SubjectPosterior
+from bayes_toe.model.posterior import Determined, Names, SubjectPosterior
 from bayes_toe.model.posterior_array import PosteriorArray
 from bayes_toe.model.prior import DEFAULT, Prior
 
@@ -104,7 +104,7 @@ class PaperRows(AnswerRows):
         return POWERS[self.task.lapses]
 
     @cached_property
-    def priors(self) -> tuple[PriorDensity, ...]:
+    def priors(self) -> Priors:
         """The prior of every coordinate."""
         score = StandardNormal()
         gamma = ProbitOfBeta(self.prior.gamma_a, self.prior.gamma_b)
@@ -179,7 +179,7 @@ class PaperRows(AnswerRows):
         answers_at, _ = CURVES[self.task.lapses]
         return answers_at(self.distance(u), logit_of_probit(u[..., 3:]))
 
-    def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
+    def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log answers, and the slopes of both in every coordinate, (rows, points, 4, pairs).
 
         The first three coordinates act through z = distance / width, the fourth one through the
@@ -334,8 +334,11 @@ class PaperPosterior(SubjectPosterior):
     @cached_property
     def rows(self) -> PaperRows:
         """The counts, as one row."""
-        pairs = pair_arrays([self.subject], [0.0], [1.0])
-        return PaperRows(**pairs, task=self.subject.task, prior=self.prior)
+        return PaperRows(
+            **pair_arrays([self.subject], [0.0], [1.0]),
+            task=self.subject.task,
+            prior=self.prior,
+        )
 
     @cached_property
     def sbar(self) -> float:
@@ -361,7 +364,7 @@ class PaperPosterior(SubjectPosterior):
         )
 
     @property
-    def monotone_in(self) -> Mapping[str, tuple[str, int]]:
+    def monotone_in(self) -> Determined:
         """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
         by_coordinate = {name: (name, 1) for name in self.coordinates}
         by_coordinate |= {"pull": ("gamma", 1), "gain": ("gamma", -1)}

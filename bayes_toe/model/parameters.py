@@ -94,8 +94,7 @@ class PriorNumbers:
     @classmethod
     def declared(cls) -> dict[str, PriorNumber]:
         """The numbers by name, in the order of their declaration."""
-        rows = fields(cls)
-        return {row.name: row.metadata["number"] for row in rows if "number" in row.metadata}
+        return {row.name: row.metadata["number"] for row in fields(cls) if row.metadata}
 
     def require_valid(self, source: str) -> None:
         """Refuse numbers out of range, a line each that begins with the source."""
@@ -153,8 +152,7 @@ class ObserverPrior(PriorNumbers):
         'noise ~ LogNormal(1 D, 0.7), lapse_rate ~ Beta(1, 9), no'
         """
         free = [parameter for parameter in task_parameters(task) if parameter not in held]
-        numbers = vars(self)
-        priors = [f"{parameter.name} ~ {parameter.prior.format_map(numbers)}" for parameter in free]
+        priors = [f"{row.name} ~ {row.prior.format_map(vars(self))}" for row in free]
         return f"{', '.join(priors)}; {SCALES}"
 
 
@@ -415,9 +413,12 @@ QUANTITY_BY_NAME: Mapping[str, Quantity] = {
     )
 }
 
+#: Parameters in the order of the coordinates.
+Parameters = tuple[Parameter, ...]
+
 
 #: The four models of the observer by name, with the order effects that each model has.
-ORDER_MODELS: Mapping[str, tuple[Parameter, ...]] = {
+ORDER_MODELS: Mapping[str, Parameters] = {
     "none": (),
     "constant error": (CONSTANT_ERROR,),
     "contraction": (CONTRACTION,),
@@ -427,7 +428,7 @@ ORDER_MODELS: Mapping[str, tuple[Parameter, ...]] = {
 MODEL_PRIOR = {"none": 1 / 2, "constant error": 1 / 6, "contraction": 1 / 6, "both": 1 / 6}
 
 
-def task_parameters(task: Task) -> tuple[Parameter, ...]:
+def task_parameters(task: Task) -> Parameters:
     """The parameters of a task's observer, in the order of the coordinates.
 
     Examples
@@ -438,7 +439,7 @@ def task_parameters(task: Task) -> tuple[Parameter, ...]:
     return tuple(parameter for parameter in PARAMETERS if task in parameter.tasks)
 
 
-def group_parameters(task: Task) -> tuple[Parameter, ...]:
+def group_parameters(task: Task) -> Parameters:
     """The parameters that a group has a distribution of.
 
     Examples

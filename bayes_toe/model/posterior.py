@@ -55,6 +55,10 @@ def _in_table_order(names: set[str]) -> Texts:
     return tuple(filter(names.__contains__, QUANTITY_BY_NAME))
 
 
+#: By the name of a quantity: the coordinate that determines it alone, and 1 if it rises with it.
+Determined = Mapping[str, tuple[str, int]]
+
+
 class NamedModel(Protocol):
     """A model, by whose name random streams are keyed."""
 
@@ -89,7 +93,7 @@ class SubjectPosterior(ABC):
 
     @property
     @abstractmethod
-    def monotone_in(self) -> Mapping[str, tuple[str, int]]:
+    def monotone_in(self) -> Determined:
         """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
 
     @abstractmethod
@@ -144,7 +148,7 @@ class SubjectPosterior(ABC):
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
-        return self.array.likelihood.value(self.full_points(x))[0]
+        return self.rows.log_likelihood(self.full_points(x))[0]
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density of the coordinates, (points, k) -> (points,)."""

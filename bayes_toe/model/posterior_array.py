@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, Texts
 from bayes_toe.model.answer_curves import AnswerRows
-from bayes_toe.model.densities import PriorDensity
+from bayes_toe.model.densities import Priors
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,22 +60,19 @@ class LinearLikelihood:
         # All rows of a posterior move from its first row here to its first row in the part.
         rows = np.arange(sizes.sum()) + np.repeat(self.first_row[index] - first_row, sizes)
         further = tuple(task.part(index) for task in self.further)
-        row_part = self.rows.part(rows)
-        return LinearLikelihood(row_part, self.loading[rows], first_row, further=further)
+        return LinearLikelihood(
+            self.rows.part(rows), self.loading[rows], first_row, further=further
+        )
 
     def row_points(self, w: FloatArray) -> FloatArray:
         """Coordinates of the rows, (posteriors, points, d) -> (rows, points, k)."""
         return w[self.posterior_of_row] @ self.loading.swapaxes(1, 2)
 
-    def value(self, w: FloatArray) -> FloatArray:
-        """Log likelihood without binomial coefficients, (posteriors, points)."""
-        value = self._summed(self.rows.log_likelihood(self.row_points(w)))
-        for task in self.further:
-            value = value + task.value(w)
-        return value
-
     def plain_value(self, w: FloatArray) -> FloatArray:
-        """:meth:`value` by plain probabilities, at a third of its cost."""
+        """Log likelihood without binomial coefficients, (posteriors, points).
+
+        It comes from plain probabilities, at a third of the cost of :meth:`scoring`.
+        """
         value = self._summed(self.rows.plain_log_likelihood(self.row_points(w)))
         for task in self.further:
             value = value + task.plain_value(w)
@@ -124,7 +121,7 @@ class PosteriorArray:
 
     likelihood: LinearLikelihood
     names: Texts
-    further_priors: tuple[PriorDensity, ...]
+    further_priors: Priors
     is_free: BoolArray
 
     def __len__(self) -> int:
@@ -135,7 +132,7 @@ class PosteriorArray:
         return replace(self, likelihood=self.likelihood.part(index), is_free=self.is_free[index])
 
     @cached_property
-    def priors(self) -> tuple[PriorDensity, ...]:
+    def priors(self) -> Priors:
         """The prior of every coordinate."""
         # One row of each posterior, because priors may differ between subjects.
         likelihood = self.likelihood

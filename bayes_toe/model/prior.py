@@ -80,9 +80,7 @@ class ParameterHyperprior(PriorNumbers):
 
     def narrowed(self, share: float) -> ParameterHyperprior:
         """This prior with both scales multiplied by a share."""
-        mean_scale = share * self.mean_scale
-        sd_scale = share * self.sd_scale
-        return replace(self, mean_scale=mean_scale, sd_scale=sd_scale)
+        return replace(self, mean_scale=share * self.mean_scale, sd_scale=share * self.sd_scale)
 
     @property
     def words(self) -> str:
@@ -280,11 +278,8 @@ class Prior(PriorNumbers):
 
     def _symbols(self) -> dict[str, str]:
         """The symbols of the numbers that the stimuli give, such as {'mu1_mean': 'M'}."""
-        symbols = {}
-        for name, number in self.declared().items():
-            if getattr(self, name) == STIMULI:
-                symbols[name] = number.stimuli
-        return symbols
+        numbers = self.declared().items()
+        return {name: number.stimuli for name, number in numbers if getattr(self, name) == STIMULI}
 
     # --- In words ---------------------------------------------------------------------------------
 

@@ -60,8 +60,9 @@ def hyperprior_from(source: Hyperprior | StrPath | None) -> Hyperprior:
     if isinstance(source, Hyperprior):
         return source
 
-    kinds = "a Hyperprior, or the path of a TOML file"
-    require_kind("hyperprior", source, (str, os.PathLike), kinds)
+    require_kind(
+        "hyperprior", source, (str, os.PathLike), "a Hyperprior, or the path of a TOML file"
+    )
     table = toml_table(
         source, "[SECTION] and NAME = NUMBER, as in [group.contraction] and sd_scale = 0.3"
     )

@@ -34,7 +34,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, NamedArrays, Tex
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.model.densities import PriorDensity, StandardNormal
+from bayes_toe.model.densities import Priors, StandardNormal
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
 from bayes_toe.model.parameters import ObserverPrior
@@ -153,7 +153,7 @@ class HistoryRows(ObserverRows):
         return (*super().coordinates, *self.history.effects)
 
     @cached_property
-    def priors(self) -> tuple[PriorDensity, ...]:
+    def priors(self) -> Priors:
         """The prior of every coordinate."""
         return (*super().priors, *(StandardNormal() for _ in self.history.effects))
 
@@ -172,9 +172,13 @@ class HistoryRows(ObserverRows):
         """The first stimulus from the centre of the contraction, in D: from sbar + E."""
         if not self.history.has_carry_over:
             return self.first
-        effects = values["contraction"][0], values["carry_over"][0]
-        starts = self.trials.is_session_start
-        expected = expectations(self.first_of_trial, self.second_of_trial, *effects, starts)
+        expected = expectations(
+            self.first_of_trial,
+            self.second_of_trial,
+            values["contraction"][0],
+            values["carry_over"][0],
+            self.trials.is_session_start,
+        )
         # From (trials, points) to (1, points, answered trials), which are the cells.
         return self.first - expected[self.trials.is_answered].T[None]
 

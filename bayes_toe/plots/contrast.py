@@ -8,10 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.answers.contrast import ORDER_EFFECT, QUANTITIES, WORDS, ContrastTable, Difference
+from bayes_toe.answers.contrast import (
+    ORDER_EFFECT,
+    WORDS,
+    ContrastTable,
+    Difference,
+    observer_name,
+)
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.groups.population import PopulationResult
-from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 from bayes_toe.plots.style import (
     BELIEF,
     EQUAL,
@@ -30,12 +35,6 @@ from bayes_toe.plots.style import (
 )
 
 _NONE = "no difference, or probably none"
-#: Heights in inches: of title and legend together, of the axis and label of a panel, of a subject
-#: in a panel, and of the smallest panel.
-_TITLE_AND_LEGEND = 0.7
-_BELOW_PANEL = 0.9
-_PER_SUBJECT = 0.16
-_SMALLEST = 0.7
 #: Characters of the longest comparison beside its quantity; a longer one has a line of its own.
 _LONGEST_BESIDE = 16
 #: Face of the mark, colour, and words of the legend, for each of WORDS.
@@ -66,14 +65,17 @@ def contrast(
     quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
     n_subjects = len(table.subjects)
-    panel_height = max(_SMALLEST, _PER_SUBJECT * n_subjects)
+    # Inches, here 0.16 for a subject.
+    panel_height = max(0.7, 0.16 * n_subjects)
     if n_subjects > MAX_NAMES:
         panel_height = 0.6 * HIGH  # several comparisons share the page
-    figure = new_figure(PAGE, _TITLE_AND_LEGEND + (_BELOW_PANEL + panel_height) * len(comparisons))
+    # 0.7 for title and legend, and 0.9 for the axis and label of each panel.
+    figure = new_figure(PAGE, 0.7 + (0.9 + panel_height) * len(comparisons))
     panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
 
     for (i, j), ax in np.ndenumerate(panels):
         quantity = quantities[j]
+        name = observer_name(quantity)
         comparison = comparisons[i]
         rows = table.select(quantity, comparison)
         # Of an unknown unit, intervals are in per cent. A contraction is a share, which is too
@@ -81,11 +83,10 @@ def contrast(
         percents = [row.interval(UNKNOWN_UNIT) for row in rows]
         unit = table.unit.for_percent(percents)
         _draw_subjects(ax, table, rows, unit)
-        parameter, _ = QUANTITIES[quantity]
         # A group's difference in JND is a ratio, which has no place on the axis of subjects.
-        if group is not None and parameter in (CONSTANT_ERROR, CONTRACTION):
-            _draw_group(ax, group, parameter.name, comparison, unit)
-        quantity_ticks(ax, parameter.name)
+        if group is not None and name != "jnd":
+            _draw_group(ax, group, name, comparison, unit)
+        quantity_ticks(ax, name)
         ax.set_xlabel(_axis_label(quantity, comparison, unit), fontsize=LETTERS)
         ax.tick_params(labelleft=j == 0)
 
@@ -103,9 +104,8 @@ def contrast(
 
 def _axis_label(quantity: str, comparison: str, unit: StimulusUnit) -> str:
     """Quantity, comparison and unit, as in 'JND, right − left (%)'."""
-    parameter, _ = QUANTITIES[quantity]
     unit_name = unit.of_differences
-    if parameter.scale != 1.0:  # a share
+    if quantity == "contraction":  # a share
         unit_name = "%"
     label = f"{quantity}, {plain(comparison)} ({unit_name})"
     if len(comparison) > _LONGEST_BESIDE:
@@ -143,6 +143,7 @@ def _draw_group(
     for row in group.table.select("difference", parameter):
         if row.level == comparison:
             low, middle, high = group.in_units(parameter, row.interval, unit)
-            label = "group mean, 95 % interval"
-            ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label=label)
+            ax.axvspan(
+                low, high, color="#BDB3DD", lw=0, zorder=0, label="group mean, 95 % interval"
+            )
             ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)

@@ -28,13 +28,13 @@ from matplotlib.patches import Patch
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 
-from bayes_toe.arrays import FloatArray, NamedArrays
+from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
 from bayes_toe.data.messages import format_estimate, join_names, name_from_key
 from bayes_toe.data.stimulus_unit import StimulusUnit, percent
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import ObserverPosterior, model_posterior, model_title
-from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
+from bayes_toe.model.paper_equations import Natural, quantities
 from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
 from bayes_toe.model.parameters import (
     DIFFERENCE,
@@ -51,6 +51,8 @@ from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, plain,
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
+#: The panels of a figure as a matrix, or a row of them.
+Panels = npt.NDArray[Any]
 
 COORDINATES = ("natural", "identified")
 BINS = 60
@@ -188,14 +190,14 @@ class _Sample(NamedTuple):
     """
 
     target: SubjectPosterior
-    names: tuple[str, ...]
+    names: Texts
     columns: FloatArray
     truth: Sequence[float]
     colour: str
     line: str
 
 
-def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
+def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> Texts:
     """The quantities of a choice, or those that are named.
 
     For the four models, 'natural' has constant error, contraction and JND.
@@ -219,8 +221,9 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
     if coordinates == "identified":
         return target.names.identified
     if isinstance(target, ObserverPosterior):
-        effects = ("constant_error", "contraction", "jnd")
-        return tuple(name for name in effects if name in target.names.all)
+        return tuple(
+            name for name in ("constant_error", "contraction", "jnd") if name in target.names.all
+        )
     return target.names.natural
 
 
@@ -247,8 +250,7 @@ def _is_difference(name: str, unit: StimulusUnit) -> bool:
     Some quantities are so shown only if the unit of the stimuli is known, else in natural logs.
     """
     display = QUANTITY_BY_NAME[name].display
-    has_known_unit = unit.of_stimuli != ""
-    return display == DIFFERENCE or (display == KNOWN_DIFFERENCE and has_known_unit)
+    return display == DIFFERENCE or (display == KNOWN_DIFFERENCE and unit.of_stimuli != "")
 
 
 def prior_values(target: SubjectPosterior) -> NamedArrays:
@@ -259,12 +261,12 @@ def prior_values(target: SubjectPosterior) -> NamedArrays:
 def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatArray:
     """Values of a quantity as its axis shows them."""
     values = np.asarray(values, np.float64)
-    display = QUANTITY_BY_NAME[name].display
-    if display == STIMULUS and unit.of_stimuli:
+    quantity = QUANTITY_BY_NAME[name]
+    if quantity.display == STIMULUS and unit.of_stimuli:
         return unit.stimuli(values)
     if _is_difference(name, unit):
         return unit.differences(values)
-    return QUANTITY_BY_NAME[name].scale * values
+    return quantity.scale * values
 
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
@@ -340,13 +342,12 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
         _require_possible(name, value, target)
 
     # An unknown value is NaN, and so is every quantity that depends on it.
-    natural = {}
-    for name in target.names.natural:
-        natural[name] = np.asarray(truths.get(name, np.nan), np.float64)
-    if isinstance(target, PaperPosterior) and set(NATURAL) <= set(natural):
+    natural = {
+        name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural
+    }
+    if isinstance(target, PaperPosterior) and "q0" in natural:
         # The equations of 'same or different' also take values outside the prior's support.
-        parameters = Natural(*(natural[name] for name in NATURAL))
-        derived = quantities(parameters, target.sbar)
+        derived = quantities(Natural(**natural), target.sbar)
     else:
         derived = target.quantities(target.points(natural))
 
@@ -359,9 +360,7 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
 # --- panels ---------------------------------------------------------------------------------------
 
 
-def contour_grid(
-    x: FloatArray, y: FloatArray, across: Span, up: Span
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def contour_grid(x: FloatArray, y: FloatArray, across: Span, up: Span) -> tuple[FloatArray, ...]:
     """Smoothed counts of draws `x`, `y` in the bins of a panel, and levels of contours.
 
     `across` and `up` are the limits of the panel. Returns the middles of the bins across and
@@ -406,7 +405,7 @@ def corner_package() -> Any:
 
 def _draw_posterior(
     figure: Figure, sample: _Sample, spans: Sequence[Span], *, is_single: bool
-) -> npt.NDArray[Any]:
+) -> Panels:
     """Draw densities, contours and true values of one subject; return the panels as a matrix.
 
     Later subjects are drawn over the panels of the first one.
@@ -435,14 +434,15 @@ def _draw_posterior(
 
 
 def _draw_contours(
-    axes: npt.NDArray[Any], sample: _Sample, spans: Sequence[Span], *, is_single: bool
+    axes: Panels, sample: _Sample, spans: Sequence[Span], *, is_single: bool
 ) -> None:
     """Draw contours and true values of one subject in the panels below the diagonal."""
     lines: Style = {"colors": sample.colour, "linestyles": sample.line}
     for column, row in combinations(range(len(spans)), 2):
         ax = axes[row, column]
-        draws = sample.columns[column], sample.columns[row]
-        *middles, counts, levels = contour_grid(*draws, spans[column], spans[row])
+        *middles, counts, levels = contour_grid(
+            sample.columns[column], sample.columns[row], spans[column], spans[row]
+        )
         ax.contour(*middles, counts, levels, linewidths=1.5, zorder=1.5, **lines)
         x = sample.truth[column]
         y = sample.truth[row]
@@ -460,7 +460,7 @@ def _draw_contours(
 
 
 def _draw_curves(
-    diagonal: npt.NDArray[Any], sample: _Sample, spans: Sequence[Span], *, is_single: bool
+    diagonal: Panels, sample: _Sample, spans: Sequence[Span], *, is_single: bool
 ) -> None:
     """Draw curves of density, medians or intervals, and true values on the diagonal."""
     panels = zip(diagonal, sample.columns, spans, sample.truth, strict=True)
@@ -479,7 +479,7 @@ def _draw_curves(
 
 
 def _draw_prior(
-    diagonal: npt.NDArray[Any],
+    diagonal: Panels,
     sample: _Sample,
     spans: Sequence[Span],
     model: str,
@@ -493,7 +493,7 @@ def _draw_prior(
         ax.plot(*_smooth_density(values, span), color=PRIOR, lw=1.4, ls=sample.line)
 
 
-def _smooth_density(values: FloatArray, span: Span) -> tuple[FloatArray, FloatArray]:
+def _smooth_density(values: FloatArray, span: Span) -> ArrayPair:
     """Middles of the bins of a curve on the diagonal, and the smoothed share of draws in each."""
     counts, edges = np.histogram(values, _FINE, span)
     n_distinct = len(np.unique(values))  # a draw that is repeated says nothing new
@@ -504,7 +504,7 @@ def _smooth_density(values: FloatArray, span: Span) -> tuple[FloatArray, FloatAr
 # --- key and layout -------------------------------------------------------------------------------
 
 
-def _arrange_axes(axes: npt.NDArray[Any]) -> None:
+def _arrange_axes(axes: Panels) -> None:
     """Set limits, ticks and labels of the panels, which have their curves."""
     # Room above the curves. Lines of other lengths are quantiles and true values.
     for ax in axes.diagonal():

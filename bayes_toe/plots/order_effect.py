@@ -18,7 +18,6 @@ from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import plural
 from bayes_toe.data.stimulus_unit import StimulusUnit
-from bayes_toe.errors import InputError
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
     EQUAL,
@@ -103,11 +102,6 @@ def order_effect(
     -------
     matplotlib.figure.Figure
 
-    Raises
-    ------
-    InputError
-        If the table has no answers.
-
     Examples
     --------
     >>> table = bt.evidence(study, seed=1)                        # doctest: +SKIP
@@ -131,8 +125,6 @@ def forests(
 ) -> None:
     """Draw PSE shifts and contractions, a row a subject, into two panels."""
     answers = list(table.answers)
-    if len(answers) < len(table):
-        raise InputError("this table has no answers of order effects; bt.evidence computes them")
     is_crowded = len(answers) > MAX_NAMES
     if is_crowded:
         answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
@@ -157,8 +149,12 @@ def forests(
         if is_crowded:
             title += f"\n{words.count(Word.YES)} yes, {words.count(Word.PROBABLY)} probably"
         ax.set_title(title, loc="left", fontsize=LETTERS)
-        label = question.axis.format(unit=unit.of_differences)
-        ax.set(xlabel=label, xlim=limits, ylim=(lowest_y, -0.6), yticks=[])
+        ax.set(
+            xlabel=question.axis.format(unit=unit.of_differences),
+            xlim=limits,
+            ylim=(lowest_y, -0.6),
+            yticks=[],
+        )
         ax.locator_params(axis="x", nbins=5)
         style_axes(ax)
         quantity_ticks(ax, question.name)

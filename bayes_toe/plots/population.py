@@ -104,8 +104,9 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
             draw(ax, result, name)
         legend_outside(section, side="upper")
     if is_crowded:
-        label = f"{n_subjects:,} subjects, sorted in each panel"
-        sections[0].axes[0].set_ylabel(label, fontsize=LETTERS)
+        sections[0].axes[0].set_ylabel(
+            f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS
+        )
 
     check_panel(sections[2].subplots(), predictive_check(result) if check is None else check)
 
@@ -174,8 +175,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     prior = np.exp(log_prior[:, j]) / np.gradient(values, x)
 
     draws = result.in_units(name, draws, unit)
-    label = "posterior of the group mean"
-    ax.hist(draws, 30, density=True, color=_MEAN_COLOUR, label=label)
+    ax.hist(draws, 30, density=True, color=_MEAN_COLOUR, label="posterior of the group mean")
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
     label = _LABELS[name].format(unit=unit.of_differences)
     ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
@@ -209,8 +209,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     names = [plain(subject, 14) for subject in result.subjects]
     style: Style = {"label": "subject, median and 95 % interval"}
     if n_subjects > MAX_NAMES_IN_GROUP:
-        by_median = np.argsort(quantiles[1], kind="stable")
-        quantiles = quantiles[:, by_median]
+        quantiles = quantiles[:, np.argsort(quantiles[1], kind="stable")]  # by their median
         # The lines of more than 100 subjects would overlap.
         style |= {"ms": 1.6, "line": min(1.6, 160.0 / n_subjects)}
         names = []

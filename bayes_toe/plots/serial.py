@@ -98,8 +98,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
 
     *_, yes, no = static.subject.task.answers
     mean_of_trials = float(np.average(0.5 * (trials.first + trials.second)))
-    unit = static.subject.unit
-    stimulus_axis(left, "mean stimulus of the trial before", unit, mean_of_trials)
+    stimulus_axis(left, "mean stimulus of the trial before", static.subject.unit, mean_of_trials)
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))

@@ -357,8 +357,9 @@ def legend_outside(figure: Figure | SubFigure, *, columns: int = 3, side: str = 
     Points may be anywhere in the panels.
     """
     loc: Any = f"outside {side} center"
-    entries = _legend_entries(figure.axes)
-    figure.legend(*entries, loc=loc, ncols=columns, columnspacing=1.2, **_LEGEND)
+    figure.legend(
+        *_legend_entries(figure.axes), loc=loc, ncols=columns, columnspacing=1.2, **_LEGEND
+    )
 
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:

@@ -35,12 +35,12 @@ def test_h0_laplace_is_appendix_c_term_by_term():
     assert frequency_evidence_laplace(subject) == pytest.approx(total, rel=1e-12)
 
 
-def test_laplace_that_does_not_exist_is_empty_and_says_why(monkeypatch):
+def test_laplace_that_does_not_exist_is_empty_and_says_why(monkeypatch, analysis):
     module = "bayes_toe.answers.evidence_table"
     monkeypatch.setattr(f"{module}.laplace", lambda *_: (None, np.array([np.nan])))
     posterior = paper_posterior(CASES["perfect observer"], bt.Prior())
     result = fitted_result(posterior, 1, AnalysisRequest(evidence_draws=20_000))
-    row = subject_evidence(result)
+    row = subject_evidence(result, analysis.answers[0])
     assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
     assert row.log_evidence_h1 is not None
     assert EvidenceTable((row,)).frame(full=True)["log_evidence_h1_laplace"].isna().all()

@@ -100,9 +100,3 @@ def test_wide_intervals_do_not_hide_the_others_and_are_counted(analysis):
     errors = bt.plots.order_effect(EvidenceTable((wide, second, third))).axes[0]
     assert errors.get_xlim()[1] < 1e6
     assert "1 interval beyond the panel" in words_of(errors.texts)
-
-
-def test_a_table_without_answers_is_refused(analysis):
-    table = EvidenceTable(tuple(replace(row, answer=None) for row in analysis.evidence))
-    with pytest.raises(bt.InputError, match="no answers of order effects"):
-        bt.plots.order_effect(table)
