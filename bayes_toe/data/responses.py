@@ -471,7 +471,10 @@ def _unknown_texts(
 def _remedies_of_third(
     column: Column, answer_index: IntArray, names: Texts, three_answers: list[Remedy]
 ) -> list[Remedy]:
-    """Options to type if a column has one text too many, and the rarest may be a missed trial."""
+    """Options to type if a column has one text too many, and the rarest may be a missed trial.
+
+    They are empty where the column has other questions first.
+    """
     unknown = column.only(answer_index == _UNKNOWN)
     counts = np.bincount(unknown.codes)
     n_answers = len({*answer_index.tolist()} - {_MISSING, _UNKNOWN})
@@ -484,8 +487,8 @@ def _remedies_of_third(
     remedies = [*three_answers, Remedy("missed", text, meaning)]
     # Beside -1, 0 is the middle one of three answers.
     if text[0] in "-9" or (text == "0" and "-1" not in column.texts):
-        remedies.reverse()
-    return remedies
+        return remedies[::-1]
+    return remedies if len(counts) == 1 else []  # a word is asked about after the answers
 
 
 def _three_answers(
