@@ -71,6 +71,8 @@ _CODE_MEANINGS = {
 
 #: Largest share of the trials that are mistakes, and that nobody answered.
 _MOST_MISTAKES, _MOST_MISSED = 0.05, 0.2
+#: Largest share of pairs of equal stimuli in 2AFC. Each of three levels with each makes a third.
+_MOST_EQUAL = 0.35
 
 _ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
 #: The text that options give for each answer of a task.
@@ -142,10 +144,29 @@ def responses(
         note[-1] = f"), '{task.yes}' or '{task.no}' by the sign of s2 - s1"
         right_answer = task.right(difference)
         is_unscorable = is_answered & (right_answer == 0)
+        _require_two_answers(table, column, is_yes[is_unscorable], is_answered)
         is_yes = is_yes == (right_answer > 0)
     is_answered &= ~is_unscorable
     is_second = (answer_index == THREE_ANSWERS.answers.index("second")) & (task == THREE_ANSWERS)
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
+
+
+def _require_two_answers(
+    table: TextTable, column: Column, is_right: BoolArray, is_answered: BoolArray
+) -> None:
+    """Refuse scores of 2AFC if many answers are to equal stimuli, and both right and wrong.
+
+    `is_right` has those answers.
+    """
+    n_right = is_right.sum()
+    if 0 < n_right < len(is_right) and len(is_right) > _MOST_EQUAL * is_answered.sum():
+        problem = (
+            f"{column}: found {n_right} right and {len(is_right) - n_right} wrong answers to equal "
+            "stimuli, allowed: answers to which was stronger, of which none is right there. If "
+            "participants said whether stimuli were equal, add a column response with 'equal' or "
+            "'different', and leave --correct out; if not, remove these rows"
+        )
+        table.problems.ask(problem, [])
 
 
 def _reading_note(column: Column, answer_index: IntArray, names: Texts) -> list[object]:
@@ -253,8 +274,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
 
     Examples
     --------
-    >>> texts = ["first", "2nd"] * 3 + ["-1", "none"]
-    >>> _missed_texts(Column.from_texts("response", texts), ReadOptions())
+    >>> _missed_texts(Column.from_texts("response", ["first", "-1", "none", "2nd"]), ReadOptions())
     ['none', '-1']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
@@ -262,7 +282,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     declared = {*map(_plain, options.missed)}
     missed, answers = [], set()
     is_filled = ~column.map(lambda text: text.lower() in MISSING_WORDS)
-    is_frequent = np.bincount(column.codes, is_filled) > _MOST_MISSED * is_filled.sum()
+    is_frequent = np.bincount(column.codes, is_filled) > 1 + _MOST_MISSED * is_filled.sum()
     frequent = {*map(_plain, compress(column.texts, is_frequent))}
     for text in column.texts:
         plain = _plain(text)
@@ -451,7 +471,10 @@ def _unknown_texts(
 def _remedies_of_third(
     column: Column, answer_index: IntArray, names: Texts, three_answers: list[Remedy]
 ) -> list[Remedy]:
-    """Options to type if a column has one text too many, and the rarest may be a missed trial."""
+    """Options to type if a column has one text too many, and the rarest may be a missed trial.
+
+    They are empty where the column has other questions first.
+    """
     unknown = column.only(answer_index == _UNKNOWN)
     counts = np.bincount(unknown.codes)
     n_answers = len({*answer_index.tolist()} - {_MISSING, _UNKNOWN})
@@ -464,8 +487,8 @@ def _remedies_of_third(
     remedies = [*three_answers, Remedy("missed", text, meaning)]
     # Beside -1, 0 is the middle one of three answers.
     if text[0] in "-9" or (text == "0" and "-1" not in column.texts):
-        remedies.reverse()
-    return remedies
+        return remedies[::-1]
+    return remedies if len(counts) == 1 else []  # a word is asked about after the answers
 
 
 def _three_answers(

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IndexArray, IntArray, run_starts
-from bayes_toe.data.messages import MAX_LINES, Texts, display_name, one_line, plural, quoted
+from bayes_toe.data.messages import MAX_LINES, Note, Texts, display_name, one_line, plural, quoted
 from bayes_toe.errors import InputError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
@@ -373,7 +373,12 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             columns[name] = column
 
     notes = (f"rows above row {first_row} left out",) if place else ()
-    return TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
+    table = TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
+    cells = [column.matches([name]) for name, column in columns.items()]
+    is_header = np.all(cells, axis=0)  # as in files that were put one below the other
+    if not is_header.any():
+        return table
+    return table.only(~is_header, Note((is_header.sum(), "repeated header"), " left out"))
 
 
 def _header_names(source: str, row: int, cells: Cells) -> list[str]:

@@ -355,6 +355,7 @@ READ = {
         padded(answered(IN_GRAMS, 37, 39).assign(rt=512), subject="P12")
     ),
     "rare_code.csv --missed -9 --second-code 2": RARE_CODE,
+    "files_below_each_other.csv": csv(IN_LOGS[:30]) + csv(IN_LOGS[30:]),
     "arrays_line_by_line.txt": JATOS,
     "arrays_line_by_line.json": JATOS,
     "separators.jsonl": SEPARATORS,
@@ -380,6 +381,7 @@ NOTES = """
     utf16_without_mark.csv | trial rows, comma-separated, UTF-16, resp
     encoding.csv | trial rows, comma-separated, mac_roman, resp
     lines_above.csv | rows above row 4 left out
+    files_below_each_other.csv | 1 repeated header left out
     participant.csv | column Participant ID read as subject
     psychopy.csv | 2 rows left out as practice (column practice.thisN: '0', '1')
     units.csv | 2 rows without stimuli and response left out
@@ -444,6 +446,10 @@ REFUSED = {
         with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3),
         "type:  --missed 0",
         "only if nobody responded in these 3 trials; it drops them",
+    ),
+    "scores_of_same_different.csv --correct correct": (
+        "subject,s1,s2,correct\na,0,0.3,1\na,0.3,0.3,1\na,0,0,0\na,0.3,0,1\n",
+        "column correct: found 1 right and 1 wrong answers to equal stimuli, allowed: answers to",
     ),
     "rare_code.csv": (
         RARE_CODE,
