@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections import Counter, defaultdict
 from collections.abc import Mapping
@@ -82,7 +83,8 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
         subject = study[name]
         problem = "none"
         if findings:
-            sentence = findings[0].message.partition(". ")[0].rstrip(".")
+            # A capital letter follows the end of a sentence, but not that of 'a.u.'.
+            sentence = re.split(r"\. (?=[A-Z])", findings[0].message)[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
         short = textwrap.shorten(problem, 52, placeholder="...")
         # The row has the first sentence of the first finding, if it is not too long.

@@ -602,12 +602,11 @@ def _unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
-    """The columns of two codes that may say which stimulus came first, by their names or codes."""
+    """The columns of two codes that may say which stimulus came first, by their names."""
     names = []
     for column in columns:
-        codes = {*map(str.upper, filterfalse(is_no_response, column.texts))}
-        is_named = len(codes) <= 2 and looks_like(column.name, "standard_interval")
-        if is_named or codes == {"AB", "BA"}:
+        n_codes = sum(not is_no_response(text) for text in column.texts)
+        if n_codes <= 2 and looks_like(column.name, "standard_interval"):
             names.append(column.name)
     return names
 
