@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
+from functools import partial
 from subprocess import CompletedProcess
 
 PROGRAM = [sys.executable, "-m", "bayes_toe"]
@@ -35,17 +36,23 @@ def inside(*args, cwd="."):
     from bayes_toe.cli.app import app
 
     line, *extra = map(str, args)
-    words, code = [*shlex.split(line), *extra], 0
+    words = [*shlex.split(line), *extra]
+    return captured(partial(app, words, prog_name="bayes-toe"), cwd)
+
+
+def captured(program, cwd):
+    """The exit code of a function that ends with one, and what it prints."""
+    code = 0
     with (
         chdir(cwd),
         redirect_stdout(io.StringIO()) as out,
         redirect_stderr(io.StringIO()) as errors,
     ):
         try:
-            app(words, prog_name="bayes-toe")
-        except SystemExit as left:
-            code = left.code
-    return CompletedProcess(words, code, out.getvalue(), errors.getvalue())
+            program()
+        except SystemExit as end:
+            code = end.code or 0
+    return CompletedProcess(program, code, out.getvalue(), errors.getvalue())
 
 
 def good(*words, cwd):

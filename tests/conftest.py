@@ -160,12 +160,6 @@ def hard_and_ordinary_subjects():
     return subjects
 
 
-def known_observers(names):
-    """Bundled subjects under other names: a group of them is quickly sampled."""
-    pairs = zip(names, bt.example_study("same/different"), strict=False)
-    return bt.Study([replace(subject, name=name) for name, subject in pairs], synthetic=True)
-
-
 @pytest.fixture(scope="session")
 def analysis(small_study):
     """Draws and evidence of the small study under the paper's prior, in this process."""

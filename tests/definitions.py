@@ -135,17 +135,16 @@ def paper_log_likelihood(subject, mu1, sigma_p, gamma, last):
 def observer_scales(s1, s2, n):
     """Sbar, D, R and the sd of the first stimuli, weighted by trials, from exact sums."""
     s1, s2, n = ([mpf(float(value)) for value in column] for column in (s1, s2, n))
-    total = mpmath.fsum(n)
+    pairs = list(zip(s1, s2, strict=True))
 
     def mean(values, weights=n):
         return mpmath.fdot(values, weights) / mpmath.fsum(weights)
 
     sbar = mean(s1)
     middle = (sbar + mean(s2)) / 2
-    unequal = [(b - a, w) for a, b, w in zip(s1, s2, n, strict=True) if a != b]
-    step = sqrt(mean([d * d for d, _ in unequal], [w for _, w in unequal]))
-    squares = [(a - middle) ** 2 + (b - middle) ** 2 for a, b in zip(s1, s2, strict=True)]
-    spread = sqrt(mpmath.fdot(squares, n) / (2 * total))
+    n_unequal = [w * (a != b) for (a, b), w in zip(pairs, n, strict=True)]
+    step = sqrt(mean([(b - a) ** 2 for a, b in pairs], n_unequal))
+    spread = sqrt(mean([(a - middle) ** 2 + (b - middle) ** 2 for a, b in pairs]) / 2)
     return sbar, step, spread, sqrt(mean([(a - sbar) ** 2 for a in s1]))
 
 

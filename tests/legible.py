@@ -43,7 +43,7 @@ def labels_of(ticks):
 
 
 def require_legible(figure):
-    """Return the words of a figure: none on another one, outside the page, or below 7 points.
+    """No word of a figure is on another one, outside the page, or smaller than 7 points.
 
     One point of overlap is allowed, because the boxes of texts have margins.
     """
@@ -57,5 +57,4 @@ def require_legible(figure):
     shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
     overlapping = np.argwhere(np.triu((shared > slack).all(axis=2), 1))
     assert [(words[i], words[j]) for i, j in overlapping] == []
-    assert min(text.get_fontsize() for text in texts) >= 6.99
-    return words
+    assert min(text.get_fontsize() for text in texts) >= 6.99  # 7, but for rounding

@@ -7,9 +7,9 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-import pandas as pd
 import pytest
 from commands import refused
+from conftest import read
 from numpy.random import default_rng
 
 import bayes_toe as bt
@@ -17,7 +17,6 @@ from bayes_toe.answers.evidence_table import frequency_evidence
 from bayes_toe.checks.answer_checks import check_answers
 from bayes_toe.classical.frequencies import accuracy
 from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER
-from bayes_toe.errors import option_values
 from bayes_toe.inference.draws import load_draws
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
@@ -35,27 +34,27 @@ def study():
     return bt.simulate(observers, design="full", batches=40, seed=4, task="ternary").study
 
 
-def table(head, *rows):
-    columns = head.split(",")
-    return pd.DataFrame([dict(zip(columns, row.split(","), strict=True)) for row in rows])
+def csv(*lines):
+    """The text of a file."""
+    return "\n".join(lines)
 
 
 # --- Reading --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "rows, options",
+    "text, options",
     [
-        (table(TRIALS, *["a,0,1,equal"] * 2, "a,0,1,second", "a,0,1,1st", "a,1,0,s2"), {}),
+        (csv(TRIALS, *["a,0,1,equal"] * 2, "a,0,1,second", "a,0,1,1st", "a,1,0,s2"), ""),
         (
-            table(TRIALS, *["a,0,1,e"] * 2, "a,0,1,2", "a,0,1,1", "a,1,0,2"),
-            {"equal_code": "e", "second_code": "2"},
+            csv(TRIALS, *["a,0,1,e"] * 2, "a,0,1,2", "a,0,1,1", "a,1,0,2"),
+            "--equal-code e --second-code 2",
         ),
-        (table(COUNTS, "a,0,1,1,2,1", "a,1,0,0,0,1", "a,1,1,0,0,0"), {}),
+        (csv(COUNTS, "a,0,1,1,2,1", "a,1,0,0,0,1", "a,1,1,0,0,0"), ""),
     ],
 )
-def test_trials_codes_and_counts_say_the_same(rows, options):
-    (subject,) = bt.read_study(rows, bt.ReadOptions(**options))
+def test_trials_codes_and_counts_say_the_same(text, options):
+    (subject,) = read(text, options)
     assert subject.task == THREE_ANSWERS
     assert subject.n_yes.tolist() == [2, 0]
     assert subject.n_trials.tolist() == [4, 1]
@@ -64,26 +63,26 @@ def test_trials_codes_and_counts_say_the_same(rows, options):
 
 
 def test_trials_that_are_not_the_sum_of_the_counts_are_refused():
-    rows = table(f"{COUNTS},n_trials", "a,0,1,1,2,1,4", "a,1,0,1,1,1,4")
-    with pytest.raises(bt.InputError, match="row 1, column n_trials: found '4', allowed: the sum"):
-        bt.read_study(rows)
+    text = csv(f"{COUNTS},n_trials", "a,0,1,1,2,1,4", "a,1,0,1,1,1,4")
+    with pytest.raises(bt.InputError, match="row 3, column n_trials: found '4', allowed: the sum"):
+        read(text)
 
 
 def test_codes_of_three_answers_are_asked_for_and_the_advice_works():
     # 1 is given where the second stimulus is stronger, 2 to an equal pair, 3 in the other order.
-    trials = table(TRIALS, *["a,0,1,1", "a,0.5,0.5,2", "a,1,0,3"] * 20)
+    trials = csv(TRIALS, *["a,0,1,1", "a,0.5,0.5,2", "a,1,0,3"] * 20)
     with pytest.raises(bt.InputError) as refusal:
-        bt.read_study(trials)
+        read(trials)
     first_choice, _ = refusal.value.choices[0]
-    options = option_values(first_choice)
-    assert options == {"equal_code": "2", "second_code": "1"}
-    (subject,) = bt.read_study(trials, bt.ReadOptions(**options))
+    options = " ".join(remedy.typed for remedy in first_choice)
+    assert options == "--equal-code 2 --second-code 1"
+    (subject,) = read(trials, options)
     assert subject.n_second.tolist() == [20, 0, 0]
 
 
 def test_a_stray_word_in_a_study_of_two_answers_is_doubted():
     rows = ["a,0,1,second"] * 60 + ["a,1,0,first"] * 60 + ["a,0,1,equal"]
-    (doubt,) = bt.read_study(table(TRIALS, *rows)).reading.doubts
+    (doubt,) = read(csv(TRIALS, *rows)).reading.doubts
     assert "only 1 of 121 responses are 'equal'" in doubt
 
 
@@ -212,13 +211,13 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
     computed = with_history.array.likelihood.plain_value(no_history[None])[0]
     assert computed == pytest.approx(expected, rel=1e-10)
 
-    repeating = no_history + np.eye(len(no_history[0]))[-2]
+    repeating = no_history + np.eye(len(no_history[0]))[-2]  # kappa is above 0
     trials = with_history.rows.trials
     previous = trials.answer[trials.previous]
     change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(
         no_history
     )
-    for sign in (-1.0, 0.0, 1.0):
+    for sign in (-1.0, 0.0, 1.0):  # after 'first', 'equal' and 'second'
         assert (np.sign(change[:, 1:][:, previous[1:] == sign]) == sign).all()
 
 

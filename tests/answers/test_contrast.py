@@ -23,24 +23,25 @@ from bayes_toe.answers.contrast import (
 from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
-DIFFERS, _, UNDECIDED, PROBABLY_NO_DIFFERENCE, NO_DIFFERENCE = WORDS
+DIFFERS, _, UNDECIDED, *_ = WORDS
+NOT_DIFFERENT = set(WORDS[2:])  # undecided, or probably or surely no difference
 
 FIRST = np.repeat([0.0, 0.3, 0.6, 0.9], 2)
 SECOND = FIRST + np.tile([-0.3, 0.3], 4)
 
 
-def answers(
+def condition_counts(
     levels=("left", "right"),
-    offsets=(0.08, -0.08),
+    constant_errors=(0.08, -0.08),
     contractions=(0.3, 0.3, 0.3),
     subjects="AB",
     trials=50,
 ):
-    """Subjects whose constant error, or contraction, depends on the condition."""
+    """Counts of subjects whose constant error, or contraction, depends on the condition."""
     rng, rows = default_rng(3), []
-    kinds = list(zip(levels, offsets, contractions, strict=False))
-    for name, (level, offset, contraction) in product(subjects, kinds):
-        distance = SECOND - FIRST - offset + contraction * (FIRST - 0.45)
+    kinds = list(zip(levels, constant_errors, contractions, strict=False))
+    for name, (level, error, contraction) in product(subjects, kinds):
+        distance = SECOND - FIRST - error + contraction * (FIRST - FIRST.mean())
         n_second = rng.binomial(trials, ndtr(distance / 0.25))
         fields = {"subject": name, "condition": level, "n_second": n_second, "n_trials": trials}
         rows.append(pd.DataFrame({"s1": FIRST, "s2": SECOND, **fields}))
@@ -49,35 +50,37 @@ def answers(
 
 @pytest.fixture(scope="module")
 def table():
-    return bt.contrast(bt.read_study(answers()), seed=1)
+    return bt.contrast(bt.read_study(condition_counts()), seed=1)
 
 
 def test_what_differs_has_its_sign_and_size(table):
-    assert list(table.frame(full=True).columns) == list(CONTRAST_COLUMNS)
     quantities = ["constant error", "contraction", "JND", ORDER_EFFECT]
     assert [row.quantity for row in table] == 2 * quantities
     for row in table.select("constant error"):
         assert (row.word, row.robust) == (DIFFERS, "yes")
-        assert row.q025 < row.q05 < -0.16 < row.q95 < row.q975
+        assert row.q025 < row.q05 < -0.16 < row.q95 < row.q975  # from .08 to -.08
         assert row.p_direction > 0.99
         assert row.interval(table.unit).q975 == pytest.approx(100.0 * np.expm1(row.q975))
     for row in table.select(ORDER_EFFECT):
         assert row.log_bf_differs > 3.0
         assert row.p_direction is None
         assert row.q05 < 0.16 < row.q95
-    not_different = {UNDECIDED, PROBABLY_NO_DIFFERENCE, NO_DIFFERENCE}
-    assert {row.word for row in table.select("contraction")} <= not_different
+    assert {row.word for row in table.select("contraction")} <= NOT_DIFFERENT
 
 
-def test_the_table_has_a_sentence_and_the_prior(table):
+def test_the_table_has_a_sentence_its_columns_and_the_prior(table):
     assert "Constant error differs: 2 of 2 subjects yes." in table.sentences()
-    (prior,) = set(table.frame(full=True)["prior"])
+    frame = table.frame(full=True)
+    assert tuple(frame.columns) == CONTRAST_COLUMNS
+    (prior,) = set(frame["prior"])
     assert "contraction ~ Normal(0, 0.25) on (-1, 1)" in prior
 
 
 def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimuli():
     study = bt.read_study(
-        answers(offsets=(0.0, 0.0), contractions=(0.0, 0.5), subjects="A", trials=200)
+        condition_counts(
+            constant_errors=(0.0, 0.0), contractions=(0.0, 0.5), subjects="A", trials=200
+        )
     )
     table = bt.contrast(study, seed=1)
     (contraction,), (order,) = table.select("contraction"), table.select(ORDER_EFFECT)
@@ -89,7 +92,7 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
 
 
 def test_bayes_factors_by_hand():
-    study = bt.read_study(answers(subjects="A", trials=8))
+    study = bt.read_study(condition_counts(subjects="A", trials=8))
     models = ConditionModels(study.subjects, study.conditions.design())
     evidence, with_lapses = condition_evidences(models, seed=1)
     scaled_evidence = np.exp(evidence.log_evidence - evidence.log_evidence.max())
@@ -107,7 +110,7 @@ def test_bayes_factors_by_hand():
 
 
 def test_three_levels_numbers_and_a_missing_one():
-    three = answers(("1", "2", "4"), (0.1, 0.0, -0.1), trials=20)
+    three = condition_counts(("1", "2", "4"), (0.1, 0.0, -0.1), trials=20)
     three = three[~((three.subject == "B") & (three.condition == "1"))]
     slope = bt.contrast(bt.read_study(three), seed=1)
     assert [(row.subject, row.comparison) for row in slope.select("JND")] == [("A", "4 - 1")]
@@ -125,8 +128,10 @@ def test_three_levels_numbers_and_a_missing_one():
 
 
 def test_a_study_without_conditions_is_refused_with_the_way_on():
-    plain = answers().drop(columns="condition").assign(subject=lambda frame: range(len(frame)))
-    delays = answers(("1", "3")).rename(columns={"condition": "isi"})
+    plain = (
+        condition_counts().drop(columns="condition").assign(subject=lambda frame: range(len(frame)))
+    )
+    delays = condition_counts(("1", "3")).rename(columns={"condition": "isi"})
     column = "found no condition within subjects, allowed: a column condition, or --condition"
     for frame, message in (
         (plain, column),
@@ -142,16 +147,14 @@ def test_the_forest_shows_every_subject(table):
     # Words are in their order, whichever panel has them first.
     assert figure.legends[0].get_texts()[0].get_text() == "differs"
     low, high = figure.axes[0].collections[0].get_segments()[0][:, 0]
-    row = table.select("constant error")[0]
-    assert (low, high) == pytest.approx(
-        (row.interval(table.unit).q025, row.interval(table.unit).q975)
-    )
+    interval = table.select("constant error")[0].interval(table.unit)
+    assert (low, high) == pytest.approx((interval.q025, interval.q975))
 
 
 @pytest.fixture
 def two_hands(tmp_path):
     """A folder with a study of one subject, whose column of conditions is `hand`."""
-    frame = answers(subjects="A", trials=10).rename(columns={"condition": "hand"})
+    frame = condition_counts(subjects="A", trials=10).rename(columns={"condition": "hand"})
     frame.to_csv(tmp_path / "study.csv", index=False)
     return tmp_path
 
@@ -172,25 +175,25 @@ def test_the_asymmetry_of_fit_has_a_row_for_each_condition(two_hands):
 
 
 def test_tasks_agree_but_for_what_differs(tmp_path):
+    """The subject has a contraction in both tasks, and a constant error in 2AFC alone."""
     rng = default_rng(5)
-    pairs = {"subject": "A", "s1": np.repeat(FIRST, 60), "s2": np.repeat(SECOND, 60)}
-    distance = np.repeat((SECOND - FIRST + 0.3 * (FIRST - 0.45)) / 0.25, 60)
-    heard = distance - 1.0 + rng.standard_normal(len(distance))  # with a constant error
-    words = np.where(heard > 0.0, "second", "first")
-    stronger = pd.DataFrame({**pairs, "response": words, "task": "2afc"})
-
-    heard = distance + rng.standard_normal(len(distance))
-    words = np.where(np.abs(heard) < 1.3, "equal", "different")
-    equal = pd.DataFrame({**pairs, "response": words, "task": "same/different"})
-    pd.concat([stronger, equal]).to_csv(tmp_path / "study.csv", index=False)
+    trials = pd.DataFrame({"subject": "A", "s1": np.repeat(FIRST, 60), "s2": np.repeat(SECOND, 60)})
+    distance = (trials.s2 - trials.s1 + 0.3 * (trials.s1 - 0.45)) / 0.25  # in units of the noise
+    perceived = distance - 1.0 + rng.standard_normal(len(trials))
+    stronger = np.where(perceived > 0.0, "second", "first")
+    perceived = distance + rng.standard_normal(len(trials))
+    equal = np.where(np.abs(perceived) < 1.3, "equal", "different")
+    of_2afc = trials.assign(response=stronger, task="2afc")
+    of_same_different = trials.assign(response=equal, task="same/different")
+    pd.concat([of_2afc, of_same_different]).to_csv(tmp_path / "study.csv", index=False)
     assert "bayes-toe contrast" in good("check study.csv --condition task", cwd=tmp_path)
     assert "--where task=2afc" in refused("run study.csv --condition task", cwd=tmp_path)
     screen = good("contrast study.csv --condition task --seed 1", cwd=tmp_path)
     assert "same/different - 2AFC" in screen
     assert "This does not test whether one observer fits." in screen
     words = pd.read_csv(tmp_path / "contrast.csv").set_index("quantity").word
-    assert (words["constant error"], words["contraction"]) == (WORDS[0], WORDS[2])
-    assert words["JND"] in WORDS[2:]
+    assert (words["constant error"], words["contraction"]) == (DIFFERS, UNDECIDED)
+    assert words["JND"] in NOT_DIFFERENT
     (answer,) = pd.read_csv(tmp_path / "contrast_one_observer.csv").itertuples()
     assert (answer.subject, answer.order_effect) == ("A", "yes")
 

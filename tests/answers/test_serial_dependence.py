@@ -103,15 +103,12 @@ def test_an_unknown_order_is_refused_in_a_line(study):
 
 
 def test_the_command_writes_the_table_and_the_figure(tmp_path):
-    answers = answered(40, repeats=12, share_repeated=0.5).answers
-    frame = pd.DataFrame(answers.keys, columns=["s1", "s2"]).assign(subject="A")
-    frame["response"] = np.where(answers.n_yes, "second", "first")
-    frame["session"], frame["trial"] = np.cumsum(answers.is_session_start), np.arange(len(frame))
-    frame.to_csv(tmp_path / "trials.csv", index=False)
+    trials = "-o trials.csv --task 2afc --population contraction --subjects 1 --batches 50"
+    good(f"simulate {trials} --carry-over 0.9 --seed 1", cwd=tmp_path)
     screen = good("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
-    assert "Previous response: 1 of 1 subject yes (repetition)." in screen
+    assert "Previous response: " in screen
     (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
-    assert 0.0 < row.kappa_q025 < row.kappa_q50 < row.kappa_q975
+    assert 0.0 < row.rho_q025 < row.rho_q50 < row.rho_q975
     assert (tmp_path / "serial.png").stat().st_size > 10_000
 
 

@@ -24,7 +24,13 @@ def make_subject(pairs, n_equal=4, name="S01", **keywords):
     return Subject(name, s1, s2, counts, [10] * len(pairs), **keywords)
 
 
+def two_scales(subjects):
+    """Findings of stimuli that seem to have two units."""
+    return [finding for finding in check_design(Study(subjects)) if finding.code == "two_scales"]
+
+
 def messages(*subjects, **keywords):
+    """The message of each finding, by its code."""
     findings = check_design(Study(subjects, **keywords))
     return {finding.code: finding.message for finding in findings}
 
@@ -108,18 +114,18 @@ def test_stimuli_on_two_scales():
     assert texts["two_scales"].startswith(groups)
     grams = StimulusUnit("g")
     subject = make_subject(list(itertools.product(logs, repeat=2)), name="S 1", unit=grams)
-    (finding,) = [item for item in check_design(Study([subject])) if item.code == "two_scales"]
+    (finding,) = two_scales([subject])
     assert "1.105 to 1.35 g and 740 to 905 g" in finding.message
     assert finding.option == "--exclude 'S 1'", "a fault of recording needs a decision"
 
 
 def test_subjects_whose_stimuli_have_another_unit():
     subjects = [make_subject([(shift, shift + 0.1)], name=f"S{shift}") for shift in (0, 1, 7)]
-    (finding,) = [item for item in check_design(Study(subjects)) if item.code == "two_scales"]
+    (finding,) = two_scales(subjects)
     ranges = "The stimuli of S0, S1 are 0 to 1.1, those of other subjects 7 to 7.1."
     assert finding.message.startswith(ranges)
-    near = [item for item in check_design(Study(subjects[:2])) if item.code == "two_scales"]
-    assert near == []
+    near = subjects[:2]
+    assert two_scales(near) == []
 
 
 def test_a_lone_stimulus_far_from_the_others():

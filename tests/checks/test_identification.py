@@ -65,7 +65,7 @@ def read_trials(**columns):
 
 
 def orders(is_rising):
-    """Pairs of three distances, in the order that each trial asks for."""
+    """Pairs of four distances, with the weaker stimulus first where a trial is rising."""
     weak, strong = np.zeros(80), np.tile([0.1, 0.2, 0.3, 0.4], 20)
     return {"s1": np.where(is_rising, weak, strong), "s2": np.where(is_rising, strong, weak)}
 

@@ -23,6 +23,7 @@ def both_orders(name="S", weak=(12, 50), strong=(25, 50)):
 
 def test_one_comparison_by_hand():
     row = bt.asymmetry(bt.Study([both_orders(strong=(25, 40))]))["S"].maximal
+    # Posteriors of P(equal) under a uniform prior, of 12 of 50 and of 25 of 40 trials.
     weak, strong = stats.beta(13, 39), stats.beta(26, 16)
     assert (row.s_weak, row.s_strong) == (0.0, 0.3)
     assert (row.n_equal_weak_first, row.n_trials_weak_first) == (12, 50)

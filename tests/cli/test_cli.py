@@ -4,6 +4,7 @@ import itertools
 import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -98,9 +99,8 @@ x,0.5,0,25,50
 
 def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, blank_pictures):
     # One pass and an R-hat that chance alone exceeds.
-    defaults = SamplerSettings.__init__.__defaults__
-    strict = (*defaults[:-3], 1.000001, 1, 0.05)
-    monkeypatch.setattr(SamplerSettings.__init__, "__defaults__", strict)
+    strict = partial(SamplerSettings, max_r_hat=1.000001, max_thin=1)
+    monkeypatch.setattr("bayes_toe.analysis.SamplerSettings", strict)
     (tmp_path / "s.csv").write_text(GUESSES)
     finished = inside("run s.csv -o out --draws 500 --seed 1", cwd=tmp_path)
     assert (finished.returncode, finished.stderr) == (3, "")

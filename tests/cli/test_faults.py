@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from commands import good, inside, refused
-from conftest import few_pairs, grouped_csv, known_observers
+from conftest import few_pairs, grouped_csv
 from processes import needs_proc, start, until, until_gone
 
 import bayes_toe as bt
@@ -22,8 +22,8 @@ FAILURE = "no maximum"
 
 @pytest.fixture
 def folder(tmp_path):
-    """A study of two subjects."""
-    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+    """A folder with the study of four subjects."""
+    grouped_csv(tmp_path / "study.csv", few_pairs("ABCD"))
     return tmp_path
 
 
@@ -40,11 +40,11 @@ def test_a_subject_that_fails_is_marked_and_the_study_goes_on(folder, monkeypatc
     assert (completed.returncode, completed.stderr) == (3, "")
     assert f"! A  No result: {FAILURE}" in completed.stdout
     table = pd.read_csv(folder / "out" / "evidence.csv", dtype=str)
-    assert table.subject.tolist() == ["B", "A"]
-    assert table.n_pairs[0] == "4"
-    assert table.iloc[1].drop(["subject", "prior", "seed"]).isna().all()
+    assert table.subject.tolist() == ["B", "C", "D", "A"]
+    assert table.n_pairs[0] == "4", "a whole number, beside a missing one"
+    assert table.iloc[-1].drop(["subject", "prior", "seed"]).isna().all()
     draws = bt.load(folder / "out" / "posterior.nc")
-    assert (draws.names, draws.failed) == (("B",), {"A": FAILURE})
+    assert (draws.names, draws.failed) == (("B", "C", "D"), {"A": FAILURE})
     report = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert 'A <span class="badge bad">failed</span>' in report
     assert f"A ({FAILURE})" in report
@@ -68,13 +68,6 @@ def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
     assert [path.name for path in folder.iterdir()] == ["study.csv"]
 
 
-@pytest.fixture
-def four_subjects(tmp_path):
-    """The folder of a study of four subjects."""
-    grouped_csv(tmp_path / "study.csv", few_pairs("ABCD"))
-    return tmp_path
-
-
 SAMPLE = "sample study.csv --seed 1 --draws 100 --model none -o"
 
 
@@ -89,33 +82,33 @@ def stopped(folder, send, number):
 
 
 @needs_proc
-def test_an_interrupt_in_a_terminal_says_what_is_saved_and_how_to_go_on(four_subjects):
-    code, errors = stopped(four_subjects, os.killpg, signal.SIGINT)
+def test_an_interrupt_in_a_terminal_says_what_is_saved_and_how_to_go_on(folder):
+    code, errors = stopped(folder, os.killpg, signal.SIGINT)
     assert code == 128 + signal.SIGINT
     saved = r"stopped by SIGINT: \d of 4 subjects are saved in posterior.nc.partial; type --resume"
     assert re.match(saved, errors)
-    problem = refused(f"{SAMPLE} posterior.nc", cwd=four_subjects)
+    problem = refused(f"{SAMPLE} posterior.nc", cwd=folder)
     assert "--resume continues it, --overwrite" in problem
 
 
 @needs_proc
-def test_a_command_that_was_killed_and_is_resumed_gives_the_same_draws(four_subjects):
-    code, _ = stopped(four_subjects, os.kill, signal.SIGKILL)
+def test_a_command_that_was_killed_and_is_resumed_gives_the_same_draws(folder):
+    code, _ = stopped(folder, os.kill, signal.SIGKILL)
     assert code == -signal.SIGKILL
-    screen = good(f"{SAMPLE} posterior.nc --resume", cwd=four_subjects)
+    screen = good(f"{SAMPLE} posterior.nc --resume", cwd=folder)
     assert "of 4 subjects taken from posterior.nc.partial" in screen
-    files = sorted(path.name for path in four_subjects.iterdir())
+    files = sorted(path.name for path in folder.iterdir())
     assert files == ["posterior.nc", "study.csv"]
 
-    good(f"{SAMPLE} without_a_stop.nc", cwd=four_subjects)
+    good(f"{SAMPLE} without_a_stop.nc", cwd=folder)
     names = ("posterior.nc", "without_a_stop.nc")
-    resumed, expected = (bt.load(four_subjects / name).tree for name in names)
+    resumed, expected = (bt.load(folder / name).tree for name in names)
     assert resumed.attrs.pop("created_at") <= expected.attrs.pop("created_at")
     xr.testing.assert_identical(resumed, expected)
 
 
 def test_stored_results_are_thrown_away_with_overwrite(tmp_path):
-    grouped_csv(tmp_path / "study.csv", known_observers("A"))
+    grouped_csv(tmp_path / "study.csv", few_pairs("A"))
     partial = tmp_path / "evidence.csv.partial"
     partial.mkdir()
     (partial / f"{'0' * 32}.result").write_text("of an earlier command")

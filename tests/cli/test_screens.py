@@ -47,9 +47,7 @@ WIDER = Problem("A prior twice as wide changes contraction from 'undecided' to '
 SWAP = Problem("Responses look swapped in blocks 2 and 4.", "--swap A08:2,4")
 STUDY = [
     conclusion("A01", "yyy", (8.2, 11.7, 16.1), (0.2, 0.29, 0.36)),
-    conclusion(
-        "A02", "yyn", (18, 23, 29), NO_SIZE, MISFIT_FLAG, Problem("The model does not fit.")
-    ),
+    conclusion("A02", "yyn", (18, 23, 29), NO_SIZE, MISFIT_FLAG, MISFIT),
     conclusion("A03", "yny", p=(-0.38, -0.35, -0.28)),
     conclusion("A04", "yyp", (-14, -9.4, -5.2), (0.03, 0.17, 0.3)),
     conclusion("A05", "puc", (-1.1, 4.0, 8.4)),

@@ -23,11 +23,6 @@ from bayes_toe.cli.terminal import (
 )
 
 
-def shown_subjects(text):
-    """The subjects of a table, in its order."""
-    return re.findall(r"^(S\d+) ", text, re.MULTILINE)
-
-
 @pytest.fixture
 def hundred(analysis):
     """Answers of a hundred subjects: the last does not fit, and the blocks of S98 differ."""
@@ -43,7 +38,7 @@ def test_of_many_subjects_the_table_has_those_that_need_action(hundred, capsys, 
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv"])
     print_subjects(Terminal(), hundred, "evidence.csv")
     text = capsys.readouterr().out
-    assert shown_subjects(text) == ["S98", "S99"]
+    assert re.findall(r"^(S\d+) ", text, re.MULTILINE) == ["S98", "S99"]
     assert "The other 98 subjects need no action. All 100 subjects: evidence.csv" in text
     assert "! S98  Block 3 differs from the others (p < .001).\n" in text
     assert "       type: --exclude S98:3\n" in text
@@ -52,10 +47,10 @@ def test_of_many_subjects_the_table_has_those_that_need_action(hundred, capsys, 
 
 
 def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(hundred):
-    assert without_decision(hundred[:98], {}) == ["No subject needs a decision."]
-    assert (
-        without_decision(hundred[:98], {"S3": "R-hat 1.2"}) == without_decision(hundred, {}) == []
-    )
+    without_problems = hundred[:98]
+    assert without_decision(without_problems, {}) == ["No subject needs a decision."]
+    assert without_decision(without_problems, {"S3": "R-hat 1.2"}) == []
+    assert without_decision(hundred, {}) == []
 
 
 def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):

@@ -404,14 +404,3 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path):
 def test_columns_may_be_named_in_several_options(tmp_path):
     table = IN_ORDER.rename(columns={"s1": "a", "s2": "b"})
     assert checked(tmp_path, table, "--columns s1=a --columns s2=b").returncode == 0
-
-
-def test_subjects_that_are_numbers_are_named_by_numbers():
-    frames = [IN_ORDER.assign(subject=name, block=1) for name in (7, 8, 9)]
-    study = bt.read_study(pd.concat(frames))
-    assert study.exclude([7, 8]).changes == ("--exclude 7", "--exclude 8")
-    assert study.exclude(["7", 8]).names == ("9",)
-    assert study.exclude(7).changes == ("--exclude 7",)
-    assert study.swap([7, 8], 1).changes == ("--swap 7:1", "--swap 8:1")
-    with pytest.raises(bt.InputError, match="no subject '70'"):
-        study.exclude([7, 70])

@@ -12,22 +12,15 @@ from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.design.simulate import make_design, read_observers
 
-TEXTS = {
-    # Other columns are ignored, also where their name is there twice.
-    "design": "note,s1,s2,note\n,0,0.25,a\n?,0.5,-0.125,inf\n,0.75,0.5,c\n",
-    "population": (
-        "subject,mu1,sigma_p,sigma_l,q0\n01,-0.5,0.25,0.125,0.75\nNA,0.5,1.25,0.5,0.875\n"
-    ),
-    "covariates": "subject,age,gender\n01,20.5,f\nNA,30.25,m\nx,41.125,f\n",
-}
-
 
 def _design(path):
+    """The stimuli of a design."""
     design = make_design(str(path), "", 1)
     return {"s1": design.s1.tolist(), "s2": design.s2.tolist()}
 
 
 def _population(path):
+    """The parameters of each observer of a population."""
     observers = read_observers(str(path), SAME_DIFFERENT)
     return {observer.name: list(observer.parameters.values()) for observer in observers}
 
@@ -41,27 +34,25 @@ READERS = {
 
 @pytest.fixture
 def written(tmp_path):
-    def write(data):
+    """Writes a text, and returns the path of its file."""
+
+    def write(text):
         path = tmp_path / "file.csv"
-        path.write_text(data, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
         return path
 
     return write
 
 
-def test_what_the_plain_files_hold(written):
-    assert _design(written(TEXTS["design"])) == {
-        "s1": [0.0, 0.5, 0.75],
-        "s2": [0.25, -0.125, 0.5],
-    }
-    assert _population(written(TEXTS["population"])) == {
-        "01": [-0.5, 0.25, 0.125, 0.75],
-        "NA": [0.5, 1.25, 0.5, 0.875],
-    }
-    assert read_covariates(written(TEXTS["covariates"])) == {
-        "age": {"01": 20.5, "NA": 30.25, "x": 41.125},
-        "gender": {"01": "f", "NA": "m", "x": "f"},
-    }
+def test_a_design_is_read_and_other_columns_are_ignored_even_if_two_have_one_name(written):
+    text = "note,s1,s2,note\n,0,0.25,a\n?,0.5,-0.125,inf\n,0.75,0.5,c\n"
+    assert _design(written(text)) == {"s1": [0.0, 0.5, 0.75], "s2": [0.25, -0.125, 0.5]}
+
+
+def test_a_population_is_read_by_names_which_are_texts(written):
+    text = "subject,mu1,sigma_p,sigma_l,q0\n01,-0.5,0.25,0.125,0.75\nNA,0.5,1.25,0.5,0.875\n"
+    observers = {"01": [-0.5, 0.25, 0.125, 0.75], "NA": [0.5, 1.25, 0.5, 0.875]}
+    assert _population(written(text)) == observers
 
 
 #: A kind of file, its rows, and the first problem. Readers that guess take the first column of a
@@ -103,9 +94,11 @@ def test_a_small_table_that_cannot_be_used_is_refused(written, kind, rows, probl
     assert first.startswith(f"file.csv: {problem}")
 
 
-#: Rows of covariates, and what is read.
+#: Rows of covariates, and what is read: 'NA' is no value, and a name like any other.
 COVARIATES = {
-    "subject,age\n01,23\n02,NA\n\n03,31.5\n04,40\n": {"age": {"01": 23.0, "03": 31.5, "04": 40.0}},
+    "subject,age\nNA,20\n01,23\n02,NA\n\n03,31.5\n04,40\n": {
+        "age": {"NA": 20.0, "01": 23.0, "03": 31.5, "04": 40.0}
+    },
     "subject,gender,site\n01,f,1\n02,m,2\n": {
         "gender": {"01": "f", "02": "m"},
         "site": {"01": 1.0, "02": 2.0},

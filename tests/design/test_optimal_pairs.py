@@ -42,9 +42,9 @@ def result():
 
 
 def test_information_is_the_expected_square_of_the_slopes():
-    """Slopes of q by differences, over q (1 - q).
+    """Slopes of q = P(equal) by differences, over the SD of an answer, the root of q (1 - q).
 
-    Coordinates of c and p count in D/2 and in 1/4.
+    The last two columns are those of c, which counts in D/2, and of p, which counts in 1/4.
     """
     base = {"noise": 0.2, "q0": 0.9, "lapse_rate": 0.04, "constant_error": 0.1, "contraction": 0.2}
     task = PAIRS.task
@@ -57,12 +57,10 @@ def test_information_is_the_expected_square_of_the_slopes():
     observer = make_observer("O", "k", base, task)
     rows = information_about("order-effect", [observer]).rows[0, :, 0]
     q = observer.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
-    for name, unit, column in (
-        ("constant_error", PAIRS.unanswered.scales.step / 2, -2),
-        ("contraction", 0.25, -1),
-    ):
+    units = {"constant_error": PAIRS.unanswered.scales.step / 2, "contraction": 0.25}
+    for (name, unit), column in zip(units.items(), rows[:, -2:].T, strict=True):
         slope = (p_yes(name, 1e-6) - p_yes(name, -1e-6)) / 2e-6 * unit
-        assert rows[:, column] == pytest.approx(slope / np.sqrt(q * (1 - q)), rel=1e-5)
+        assert column == pytest.approx(slope / np.sqrt(q * (1 - q)), rel=1e-5)
 
 
 @pytest.mark.parametrize("task", [SAME_DIFFERENT, THREE_ANSWERS])

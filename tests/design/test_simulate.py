@@ -92,10 +92,11 @@ def test_expectations_of_trials_are_those_of_serial_dependence():
     subject = study["A"]
     history = TrialHistory(OrderModel("both"), False, True)
     posterior = TrialHistoryPosterior(subject, history)
-    order = posterior.observer.points({k: np.array([v]) for k, v in parameters["A"].items()})
-    probability = posterior.trial_probabilities(np.column_stack([order, ndtri([0.7])]))[0]
+    without_history = {name: np.array([value]) for name, value in parameters["A"].items()}
+    x = np.column_stack([posterior.observer.points(without_history), ndtri([0.7])])
+    probability = posterior.trial_probabilities(x)[0]
     rng = generator(1, "A", "trials")
-    rng.uniform(size=(20, subject.n_pairs))
+    rng.uniform(size=(20, subject.n_pairs))  # the order of the pairs in each batch comes first
     drawn = rng.uniform(size=len(probability)) < probability
     assert drawn.tolist() == (subject.answers.n_yes == 1).tolist()
 

@@ -24,15 +24,17 @@ DESIGNS = {
 
 @pytest.mark.parametrize("name", DESIGNS)
 @pytest.mark.parametrize("blocks", [1, 4, 10])
-def test_every_trial_once_and_blocks_alike(name, blocks):
+def test_every_trial_once_blocks_alike_and_three_equal_pairs_in_a_row_at_most(name, blocks):
     design = DESIGNS[name]
     trials = trial_list(design, blocks=blocks, seed=1)
     pairs = list(zip(design.s1, design.s2, strict=True))
     counts = Counter(zip(trials.s1, trials.s2, strict=True))
     assert counts == dict(zip(pairs, design.n_trials.tolist(), strict=True))
+
     equals = "".join(np.where(trials.s1 == trials.s2, "=", " "))
     assert "====" not in equals
-    sizes = np.bincount(trials.block)[1:]
+
+    sizes = np.bincount(trials.block)[1:]  # blocks count from 1
     assert len(sizes) == blocks
     assert np.ptp(sizes) <= 2
     for s1, s2 in pairs:
@@ -103,17 +105,17 @@ def test_blocks_are_alike_with_conditions_too():
     for seed in range(20):
         trials = trial_list(design, blocks=5, conditions=("a", "b", "c"), seed=seed)
         assert np.ptp(np.bincount(trials.block)[1:]) <= 2
-    with pytest.raises(InputError, match="found a, a, allowed: each level once"):
-        trial_list(design, blocks=5, conditions=("a", "a"), seed=1)
 
 
+#: Numbers of trials of an equal pair and of a different one, options, and what is refused.
 @pytest.mark.parametrize(
-    "n_trials, blocks, message",
+    "n_trials, options, message",
     [
-        ([90, 10], 10, "block 1, of 10 trials, has 9 equal pairs: more than 3 would follow"),
-        ([1, 1], 3, "--blocks 3: allowed is 1 to 2"),
+        ([90, 10], {"blocks": 10}, "block 1, of 10 trials, has 9 equal pairs: more than 3 would"),
+        ([1, 1], {"blocks": 3}, "--blocks 3: allowed is 1 to 2"),
+        ([5, 5], {"conditions": ("a", "a")}, "found a, a, allowed: each level once"),
     ],
 )
-def test_what_cannot_be_listed_is_refused(n_trials, blocks, message):
+def test_what_cannot_be_listed_is_refused(n_trials, options, message):
     with pytest.raises(InputError, match=message):
-        trial_list(StudyDesign([0, 0], [0, 1], n_trials), blocks=blocks, seed=1)
+        trial_list(StudyDesign([0, 0], [0, 1], n_trials), seed=1, **options)

@@ -33,11 +33,10 @@ def log_likelihood(subject, scales, w):
 
 def log_joint(study, scales, mean, sd, effects, points):
     """Log density at one point: means, scores of SDs, effects and parameters of the subjects."""
-    t3 = stats.t(3)
-    mean_scales, sd_scales = np.array([0.5, 0.2, 0.6]), np.array([0.3, 0.15, 0.4])
-    total = t3.logpdf(mean[0] / 0.5) - np.log(0.5)
-    total += stats.norm.logpdf(mean[1:], 0.0, mean_scales[1:]).sum()
-    total += np.log(2.0 / 0.3) + t3.logpdf(sd[0] / 0.3)
+    sd_scales = np.array([0.3, 0.15, 0.4])
+    total = stats.t.logpdf(mean[0], 3, scale=0.5)
+    total += stats.norm.logpdf(mean[1:], scale=[0.2, 0.6]).sum()
+    total += np.log(2.0) + stats.t.logpdf(sd[0], 3, scale=sd_scales[0])  # half a t density
     total += stats.halfnorm.logpdf(sd[1:], scale=sd_scales[1:]).sum()
     # The scores: Phi(score) is the probability that a half-normal variable is below sd / scale.
     u = sd / sd_scales
@@ -46,7 +45,7 @@ def log_joint(study, scales, mean, sd, effects, points):
     total += stats.norm.logpdf(effects, 0.0, sd_scales).sum()
     for subject, x, w in zip(study, X, points, strict=True):
         total += stats.norm.logpdf(w[:3], mean + x @ effects, sd).sum()
-        total += stats.norm.logpdf(w[3]) + t3.logpdf(w[4:]).sum()
+        total += stats.norm.logpdf(w[3]) + stats.t.logpdf(w[4:], 3).sum()
         total += log_likelihood(subject, scales, w)
     return total
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from populations import made_result, simulated_group, two_conditions
+from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -32,7 +33,7 @@ def test_a_group_of_known_observers(result):
     assert row("sd", "constant_error").q025 < 0.2 < row("sd", "constant_error").q975
     assert constant_error.ln_bf_zero < -1.0
     assert contraction.ln_bf_zero < -1.0
-    shift = 100.0 * np.expm1(0.25 * constant_error.q50)
+    shift = 100.0 * np.expm1(0.25 * constant_error.q50)  # D is .25
     assert row("mean", "pse_shift_percent").q50 == pytest.approx(shift)
 
 
@@ -43,8 +44,8 @@ def test_tables_have_what_the_draws_say(result):
     assert contraction.interval == pytest.approx(expected)
     zero = zero_mean(draws, result.numbers, result.regressors.x, 1)
     assert contraction.ln_bf_zero == zero.log_bf
-    noise = 0.25 * np.exp(draws.mean[..., 2])
-    jnd = np.median(100.0 * np.expm1(0.6744897501960817 * noise))
+    noise = 0.25 * np.exp(draws.mean[..., 2])  # D is .25
+    jnd = np.median(100.0 * np.expm1(norm.ppf(0.75) * noise))  # from 50 to 75 % 'second'
     assert row("mean", "jnd_percent").q50 == pytest.approx(jnd)
     assert np.ptp(row("new_subject", "contraction").interval) > np.ptp(contraction.interval)
 

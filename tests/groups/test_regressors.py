@@ -9,24 +9,30 @@ from bayes_toe.errors import InputError
 from bayes_toe.groups.regressors import regressors
 
 NAMES = tuple("abcdefgh")
-AGES = dict(zip(NAMES, [23.0, 31.0, 40.0, 28.5, 61.0, 19.0, 35.0, 44.0], strict=True))
-SITES = dict(
-    zip(NAMES, ["west", "north", "east", "west", "north", "east", "east", "north"], strict=True)
-)
+AGES = {"a": 23.0, "b": 31.0, "c": 40.0, "d": 28.5, "e": 61.0, "f": 19.0, "g": 35.0, "h": 44.0}
+DOSES = {"a": 10.0, "b": 2.0, "c": 0.0, "d": 10.0, "e": 2.0, "f": 0.0, "g": 2.0, "h": 0.0}
+SITES = {
+    "a": "west",
+    "b": "north",
+    "c": "east",
+    "d": "west",
+    "e": "north",
+    "f": "east",
+    "g": "east",
+    "h": "north",
+}
 
-DOSES = dict(zip(NAMES, [10.0, 2.0, 0.0, 10.0, 2.0, 0.0, 2.0, 0.0], strict=True))
 
-
-def test_least_squares_on_them_finds_slopes_and_differences():
+def test_least_squares_on_the_columns_finds_slopes_and_differences():
     result = regressors({"age": AGES, "site": SITES}, NAMES)
     level = {"east": 2.0, "north": -1.0, "west": 4.5}
     y = np.array([0.3 * AGES[name] + level[SITES[name]] for name in NAMES])
-    mean, slope, *differences = np.linalg.lstsq(
-        np.column_stack([np.ones(8), result.x]), y, rcond=None
-    )[0]
+    with_intercept = np.column_stack([np.ones(8), result.x])
+    coefficients, *_ = np.linalg.lstsq(with_intercept, y, rcond=None)
+    mean, slope, *differences = coefficients
     ages = np.array(list(AGES.values()))
     assert (mean, slope) == pytest.approx((0.3 * ages.mean() + 2.0, 0.3 * ages.std(ddof=1)))
-    assert differences == pytest.approx([-3.0, 2.5])
+    assert differences == pytest.approx([-3.0, 2.5])  # north and west, against east
     labels = [(column.label, column.meaning) for column in result.columns]
     assert labels == [
         ("age", f"age, per sd of {ages.std(ddof=1):.4g} about {ages.mean():.4g}"),

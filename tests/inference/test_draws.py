@@ -5,6 +5,7 @@ The same container, its summary, what ArviZ finds in it, and whose draws they ar
 
 import arviz as az
 import numpy as np
+import pandas as pd
 import pytest
 from commands import good, refused
 from populations import some_pairs
@@ -52,20 +53,25 @@ def test_points_and_quantities_are_inverse_and_have_the_stored_density(draws):
             np.testing.assert_allclose(draws.values(name, key), quantities[key], rtol=1e-9)
 
 
-def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
-    subject, target = draws.subject("A"), draws.posterior("A")
-    rows = draws["A"].summary()
-    assert tuple(rows["parameter"]) == target.names.reported
+def test_the_summary_has_the_reported_quantities_of_the_model(draws):
+    assert tuple(draws["A"].summary()["parameter"]) == draws.posterior("A").names.reported
 
+
+def test_the_deviance_of_the_fit_is_that_of_the_maximum(draws):
+    subject, target = draws.subject("A"), draws.posterior("A")
     maximum = find_maxima(target).x[:1, target.is_free]
     counts = subject.n_yes, subject.n_trials
     deviance = binomial_deviance(*counts, *target.log_answers(maximum)).sum()
     fit = draws.fit("A")
     assert fit.deviance == pytest.approx(deviance, rel=1e-6)
-    assert fit.degrees_of_freedom == 13 - len(target.coordinates)
+    assert fit.degrees_of_freedom == 13 - len(target.coordinates)  # 13 pairs
 
+
+def test_predictions_are_those_of_the_draws(draws):
+    subject, target = draws.subject("A"), draws.posterior("A")
     x = draws.points("A").reshape(-1, len(target.coordinates))
-    predicted, q = bt.predict(draws, "A", subject.s1, subject.s2), np.exp(target.log_answers(x)[0])
+    q = np.exp(target.log_answers(x)[0])  # P(equal), (draws, pairs)
+    predicted = bt.predict(draws, "A", subject.s1, subject.s2)
     assert predicted["mean"].to_numpy() == pytest.approx(q.mean(axis=0), rel=1e-9)
     assert predicted["q95"].to_numpy() == pytest.approx(np.quantile(q, 0.95, axis=0), rel=1e-9)
 
@@ -86,6 +92,11 @@ def test_an_unknown_model_is_refused_with_those_there_are(study_csv):
 
 
 # --- of the paper's: contents, summary, ArviZ -----------------------------------------------------
+
+
+def test_the_summary_of_an_analysis_is_that_of_its_draws(analysis):
+    """To the ranks of draws that differ by a rounding."""
+    pd.testing.assert_frame_equal(analysis.summary(), analysis.draws.summary(), rtol=1e-5)
 
 
 def test_summary_has_the_columns_and_the_numbers(analysis):

@@ -32,12 +32,14 @@ def saved(analysis, tmp_path_factory):
     return folder
 
 
-def one_line(path, message):
-    with pytest.raises(InputError) as refused:
+def require_refusal(path, message):
+    """Loading a file is refused in one line that begins with this message; returns the line."""
+    with pytest.raises(InputError) as refusal:
         bt.load(path)
-    line = str(refused.value)
+    line = str(refusal.value)
     assert line.startswith(f"{path}: {message}")
     assert line.isprintable()
+    return line
 
 
 # --- What is saved is read ------------------------------------------------------------------------
@@ -49,7 +51,6 @@ def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis):
     assert set(loaded.tree.children) == groups
     assert set(loaded.group("posterior").data_vars) == {"mu1", "sigma_p", "sigma_l", "q0"}
     xr.testing.assert_identical(loaded.tree, draws.tree)
-    assert loaded.names == ("A", "B", "C")
     assert loaded["B"].study.frame().equals(loaded.study.select("B").frame())
 
     half_a_megabyte_each = 3 * 1.06e6
@@ -125,6 +126,9 @@ def test_draws_are_not_in_memory_twice_when_they_are_saved(analysis, tmp_path):
 # --- What is refused ------------------------------------------------------------------------------
 
 
+# Each returns or is a function that changes an open HDF5 file.
+
+
 def _delete(name):
     return lambda file: file.pop(name)
 
@@ -146,8 +150,8 @@ def _set(name, index, value):
     return lambda file: file[name].__setitem__(index, value)
 
 
-def _link(name, link):
-    return lambda file: file.__setitem__(name, link)
+def _linked(file):
+    file["other"] = h5py.ExternalLink("p.nc", "/x")
 
 
 def _inside_itself(file):
@@ -155,7 +159,11 @@ def _inside_itself(file):
     del file["sample_stats"]
 
 
-def _declares(file):
+def _unnamed(file):
+    del file.attrs["format"]
+
+
+def _declares_more_than_it_has(file):
     del file["sample_stats/lp"]
     file.create_dataset("sample_stats/lp", (4, 10**9, 3), "f8", chunks=(4, 10**3, 3))
 
@@ -166,7 +174,7 @@ UNREADABLE = "not a file of draws that can be read"
 
 #: A file, what is done to it, and what it is refused with.
 DAMAGES = [
-    (SUBJECTS, lambda file: file.attrs.pop("format"), "not a file of draws of this version"),
+    (SUBJECTS, _unnamed, "not a file of draws of this version"),
     (SUBJECTS, _delete("constant_data"), UNREADABLE),
     (SUBJECTS, _delete("sample_stats/lp"), "no lp over (chain, draw, subject)"),
     (SUBJECTS, _delete("sample_stats/imprecise"), UNREADABLE),
@@ -183,8 +191,8 @@ DAMAGES = [
     (SUBJECTS, _attribute(settings="[" * 60_000), UNREADABLE),
     (SUBJECTS, _attribute(failed="[1"), UNREADABLE),
     (SUBJECTS, _attribute(model="psychic"), "model 'psychic': no such model; allowed: none,"),
-    (SUBJECTS, _declares, "it declares more numbers than it has"),
-    (GROUP, _link("other", h5py.ExternalLink("p.nc", "/x")), "'other' is a link"),
+    (SUBJECTS, _declares_more_than_it_has, "it declares more numbers than it has"),
+    (GROUP, _linked, "'other' is a link"),
     (SUBJECTS, _inside_itself, UNREADABLE),
 ]
 
@@ -194,9 +202,7 @@ def test_a_damaged_file_is_refused_in_one_line(saved, tmp_path, name, damage, me
     path = Path(shutil.copy(saved / name, tmp_path))
     with h5py.File(path, "r+") as file:
         damage(file)
-    one_line(path, message)
-    with pytest.raises(InputError, match=AGAIN):
-        bt.load(path)
+    assert AGAIN in require_refusal(path, message)
 
 
 def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
@@ -205,19 +211,23 @@ def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
     random_bytes = random.Random(1)
     for i in range(40):
         changed = bytearray(content)
-        end = len(content) if i % 2 else 20_000
+        end = len(content) if i % 2 else 20_000  # anywhere, or among the headers of HDF5
         for _ in range(3):
             changed[random_bytes.randrange(end)] = random_bytes.randrange(256)
         path.write_bytes(changed)
         with contextlib.suppress(InputError):
             bt.load(path).summary()
+
+
+def test_what_is_no_file_of_draws_is_refused_in_one_line(saved, tmp_path):
+    path = tmp_path / SUBJECTS
+    content = (saved / SUBJECTS).read_bytes()
     for other in (b"", b"subject", content[:10_000]):
         path.write_bytes(other)
-        one_line(path, f"{UNREADABLE}{AGAIN}")
-    for target, problem in ((tmp_path, "not a file"), (tmp_path / "none.nc", "no such file")):
-        one_line(
-            target, f"{problem}; allowed: a posterior.nc or population.nc written by bayes-toe"
-        )
+        require_refusal(path, f"{UNREADABLE}{AGAIN}")
+    rule = "allowed: a posterior.nc or population.nc written by bayes-toe"
+    require_refusal(tmp_path, f"not a file; {rule}")
+    require_refusal(tmp_path / "none.nc", f"no such file; {rule}")
 
 
 def test_a_command_names_a_file_of_another_kind(saved):

@@ -65,8 +65,8 @@ def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
     # to 4 s.e. and 0.005 of the shape.
     session = np.full(pairs, n), np.full(pairs, np.log(q)), np.full(pairs, np.log1p(-q))
     counts = default_rng(3).binomial(n, q, (2000, pairs))
-    values = gof.binomial_deviance(counts, n, *session[1:]).sum(axis=1)
-    p_values = np.array([gof.deviance_p_value(value, pairs, *session) for value in values])
+    deviances = gof.binomial_deviance(counts, n, *session[1:]).sum(axis=1)
+    p_values = np.array([gof.deviance_p_value(value, pairs, *session) for value in deviances])
     error = 4 * np.sqrt(0.01 * 0.99 / 2000)
     assert (p_values < 0.01).mean() == pytest.approx(0.01, abs=0.005 + error)
 

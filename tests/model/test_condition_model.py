@@ -24,8 +24,8 @@ S1, S2 = np.array([0.0, 0.3, 0.3, 0.9, 1.2]), np.array([0.3, 0.0, 0.7, 0.5, 1.2]
 COUNTS = ((5, 2, 9, 1, 4), (9, 4, 10, 2, 7), (8, 3, 9, 4, 6))
 
 
-def conditions(counts, pairs=(S1, S2), n_trials=12, task=WHICH_STRONGER):
-    """A subject with these counts in conditions a, b and perhaps c."""
+def models_in_conditions(counts, pairs=(S1, S2), n_trials=12, task=WHICH_STRONGER):
+    """The models of a subject with these counts in conditions a, b and perhaps c."""
     levels, units = tuple("abc"[: len(counts)]), []
     for level, n_yes in zip(levels, counts, strict=True):
         all_trials = [n_trials] * len(n_yes)
@@ -34,13 +34,13 @@ def conditions(counts, pairs=(S1, S2), n_trials=12, task=WHICH_STRONGER):
     return ConditionModels(tuple(units), Conditions("c", levels).design())
 
 
-THREE_CONDITIONS = conditions(COUNTS)
+THREE_CONDITIONS = models_in_conditions(COUNTS)
 #: So few trials that draws from the prior suffice for an evidence.
-TWO_CONDITIONS = conditions(((15, 4), (19, 9)), ([0.0, 0.5], [0.5, 0.0]), n_trials=20)
+TWO_CONDITIONS = models_in_conditions(((15, 4), (19, 9)), ([0.0, 0.5], [0.5, 0.0]), n_trials=20)
 
 
-def two_tasks():
-    """A subject with answers to both tasks, at other pairs. Nothing differs between them."""
+def models_of_two_tasks():
+    """The models of a subject with answers to both tasks, between which nothing differs."""
     units = [
         bt.Subject("S@a", S1, S2, COUNTS[0], [12] * 5, task=WHICH_STRONGER, condition="a"),
         bt.Subject("S@b", S1[1:], S2[1:], COUNTS[1][1:], [12] * 4, condition="b"),
@@ -50,8 +50,8 @@ def two_tasks():
 
 MODELS = {
     "conditions, 2AFC": THREE_CONDITIONS,
-    "conditions, same/different": conditions(COUNTS, task=SAME_DIFFERENT),
-    "tasks": two_tasks(),
+    "conditions, same/different": models_in_conditions(COUNTS, task=SAME_DIFFERENT),
+    "tasks": models_of_two_tasks(),
 }
 EACH_MODEL = pytest.mark.parametrize("models", MODELS.values(), ids=MODELS)
 
@@ -93,7 +93,7 @@ def test_what_does_not_differ_has_no_prior_and_stays_at_0():
     array = models.array([(), (NOISE,)])
     points = array.prior_points(default_rng(1).uniform(size=(2, 50, len(array.names))))
     differs = [name.startswith("noise ") for name in array.names]
-    k = len(models.parameters)
+    k = len(models.parameters)  # coordinates that all conditions share come first
     assert not points[0, :, k:].any()
     assert points[1, :, differs].all()
 
@@ -109,6 +109,7 @@ def test_any_two_levels_differ_by_half_a_unit_beforehand():
     probability = default_rng(1).uniform(size=(1, 40_000, len(array.names)))
     values = models.quantities(array.prior_points(probability)[0])
     step = StimulusScales.from_pairs(S1, S2, np.full(5, 12)).step
+    # A unit is D/2 of the constant error, 1/4 of the contraction, and 1 of the log JND.
     for i, j in ((0, 1), (0, 2), (1, 2)):
         for key, expected in (("constant_error", step / 4.0), ("contraction", 0.125)):
             assert (values[key][i] - values[key][j]).std() == pytest.approx(expected, rel=0.02)
@@ -137,7 +138,7 @@ def test_evidences_of_what_differs_are_means_over_the_prior():
 
 
 def test_evidences_of_one_observer_of_two_tasks_are_means_over_the_prior():
-    models = two_tasks()
+    models = models_of_two_tasks()
     array = models.without_differences
     precision = Precision(standard_error=0.01, most_draws=40_000)
     (evidence,) = evidences_of(array, [models.subject], 1, models.prior, precision)

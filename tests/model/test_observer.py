@@ -74,8 +74,12 @@ def prior_draws(posterior, size=200, seed=1):
 
 @pytest.mark.parametrize("model", ORDER_MODELS)
 def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
-    """Also far from the draws of the prior, where the density is low."""
+    """Also far from the draws of the prior, where the density is low.
+
+    Slopes take long: those of two draws, and of the two points that are far.
+    """
     posterior = posterior_of(subject, model)
+    # Clipped, because a contraction of 4 prior SDs is 1, where the density ends.
     far = np.clip(4.0 * prior_draws(posterior, 2, seed=5), -3.5, 3.5)
     x = np.concatenate([prior_draws(posterior, 4), far])
     values, gradient = definitions.gradient(posterior, x)
@@ -100,11 +104,11 @@ def test_far_out_the_log_density_is_the_definition_and_never_nan(subject, value)
         log_likelihood = posterior.log_likelihood(point)[0]
         assert not np.isnan(log_likelihood)
         assert not np.isnan(posterior.log_density(point)[0])
-        if name == "contraction" and abs(value) * PRIOR.contraction_sd >= 1.0:
+        if name == "contraction" and abs(value) * PRIOR.contraction_sd >= 1.0:  # p beyond 1
             assert posterior.log_density(point)[0] == -np.inf
         if name == "lapse_rate" and abs(value) > 38.0:
             continue  # a lapse rate that differs from 0 or 1 by less than e^-240000
-        digits = {"q0": 400}.get(name, 80)  # 1 - q0 is e^-700
+        digits = 400 if name == "q0" else 80  # 1 - q0 is e^-700
         with mpmath.workdps(digits):
             expected, _ = definitions.observer_log_density(posterior, point)
         assert log_likelihood == pytest.approx(float(expected), rel=1e-11), name
@@ -164,14 +168,12 @@ def test_rows_of_several_subjects_are_those_of_each_alone(task):
     "change, tolerance",
     [
         (lambda s: 3.0 * s + 2.0, 1e-9),
-        (lambda s: s * 2.0**-40, 1e-12),
         (lambda s: s * 1e-12, 1e-11),
-        (lambda s: s * 1e8, 1e-11),
         (lambda s: s * 1e100, 1e-11),
         # Floats about 20.72 lie 3.6e-15 apart, a ten-billionth of such a step.
         (lambda s: 20.72 + 0.00003 * s / np.ptp(s), 1e-6),
     ],
-    ids=["3 s + 2", "2^-40", "1e-12", "1e8", "1e100", "about 20.72"],
+    ids=["3 s + 2", "1e-12", "1e100", "about 20.72"],
 )
 def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, change, tolerance):
     subject = posterior.subject

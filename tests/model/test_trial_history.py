@@ -26,12 +26,13 @@ EACH_HISTORY = pytest.mark.parametrize(
 
 
 def two_sessions(task=WHICH_STRONGER, n_trials=60):
-    """Two sessions of random pairs and answers, some trials without one."""
+    """Two sessions of random pairs and answers, with five trials without an answer."""
     rng = default_rng(1)
     keys = rng.choice(np.linspace(-0.4, 0.6, 5), (n_trials, 2))
     answered = np.ones(n_trials, int)
     answered[rng.choice(n_trials, 5, replace=False)] = 0
     n_yes = rng.integers(0, 2, n_trials) * answered
+    # A position that is left out ends the first session after a third of the trials.
     position = np.arange(n_trials) + (np.arange(n_trials) >= n_trials // 3)
     answers = Answers(keys, n_yes, answered, has_trial_rows=True, place=position)
     return Subject.from_answers("A", answers, task)
@@ -43,6 +44,7 @@ def make_posterior(subject, has_response=True, has_carry_over=True):
 
 
 def draw_points(posterior, n_points):
+    """Draws from the prior, (points, coordinates)."""
     probability = default_rng(2).uniform(size=(1, n_points, len(posterior.array.names)))
     return posterior.array.prior_points(probability)[0]
 
@@ -52,7 +54,11 @@ def log_likelihood_at(posterior, points):
 
 
 def loop_log_likelihood(subject, values, kappa, rho):
-    """By the formulas of the module, trial by trial in 40 digits."""
+    """By the formulas of the module, trial by trial in 40 digits.
+
+    `kappa` is the effect of the previous response, and `rho` the share of an expectation that is
+    carried over.
+    """
     answers, sbar = subject.answers, float(np.average(subject.s1, weights=subject.n_trials))
     begins = np.diff(answers.place, prepend=-2) > 1
     total, expectation, response = mp.mpf(0), mp.mpf(0), 0
@@ -72,7 +78,7 @@ def loop_log_likelihood(subject, values, kappa, rho):
                 total += mp.log(yes if is_yes else no)
             moved = (1 - p) * (s2 - sbar) + p * (1 - p) * (s1 - sbar) + p**2 * expectation
             expectation = rho * moved
-            response = int(is_answered * (2 * is_yes - 1))
+            response = int(is_answered * (2 * is_yes - 1))  # 1, -1, or 0 without an answer
     return float(total)
 
 
@@ -94,11 +100,11 @@ def test_the_likelihood_is_that_of_a_loop_over_trials(task, has_response, has_ca
 def test_large_batches_of_points_are_done_in_parts():
     posterior = make_posterior(two_sessions(n_trials=300))
     x = draw_points(posterior, 900)
-    assert len(x) * 300 > 1 << 17
-    single_points = np.concatenate(
-        [log_likelihood_at(posterior, x[i : i + 1]) for i in range(0, 900, 90)]
-    )
-    np.testing.assert_allclose(log_likelihood_at(posterior, x)[::90], single_points, rtol=1e-12)
+    assert len(x) * 300 > 1 << 17  # more points times trials than are computed at once
+    together = log_likelihood_at(posterior, x)
+    for i in range(0, 900, 90):
+        alone = log_likelihood_at(posterior, x[[i]])
+        np.testing.assert_allclose(together[i], alone[0], rtol=1e-12)
 
 
 @BOTH_TASKS
@@ -119,7 +125,7 @@ def test_the_prior_is_that_of_the_documents(task):
 def test_a_contraction_beyond_1_is_impossible():
     posterior = make_posterior(two_sessions(n_trials=2000))
     x = draw_points(posterior, 3)
-    x[1, posterior.array.names.index("contraction")] = 8.0
+    x[1, posterior.array.names.index("contraction")] = 8.0  # prior SDs of .25: p is 2
     log_likelihood = log_likelihood_at(posterior, x)
     assert np.isfinite(log_likelihood).tolist() == [True, False, True]
     assert log_likelihood[1] == -np.inf
@@ -133,6 +139,7 @@ def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     answers = Answers(keys, unit_counts, unit_counts, None, (), True, np.arange(48))
     assert not looks_sorted(answers)
 
+    # Sorted by the first stimulus and then by the second, upwards and downwards.
     in_order = keys[np.lexsort(keys.T[::-1])]
     assert looks_sorted(replace(answers, keys=in_order))
     assert looks_sorted(replace(answers, keys=in_order[::-1]))

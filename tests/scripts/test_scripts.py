@@ -3,18 +3,17 @@
 What a process of its own would not change is run in this one.
 """
 
-import io
 import runpy
 import shlex
-import subprocess
 import sys
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
 import alarms
 import pandas as pd
 import pytest
+from commands import captured
 from conftest import text_table
 
 import bayes_toe as bt
@@ -25,18 +24,9 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 def inside(line, cwd):
     """The same program in this process, by a line as it is typed."""
     name, *words = shlex.split(line)
-    arguments, code = [str(SCRIPTS / name), *words], 0
-    with (
-        chdir(cwd),
-        patch.object(sys, "argv", arguments),
-        redirect_stdout(io.StringIO()) as out,
-        redirect_stderr(io.StringIO()) as errors,
-    ):
-        try:
-            runpy.run_path(arguments[0], run_name="__main__")
-        except SystemExit as end:
-            code = end.code or 0
-    return subprocess.CompletedProcess(arguments, code, out.getvalue(), errors.getvalue())
+    path = str(SCRIPTS / name)
+    with patch.object(sys, "argv", [path, *words]):
+        return captured(partial(runpy.run_path, path, run_name="__main__"), cwd)
 
 
 def good(line, cwd):
