@@ -147,7 +147,7 @@ def small_study():
 
 
 def few_pairs(names):
-    """A study that costs little: each subject has four pairs, and counts of its own."""
+    """A study that is quickly analysed: subjects with these names, four pairs and own counts."""
     rows = "0 0 45 50, 0 0.3 {} 50, 0.3 0 15 50, 0.3 0.3 46 50"
     return bt.Study([made_subject(rows.format(20 - k), name) for k, name in enumerate(names)])
 
@@ -218,7 +218,7 @@ def browser():
 
 @pytest.fixture(scope="session")
 def vibrotactile(real_data):
-    """A real study of 'same or different', as it stands."""
+    """A real study of 'same or different', with the blocks that look swapped as they are."""
     path = real_data / "vibrotactile_rate" / "trials.csv"
     return bt.read_study(path, bt.ReadOptions(equal_code="1"))
 
@@ -232,7 +232,7 @@ def real_data():
 
 
 def counts(subject):
-    """The pairs of a subject, each with its counts."""
+    """The pairs of a subject: rows of s1, s2, answers that the task counts, and trials."""
     columns = subject.s1, subject.s2, subject.n_yes, subject.n_trials
     return list(zip(*(column.tolist() for column in columns), strict=True))
 

@@ -35,6 +35,7 @@ ALL_IDENTIFIABLE = Identification({})
 
 @pytest.fixture(scope="module")
 def answers():
+    """The answer of an observer of each kind, by its name."""
     cases = {
         "none": expected_counts(),
         "positive error": expected_counts(c=0.15),
@@ -47,6 +48,7 @@ def answers():
 
 @pytest.fixture(scope="module")
 def evidence():
+    """The evidences for an observer with a constant error."""
     (with_error,) = order_evidence([expected_counts(c=0.15)], seed=1)
     return with_error
 

@@ -23,12 +23,14 @@ KINDS = {
 
 
 def observer(kind, seed, **options):
+    """An observer with a contraction, and one of the kinds of serial dependence."""
     subject = answered(seed, repeats=64, p=0.35, **KINDS[kind], **options)
     return replace(subject, name=kind)
 
 
 @pytest.fixture(scope="module")
 def study():
+    """An observer of each kind, under its name."""
     return bt.Study([observer(kind, 20 + i) for i, kind in enumerate(KINDS)], synthetic=True)
 
 

@@ -124,8 +124,7 @@ def test_subjects_whose_stimuli_have_another_unit():
     (finding,) = two_scales(subjects)
     ranges = "The stimuli of S0, S1 are 0 to 1.1, those of other subjects 7 to 7.1."
     assert finding.message.startswith(ranges)
-    near = subjects[:2]
-    assert two_scales(near) == []
+    assert two_scales(subjects[:2]) == []
 
 
 def test_a_lone_stimulus_far_from_the_others():

@@ -126,21 +126,20 @@ def test_pairs_are_counted_whatever_their_order(s1, s2, text):
 
 PAIRS = [(0.0, 0.3), (0.3, 0.0), (0.3, 0.6), (0.6, 0.3), (0.6, 0.9), (0.9, 0.6)]
 LONG = "subject with a rather long name"
-SEED = "--seed 1"
 #: Each screen: the line that is typed, without `bayes-toe`.
 COMMANDS = {
     "check": "trials.csv",
     "check --prior": "default trials.csv",
-    "run": f"trials.csv -o out --draws 100 --figures none {SEED}",
-    "evidence": f"trials.csv -o evidence.csv {SEED}",
-    "sample": f"trials.csv -o draws.nc --draws 200 --exclude '{LONG}' {SEED}",
-    "fit": f"trials.csv -o fit.csv --replicates 5 {SEED}",
+    "run": "trials.csv -o out --draws 100 --figures none --seed 1",
+    "evidence": "trials.csv -o evidence.csv --seed 1",
+    "sample": f"trials.csv -o draws.nc --draws 200 --exclude '{LONG}' --seed 1",
+    "fit": "trials.csv -o fit.csv --replicates 5 --seed 1",
     "population": "trials.csv --draws 1600 -o group.nc --seed 1",
-    "contrast": f"trials.csv --condition hand -o hands.csv {SEED}",
-    "history": f"trials.csv -o history.csv {SEED}",
-    "power": f"--trials 130 --data-sets 1 --observers none {SEED}",
+    "contrast": "trials.csv --condition hand -o hands.csv --seed 1",
+    "history": "trials.csv -o history.csv --seed 1",
+    "power": "--trials 130 --data-sets 1 --observers none --seed 1",
     "design": (
-        f"--lowest 0 --highest 1 --step 0.25 --observers both --data-sets 1 --trials 100 {SEED}"
+        "--lowest 0 --highest 1 --step 0.25 --observers both --data-sets 1 --trials 100 --seed 1"
     ),
     "design design.csv": "--list list.csv --seed 1",
     "simulate": "-o made.csv --subjects 2 --batches 2 --seed 1",

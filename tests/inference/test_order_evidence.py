@@ -26,6 +26,7 @@ SHIFTED = make_subject([1, 3, 11, 17, 15, 10, 2, 0])
 
 @pytest.fixture(scope="module")
 def evidence():
+    """The evidences of the four models for a subject with a clear constant error."""
     return order_evidence([SHIFTED], seed=3)[0]
 
 

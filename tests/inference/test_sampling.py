@@ -23,6 +23,7 @@ CASES = hard_cases()
 
 @pytest.fixture(scope="module")
 def funnel():
+    """The fit of a subject whose posterior has a funnel."""
     return fit_posterior(paper_posterior(CASES["funnel"]), generator(1, "funnel"))
 
 
