@@ -350,7 +350,8 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     """
     if options.unit is None or options.stimuli != ("i1", "i2"):
         return options
-    s1, s2 = options.name("s1"), options.name("s2")
+    s1 = options.name("s1")
+    s2 = options.name("s2")
     has_intensities = not {*names}.isdisjoint(map(options.name, ("i1", "i2")))
     if has_intensities or not {s1, s2} <= {*names}:
         return options
@@ -520,7 +521,8 @@ def _unit_by_name(names: Texts, options: ReadOptions) -> tuple[str, str]:
         if name in names and unit and not is_intensity:
             return f"column {display_name(name)} seems to be in {unit}.", unit
 
-    i1, i2 = options.name("i1"), options.name("i2")
+    i1 = options.name("i1")
+    i2 = options.name("i2")
     if not options.has_standard and {*stimulus_names}.isdisjoint(names) and {i1, i2} <= {*names}:
         columns = f"columns {display_name(i1)} and {display_name(i2)}"
         return f"{columns} seem to be intensities.", unit_in(i1) or ANY_UNIT

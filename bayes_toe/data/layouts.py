@@ -50,7 +50,8 @@ ALLOWED_INTERVALS = (
 
 
 #: What :func:`named_places` finds in a cell that names one stimulus and nothing else.
-_STANDARD, _COMPARISON = named_places("standard"), named_places("comparison")
+_STANDARD = named_places("standard")
+_COMPARISON = named_places("comparison")
 
 
 class StandardOrder:

@@ -380,7 +380,8 @@ class _Rows:
 
         `answers` are parts of the first note: 'trial rows, UTF-8, 20 of 40 trials ...'.
         """
-        table, options = self.table, self.options
+        table = self.table
+        options = self.options
         texts = chain.from_iterable(column.texts for column in self.stimulus_columns)
         parts = [f"{form} rows", table.form]
         if table.delimiter:
@@ -555,7 +556,9 @@ def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
 
 def _trial_study(rows: _Rows) -> Study:
     """The study of a table whose rows are trials."""
-    table, options, task_column = rows.table, rows.options, rows.columns.get("task")
+    table = rows.table
+    options = rows.options
+    task_column = rows.columns.get("task")
     answer_role = "correct" if options.correct else "response"
     # A digit shows a stimulus, also one that cannot be read.
     has_digit = re.compile("[0-9]").search
@@ -632,7 +635,8 @@ def _count_study(rows: _Rows, task: Task) -> Study:
     """
     if task == THREE_ANSWERS:
         return _three_count_study(rows)
-    table, trials = rows.table, rows.columns["n_trials"]
+    table = rows.table
+    trials = rows.columns["n_trials"]
     column = rows.columns[task.count]
     n = column_counts(table, trials)
     name = display_name(trials.name)
@@ -673,7 +677,8 @@ def _count_study(rows: _Rows, task: Task) -> Study:
 
 def _three_count_study(rows: _Rows) -> Study:
     """The study of counts of three answers, which add up to the trials of a row."""
-    task, counts = THREE_ANSWERS, {}
+    task = THREE_ANSWERS
+    counts = {}
     for answer in task.answers:
         counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
     n = np.sum([*counts.values()], axis=0)

@@ -57,7 +57,8 @@ from bayes_toe.errors import InputError, Remedy
 
 #: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5
 #: million.
-LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
+LARGEST_STUDY = 2**30
+LARGEST_SMALL_FILE = 2**25
 
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists, as
 #: '[ {'. A byte-order mark may stand in front.

@@ -51,7 +51,9 @@ if TYPE_CHECKING:
 
 #: What a text stands for: the index of an answer of the task, of which the first one is counted, or
 #: no response, or nothing known.
-_YES, _MISSING, _UNKNOWN = 0, -1, -2
+_YES = 0
+_MISSING = -1
+_UNKNOWN = -2
 #: The words of each answer, in any case; and those of columns that say right or wrong.
 _WORDS: dict[str, tuple[str, ...]] = {
     "equal": ("equal", "same"),
@@ -70,7 +72,8 @@ _CODE_MEANINGS = {
 }
 
 #: Largest share of the trials that are mistakes, and that nobody answered.
-_MOST_MISTAKES, _MOST_MISSED = 0.05, 0.2
+_MOST_MISTAKES = 0.05
+_MOST_MISSED = 0.2
 #: Largest share of pairs of equal stimuli in 2AFC. Each of three levels with each makes a third.
 _MOST_EQUAL = 0.35
 
@@ -108,9 +111,11 @@ def responses(
     has_scores = options.correct is not None
     stated_task = _stated_task(column, task_column, options)
     task = stated_task or task_with(_words_by_answer(column)) or SAME_DIFFERENT
-    names, words = task.answers, tuple(_WORDS[answer] for answer in task.answers)
+    names = task.answers
+    words = tuple(_WORDS[answer] for answer in task.answers)
     if has_scores:
-        names, words = ("right", "wrong"), _RIGHT_WRONG
+        names = ("right", "wrong")
+        words = _RIGHT_WRONG
     codes = _all_codes(column, options.codes(task))
     answer_index = column.map(lambda text: _answer_index(text, codes, words), np.int64)
 
@@ -118,7 +123,8 @@ def responses(
     trends = {"equal_code": -abs(difference), "second_code": difference}
     if options.has_standard:
         trends["comparison_code"] = np.where(order.is_first, difference, -difference)
-    problem, remedies = "", list[Remedy]()
+    problem = ""
+    remedies = list[Remedy]()
     if stated_task is None and options.comparison_code is None:
         problem, remedies = _unknown_meaning(column, task_column, trends)
     if not problem:
@@ -138,7 +144,8 @@ def responses(
         table.problems.remedies += remedies
 
     note = _reading_note(column, answer_index, names)
-    is_yes, is_answered = answer_index == _YES, answer_index != _MISSING
+    is_yes = answer_index == _YES
+    is_answered = answer_index != _MISSING
     is_unscorable = np.zeros(len(answer_index), bool)
     if has_scores:  # the first answer is then 'right'
         note[-1] = f"), '{task.yes}' or '{task.no}' by the sign of s2 - s1"
@@ -280,7 +287,8 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
     codes = {*map(_plain, filter(None, given_codes))}
     declared = {*map(_plain, options.missed)}
-    missed, answers = [], set()
+    missed = []
+    answers = set()
     is_filled = ~column.map(lambda text: text.lower() in MISSING_WORDS)
     is_frequent = np.bincount(column.codes, is_filled) > 1 + _MOST_MISSED * is_filled.sum()
     frequent = {*map(_plain, compress(column.texts, is_frequent))}
@@ -515,7 +523,8 @@ def _three_answers(
             likeliest, _ = _commonest_with(column, free_texts, trends[f"{answer}_code"])
             codes[answer] = likeliest or free_texts[0]
 
-    equal, second = codes["equal"], codes["second"]
+    equal = codes["equal"]
+    second = codes["second"]
     meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
     if different_code is not None:
         meaning += ", in place of --different-code"
@@ -547,13 +556,15 @@ def _commonest_with(column: Column, texts: Texts, trend: FloatArray) -> tuple[st
     """
     is_number = np.isfinite(trend)
     trend = trend[is_number]
-    best, largest = "", 0.0
+    best = ""
+    largest = 0.0
     for text in texts:
         is_code = column.matches([text])[is_number]
         if is_code.any() and not is_code.all() and np.ptp(trend):
             correlation = float(np.corrcoef(is_code, trend)[0, 1])
             if correlation > largest:
-                best, largest = _plain(text), correlation
+                best = _plain(text)
+                largest = correlation
     return best, largest
 
 
@@ -602,7 +613,8 @@ def direction(study: Study) -> int:
     subjects who guess is called reversed once in three million times. If some subjects of many are
     reversed, :mod:`bayes_toe.checks.answer_checks` finds them.
     """
-    covariances, variances = [], []
+    covariances = []
+    variances = []
     for unit in study:
         subject = unit.two_answers if unit.task.has_direction else None
         if subject is None:

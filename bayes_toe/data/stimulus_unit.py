@@ -36,15 +36,18 @@ _LOGARITHM = re.compile(
 #: A unit of intensities to type where theirs is not known.
 ANY_UNIT = "a.u."
 #: No two natural logs of a pair differ by more (a factor of 20), and none is so large and whole.
-LARGEST_STEP, _LARGEST_LOG = 3.0, 10.0
+LARGEST_STEP = 3.0
+_LARGEST_LOG = 10.0
 #: Per cent of intensity beyond which differences are shown as natural logs: a factor of 11.
-_SMALLEST_PERCENT, _LARGEST_PERCENT = -1000.0 / 11.0, 1000.0
+_SMALLEST_PERCENT = -1000.0 / 11.0
+_LARGEST_PERCENT = 1000.0
 #: Share of the range of the stimuli that nobody perceives, and that rounding may leave.
 ROUNDED = 1e-6
 #: Stimuli that are shown no more often may be near each other by chance.
 _BY_CHANCE = 2
 #: Letters of a unit at most, and those with a meaning in figures and pages.
-_LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
+_LONGEST = 16
+_NOT_ALLOWED = frozenset("$\\<>&")
 
 
 #: Stimuli in whose unit a prior can be written.
@@ -77,7 +80,8 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     ('', None)
     """
     stimuli = np.concatenate([first, second])
-    low, high = stimuli.min(), stimuli.max()
+    low = stimuli.min()
+    high = stimuli.max()
     if low > _LARGEST_LOG and (stimuli % 1.0 == 0.0).all():
         return f"whole numbers from {low:g} to {high:g}", None
     steps = np.abs(second - first)
@@ -239,15 +243,20 @@ class StimulusUnit:
         ((['90', '111'], '% of mean'), (['20', '0'], 'ln'))
         """
         logs = np.asarray(logs, float)
-        form, fewest_digits = "g", 4
+        form = "g"
+        fewest_digits = 4
         if self.of_stimuli:
-            values, unit = self.stimuli(logs), self.of_stimuli
+            values = self.stimuli(logs)
+            unit = self.of_stimuli
         elif self.for_percent(percent(logs - mean)).of_differences == "ln":
-            values, unit = logs, "ln"
+            values = logs
+            unit = "ln"
             fewest_digits = 3
         else:
-            values, unit = self.or_percent_of(mean).stimuli(logs), "% of mean"
-            form, fewest_digits = "f", 0
+            values = self.or_percent_of(mean).stimuli(logs)
+            unit = "% of mean"
+            form = "f"
+            fewest_digits = 0
 
         texts = []
         for n_digits in range(fewest_digits, 15):  # more digits would show errors of rounding

@@ -197,7 +197,8 @@ class Subject:
         >>> subject.n_yes.tolist(), subject.n_trials.tolist()
         ([2], [3])
         """
-        is_yes, n_second = np.asarray(yes).ravel(), None
+        is_yes = np.asarray(yes).ravel()
+        n_second = None
         if task == THREE_ANSWERS:
             if not np.isin(is_yes, task.answers).all():
                 raise InputError(f"subject {name!r}: allowed answers are {', '.join(task.answers)}")
@@ -488,7 +489,8 @@ class Study:
         `change` makes new answers from answers and the rows to change. The notes have the
         description, and `changes` have the option.
         """
-        study, block_names = self, _name_list(blocks)
+        study = self
+        block_names = _name_list(blocks)
         for name in _name_list(names):
             subject = study[name]
             typed_option = f"{option} {cli_argument(name, block_names)}"

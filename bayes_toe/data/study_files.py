@@ -61,7 +61,8 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
     InputError
         If a folder has no tables, or tables of several suffixes.
     """
-    files, notes = [], []
+    files = []
+    notes = []
     for path in paths:
         if isinstance(path, StrPath) and os.path.isdir(path):
             tables, note = _folder_tables(path)
@@ -74,7 +75,8 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
 
 def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
     """The tables of a folder, in its first places that have some, and a note on them."""
-    folder, name = Path(path), display_name(str(path))
+    folder = Path(path)
+    name = display_name(str(path))
     for pattern in _IN_FOLDER:
         files = [file.relative_to(folder) for file in folder.glob(pattern)]
         tables = sorted(filter(_is_table, files))
@@ -136,7 +138,9 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     for path, n_times in Counter(absolute_paths).items():
         if n_times > 1:
             raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
-    studies, errors, missing_names = [], [], []
+    studies = []
+    errors = []
+    missing_names = []
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
@@ -241,7 +245,8 @@ def together(studies: Sequence[Study]) -> Study:
             )
     reading = reading_of_all(studies)
     doubts = [*reading.doubts]
-    subjects, n_files = [], {}
+    subjects = []
+    n_files = {}
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
         subjects.append(_subject_of_files(name, files))
@@ -337,7 +342,8 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
     next_place = 0
     files = []
     for source, of_file in answers:
-        block, place = of_file.block, of_file.place
+        block = of_file.block
+        place = of_file.place
         names = [source]
         if block is None:
             block = np.zeros(len(of_file.n_trials), np.int64)

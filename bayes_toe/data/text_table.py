@@ -38,11 +38,13 @@ Record: TypeAlias = tuple[int, Cells]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
 #: Of a table whose columns are pairs: the name of the column of each cell, and the cells.
-PAIR, CELL = "name of the pair", "cell"
+PAIR = "name of the pair"
+CELL = "cell"
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
 #: Of a table; Excel has as many columns. More would fill the memory.
-_MOST_COLUMNS, _MOST_CELLS = 2**14, 5 * 10**7
+_MOST_COLUMNS = 2**14
+_MOST_CELLS = 5 * 10**7
 #: How logs begin in which trials are no rows, by the program and what is read of it.
 _LOGS = {
     "E-Prime, allowed: its trials as CSV, which E-DataAid exports": "*** Header Start ***",
@@ -423,7 +425,8 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
     Under this delimiter most names are chosen; of several such ones, it makes most cells. Names of
     rows have no name of their own, so that the next record has one cell more.
     """
-    best, best_fit = ("", 0, False), (-1, -1)
+    best = ("", 0, False)
+    best_fit = (-1, -1)
     for delimiter in DELIMITERS:
         records = itertools.islice(_records(text, delimiter), MOST_RECORDS + 1)
         names_of_records = [_names(cells) for _, cells in records]
@@ -434,7 +437,8 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
         n_cells = 0 if delimiter == " " else len(names)  # names may have spaces
         fit = n_chosen(names, choice), n_cells
         if fit > best_fit:
-            best, best_fit = (delimiter, place, has_row_names), fit
+            best = (delimiter, place, has_row_names)
+            best_fit = fit
     return best
 
 

@@ -38,7 +38,8 @@ def answers_in_order(
     each row by their names in :class:`Answers`; n_trials is 0 where nobody answered a trial.
     """
     is_trials = are_trials(columns)
-    unit, subject = columns["subject"], _without_conditions(columns)
+    unit = columns["subject"]
+    subject = _without_conditions(columns)
     rows_with_pair = subject.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
 
     runs = {name: _ranked(table, columns[name]) for name in filter(columns.__contains__, _RUNS)}
@@ -58,7 +59,9 @@ def answers_in_order(
     n_missing = {}
     n_untimed = 0
     for name, answered_rows in parts.items():
-        rows, place, iti = answered_rows, None, None
+        rows = answered_rows
+        place = None
+        iti = None
         if is_numbered:
             subject_name = subject.text(answered_rows[0])
             # Trials without an answer, and in other conditions, are part of the order. But rows

@@ -44,7 +44,8 @@ def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column
     Numbers that are written differently are one level, unless the condition is categorical. A name
     with the sign that joins subject and level is a problem of the table.
     """
-    subject, condition = columns["subject"], columns["condition"]
+    subject = columns["subject"]
+    condition = columns["condition"]
     for column in (subject, condition):
         is_joined = column.map(lambda text: CONDITION_SEPARATOR in text)
         table.fault(
