@@ -248,7 +248,7 @@ class ContrastTable(Table[Difference]):
             by_subject = {row.subject: row for row in self.select(quantity)}
             words = [row.short_word for row in by_subject.values()]
             counts = count_words(words, f" of {plural(len(by_subject), 'subject')}")
-            if self.answers:
+            if self.answers:  # whether tasks share an observer is asked of all subjects together
                 log_factor = sum(row.log_bf_differs for row in by_subject.values())
                 counts += f"; product of the Bayes factors {format_bayes_factor(log_factor)}"
             lines.append(f"{capitalized(quantity)} differs: {counts}.")

@@ -619,7 +619,8 @@ def order_effect(
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
-    # If a contraction looks like a constant error, an order effect is what looks like that.
+    # Where these pairs cannot tell a contraction from a constant error, both appear as an error,
+    # and an order effect is the sum of them.
     has_effects = dict(QUESTIONS)
     if identification.contraction_adds_to_error:
         has_effects["order_effect"] = HAS_ERROR

@@ -118,7 +118,7 @@ def _no_contraction(
     if smallest <= ROUNDING * largest:
         return ONE_LINE
     subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
-    if contraction_information(subject) < 1.0:
+    if contraction_information(subject) < 1.0:  # less than the prior has
         return IMITATION
     return ""
 

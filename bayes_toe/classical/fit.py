@@ -425,6 +425,7 @@ def subject_fit(
     parameters = natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
     parameters[np.ptp(equally_high, axis=0) > _TOLERANCE] = np.nan
+    # The maximum has the penalty on mu1, the first coordinate; the log likelihood has none.
     penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2
     return SubjectFit(
         subject.name,

@@ -105,7 +105,10 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
 
 
 def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
-    """The conclusion of a subject as a row of the table; `letters` has those of reasons."""
+    """The conclusion of a subject as a row of the table.
+
+    `letters` has the letter, such as '(a)', of each reason why a question cannot be told.
+    """
     name = f"{answer.subject} {answer.mark}".rstrip()
     if not answer.is_interpretable:
         return [name, f"not interpreted: {answer.flags[0]}"]

@@ -181,7 +181,7 @@ class RunContext:
         """
         from bayes_toe.result_store import discard
 
-        stored = under_way.get(folder)
+        stored = under_way.get(folder)  # set by the work, for each folder of stored results
         if self.resume and stored is not None:
             self.out.line(f"{stored.taken} of {len(stored.files)} subjects taken from {folder}")
         if not failed:

@@ -116,7 +116,7 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
         rows.append(cells)
 
     headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]
-    out.table(headings, rows, (1,), title="Asymmetry of the orders, without a model")
+    out.table(headings, rows, numeric=(1,), title="Asymmetry of the orders, without a model")
     out.line(table.describe())
     out.line(
         f"q is the share of {table.share_of} responses, r the weaker and c the stronger stimulus."
@@ -141,4 +141,4 @@ def print_fits(out: Terminal, table: FitTable) -> None:
         "replicates]"
     )
     out.table(["subject", *table.rows[0].names, "log likelihood", "at edge"], rows, title=title)
-    out.notes(notes_of(table), "-")
+    out.notes(notes_of(table), mark="-")

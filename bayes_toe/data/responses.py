@@ -395,7 +395,10 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
 def _unknown_meaning(
     column: Column, task_column: Column | None, trends: Mapping[str, FloatArray]
 ) -> Question:
-    """The problem of a column whose words tell no task, or two; the trends are by option."""
+    """The problem of a column whose words tell no task, or two; empty without a problem.
+
+    The trends are by option.
+    """
     tasks_by_text = _tasks_in(task_column)
     texts = list(filter(None, column.texts))
     shares = join_names(column.counts(texts), 4)
@@ -420,6 +423,7 @@ def _unknown_meaning(
     remedies = []
     task_answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
     for remedy in _code_remedies(column, texts, trends):
+        # The other remedies, such as --correct, are about which was stronger.
         answer = "equal" if remedy.option == "equal_code" else "second"
         if not task_answers or answer in task_answers:
             remedies.append(remedy)
@@ -487,11 +491,12 @@ def _remedies_of_third(
     counts = np.bincount(unknown.codes)
     n_answers = len({*answer_index.tolist()} - {_MISSING, _UNKNOWN})
     most_missed = _MOST_MISSED * np.count_nonzero(answer_index != _MISSING)
-    if n_answers + len(counts) != len(names) + 1 or counts.min() >= most_missed:
+    n_rarest = int(counts.min(initial=len(answer_index)))
+    if n_answers + len(counts) != len(names) + 1 or n_rarest >= most_missed:
         return []
 
     text = unknown.texts[counts.argmin()]
-    meaning = f"only if nobody responded in these {plural(counts.min(), 'trial')}; it drops them"
+    meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
     remedies = [*three_answers, Remedy("missed", text, meaning)]
     # Beside -1, 0 is the middle one of three answers.
     if text[0] in "-9" or (text == "0" and "-1" not in column.texts):

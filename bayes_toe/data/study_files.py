@@ -351,13 +351,14 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
             names = [f"{source}: {name}" for name in of_file.blocks]
         if place is not None:
             place = place - place[0] + next_place
-            next_place = place[-1] + 2  # the gap starts a session
+            next_place = place[-1] + 2  # places with a gap between them begin a session
         files.append(replace(of_file, block=block + len(block_names), place=place))
         block_names += names
 
     columns = dict[str, Any]()
     for key in ("keys", "n_yes", "n_trials", "n_second", "iti", "block", "place"):
         arrays = [getattr(file, key) for file in files]
+        # What one file lacks is not known of the subject.
         if not any(array is None for array in arrays):
             columns[key] = np.concatenate(arrays)
     has_trial_rows = all(file.has_trial_rows for file in files)

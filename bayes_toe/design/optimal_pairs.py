@@ -264,8 +264,8 @@ def levels_between(
 
 def read_levels(path: StrPath, options: ReadOptions) -> FloatArray:
     """Levels in the column s or i of a CSV file, in the unit of these options, as natural logs."""
-    (column,), columns = read_stimuli(path, options, ("s",), ("i",))
-    levels = np.unique(columns["s"])
+    (column,), logs = read_stimuli(path, options, ("s",), ("i",))
+    levels = np.unique(logs["s"])  # also of a column i
     if len(levels) < 2:
         raise InputError(
             f"{path}: column {column}: found {len(levels)} level, allowed: at least two different "

@@ -10,6 +10,7 @@ subjects and the group means with 'yes' or 'probably'.
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -221,9 +222,10 @@ class PowerTable(Table[PowerEstimate]):
         if effects:
             parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
         if len(effects) > 1:
-            value = effects[1].value
-            least = "at least " if value < 1.0 else ""
-            parts.append(f"every other effect in {least}{100 * value:.0f} %")
+            # Rounded down, because it is a lower bound; 29 % is 28.999... in floating point.
+            percent = math.floor(round(100 * effects[1].value, 6))
+            least = "at least " if percent < 100 else ""
+            parts.append(f"every other effect in {least}{percent} %")
         text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts + false_positives)}."
         for question in QUESTIONS:
             if self.is_unknown(design, trials, question):

@@ -58,6 +58,7 @@ class Predictor:
         names = tested.task.answers
         if len(probabilities) < len(names):  # the paper's model of three answers
             names = (tested.task.yes,)
+        # Probabilities have the order of the answers; those of 'unequal' have no name.
         return dict(zip(names, probabilities[..., index.ravel()], strict=False))
 
 

@@ -441,8 +441,8 @@ def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatAr
         near = near_edge(distance, k)
     far = -k - distance
     inside = ndtr(near) - ndtr(far)
-    # Rounding could turn the difference negative. In so narrow a window the density is level to 12
-    # digits.
+    # Rounding could turn the difference negative. In so narrow a window the density is level: its
+    # mean differs from its middle by a share of k^2 (z^2 - 1) / 6.
     is_narrow = k < 1e-6
     if is_narrow.any():
         inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)

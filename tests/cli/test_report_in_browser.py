@@ -107,8 +107,8 @@ def test_letters_of_figures_are_legible(opened, width, visible, hidden):
     assert not page.locator(f"figure .{hidden} svg").is_visible()
     pixels = page.locator("figure svg text").evaluate_all(
         "texts => texts.filter(text => text.getClientRects().length)"
-        ".map(text => parseFloat(getComputedStyle(text).fontSize) * text.getScreenCTM().a)"
-        ".filter(size => size > 0)"
+        ".map(text => [parseFloat(getComputedStyle(text).fontSize), text.getScreenCTM()])"
+        ".map(([size, matrix]) => size * Math.hypot(matrix.a, matrix.b))"  # turned ones, too
     )
     assert len(pixels) > 30
     assert min(pixels) >= 10.0
