@@ -121,7 +121,8 @@ def test_the_figure_shows_every_subject(table):
     assert sum("previous response: yes (alternation)" in title for title in titles) == 1
 
 
-def test_points_of_the_figure_are_the_shares_of_the_responses(table):
+def test_a_point_of_the_figure_is_what_the_static_model_leaves_of_a_share(table):
+    """After 'second', a subject who repeats responses gives 'second' more often than predicted."""
     _, right = bt.plots.serial(table, "repeats").axes
     row = table["repeats"]
     posterior = table.posterior(row, "static")
@@ -131,7 +132,7 @@ def test_points_of_the_figure_are_the_shares_of_the_responses(table):
     residual = ((trials.answer > 0) - expected)[after_second].mean()
     (points,) = marks_of(right, "o")
     assert points.get_ydata()[1] == pytest.approx(residual)
-    assert residual > 0.03
+    assert residual > 0.03  # so that the point is not 0 by itself
 
 
 def test_listeners_carry_over(real_data):

@@ -102,12 +102,11 @@ def test_words_are_counted_by_direction(analysis, tmp_path):
 def test_the_group_has_its_prior_and_sampler_and_is_said_to_be_unreliable(
     analysis, small_study, tmp_path, n_divergent
 ):
-    group = made_result(small_study)
-    group = replace(group, draws=replace(group.draws, n_divergent=n_divergent))
+    group = made_result(small_study, n_divergent=n_divergent)
     text = text_of(analysis, tmp_path, group)
     assert "`constant error, D: mean ~ Student t, 3 df, centre 0, scale 0.5; SD between" in text
     assert "gave 1,600 draws in 8 chains" in text
-    assert "n the group of 3, the mean PSE shift was " in text
+    assert "In the group of 3, the mean PSE shift was " in text
     assert "The contraction could not be identified." in text
     assert ("NOT RELIABLE" in text) == bool(n_divergent)
 
