@@ -306,7 +306,7 @@ READ = {
     "decibel_by_option.csv --unit dB --columns s1=s1_dB,s2=s2_dB": DECIBEL,
     "decibel_by_columns.csv --columns s1=s1_dB,s2=s2_dB": DECIBEL,
     "grams_by_name.csv": labelled(IN_GRAMS, w1="weight1_g", w2="weight2_g").assign(
-        rt1_ms=1, rt2_ms=2
+        rt1_ms=1, rt2_ms=2, click1_s=1, click2_s=2
     ),
     "units_in_cells.csv --unit g --columns i1=w1,i2=w2": IN_GRAMS.assign(
         w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format)
