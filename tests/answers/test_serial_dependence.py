@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good
+from commands import good, inside
 from legible import marks_of, titles_of
 from scipy.stats import norm
 from serial_observers import answered
@@ -13,6 +13,8 @@ from serial_observers import answered
 import bayes_toe as bt
 from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.errors import NumericalError
+from bayes_toe.inference.order_evidence import try_order_evidence
 
 KINDS = {
     "none": {},
@@ -112,6 +114,23 @@ def test_the_command_writes_the_table_and_the_figure(tmp_path):
     (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
     assert 0.0 < row.rho_q025 < row.rho_q50 < row.rho_q975
     assert (tmp_path / "serial.png").stat().st_size > 10_000
+
+
+def test_the_command_ends_with_code_3_if_a_subject_has_no_result(tmp_path, monkeypatch):
+    def without_the_first(*arguments):
+        _, *evidences = try_order_evidence(*arguments)
+        return [NumericalError("no maximum"), *evidences]
+
+    monkeypatch.setattr("bayes_toe.answers.serial_dependence.try_order_evidence", without_the_first)
+    lines = ["subject,trial,s1,s2,response"]
+    for trial in range(1, 41, 2):
+        for name in "AB":
+            lines.append(f"{name},{trial},0,0.3,second")
+            lines.append(f"{name},{trial + 1},0.3,0,first")
+    (tmp_path / "trials.csv").write_text("\n".join(lines))
+    completed = inside("history trials.csv --seed 1 --workers 1", cwd=tmp_path)
+    assert completed.returncode == 3
+    assert "A  No result: no maximum" in completed.stdout
 
 
 def test_the_figure_shows_every_subject(table):
