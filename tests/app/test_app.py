@@ -590,6 +590,8 @@ def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure
     page.route("**/options", hold)
     page.select_option("#decimal", ",")
     page.select_option("select[data-role=subject]", "answer")
+    # The list closes when it is written anew, which may be after the study is shown.
+    page.locator("#studies a", has_text="two.csv").wait_for(state="attached")
     page.evaluate("document.querySelector('#studies').open = true")
     page.get_by_role("link", name="one.csv").click()
     page.get_by_text("one.csv: first of").wait_for()
