@@ -266,11 +266,11 @@ def _table_of_frame(
 
 def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> TextTable:
     """The table in the sheet that is named, or in the one with most of our columns."""
-    sheets = _excel_sheets(source, data)
+    sheets = _excel_sheets(source, data, sheet)
+    if sheet is not None and not sheets:
+        raise _no_such_sheet(source, _excel_sheets(source, data))
     heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
     title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
-    if title not in sheets:
-        raise _no_such_sheet(source, sheets)
 
     rows = sheets[title]
     first, names = heads[title]
@@ -348,7 +348,7 @@ def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, li
     records = []
     for cells in rows[:MOST_RECORDS]:
         texts = map(value_text, cells)
-        records.append([text.strip() if isinstance(text, str) else "" for text in texts])
+        records.append([" ".join(text.split()) if isinstance(text, str) else "" for text in texts])
     index = header_place(records, choice)
     return index, records[index]
 
@@ -358,8 +358,8 @@ def _is_filled(cells: Sequence[Any]) -> bool:
     return any(str(cell).strip() for cell in cells if cell is not None)
 
 
-def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
-    """The values of every visible sheet that is not empty."""
+def _excel_sheets(source: str, data: bytes, title: str | None = None) -> dict[str, list[list[Any]]]:
+    """The values of every visible sheet that is not empty, or of the one with this title."""
     from openpyxl import load_workbook
 
     sheets = {}
@@ -367,6 +367,8 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
         with warnings.catch_warnings(action="ignore"):
             book = load_workbook(_without_formats(source, data), read_only=True, data_only=True)
             for sheet in book.worksheets:
+                if title not in (None, sheet.title):
+                    continue
                 rows = _sheet_rows(source, sheet)
                 if rows and sheet.sheet_state == "visible":
                     sheets[sheet.title] = rows

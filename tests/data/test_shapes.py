@@ -253,6 +253,9 @@ READ = {
     "lines_above.csv": b"Experiment 1\n\nlab 3\n" + csv(IN_LOGS),
     "expyriment.xpd": b"# -*- coding: UTF-8 -*-\n#e Experiment: A, B\n#s id: 3\n" + csv(IN_LOGS),
     "names_in_two_lines.csv --columns 's1=First (ln)'": labelled(IN_LOGS, s1="First\n(ln)"),
+    "names_in_two_lines.xlsx --columns 's1=First (ln)'": excel(
+        T=labelled(IN_LOGS, s1="First\n(ln)")
+    ),
     "decimal_commas.csv": csv(IN_LOGS, decimal=","),
     "last_comma.csv": IN_LOGS.assign(**{"": ""}),
     "quoted.csv": csv(IN_LOGS.assign(note="two\nlines"), quoting=1),
@@ -691,6 +694,12 @@ def write(path, content):
         content = content.encode()
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
+
+
+def test_no_sheet_is_named_as_left_out_where_all_are_read(tmp_path):
+    write(tmp_path / "days.xlsx", excel(A=IN_LOGS[:30], B=IN_LOGS[30:]))
+    study = bt.read_study(tmp_path / "days.xlsx", typed_options("--sheet *"))
+    assert not any("sheet" in note for note in study.notes)
 
 
 def check(folder, line, content):
