@@ -168,6 +168,19 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
     return plot
 
 
+def _dots(look: _Look, size: int, alpha: float) -> Scatter:
+    """The draws of one file, as dots without an outline."""
+    return Scatter(
+        x="x",
+        y="y",
+        marker=look.marker,
+        size=size,
+        fill_color=look.colour,
+        fill_alpha=alpha,
+        line_color=None,
+    )
+
+
 def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     """The panel of quantities i (up) and j (across): draws, contours and truth.
 
@@ -176,28 +189,12 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
     plot = _panel(name, ranges[j], ranges[i], "both")
     for letter, look in LETTERS.items():
-        faint = Scatter(
-            x="x",
-            y="y",
-            marker=look.marker,
-            size=3,
-            fill_color=look.colour,
-            fill_alpha=0.12,
-            line_color=None,
-        )
+        faint = _dots(look, size=3, alpha=0.12)
         plot.add_glyph(sources.get_source(f"all-{letter}-{i}-{j}", "x", "y"), faint)
 
     selected = []
     for letter, look in LETTERS.items():
-        strong = Scatter(
-            x="x",
-            y="y",
-            marker=look.marker,
-            size=4,
-            fill_color=look.colour,
-            fill_alpha=0.35,
-            line_color=None,
-        )
+        strong = _dots(look, size=4, alpha=0.35)
         selected.append(
             plot.add_glyph(
                 sources.get_source(f"kept-{letter}-{i}-{j}", "x", "y", "row"),
