@@ -7,7 +7,6 @@ so that a coordinate which is a score has the density :class:`StandardNormal`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.special import (
@@ -31,26 +30,6 @@ from bayes_toe.model.paper_equations import LN2
 LOG_2PI = float(np.log(2.0 * np.pi))
 #: Below this score P = Phi(score) is so small that the half-normal quantile is P sqrt(pi/2).
 _LOWEST_SCORE = -20.0
-
-
-class PriorDensity(Protocol):
-    """The prior of a coordinate u, for arrays of any shape."""
-
-    def log_density(self, u: FloatArray) -> FloatArray:
-        """Normalised log density."""
-
-    def slope(self, u: FloatArray) -> FloatArray:
-        """Its derivative."""
-
-    def curvature(self, u: FloatArray) -> FloatArray:
-        """A positive stand-in for the negative second derivative, for Fisher scoring."""
-
-    def quantile(self, probability: FloatArray) -> FloatArray:
-        """Inverse of the distribution function."""
-
-
-#: The prior of every coordinate, in their order.
-Priors = tuple[PriorDensity, ...]
 
 
 def log_normal(u: FloatArray) -> FloatArray:
@@ -175,6 +154,14 @@ class ProbitOfBeta:
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
         return probit_of_logit(LogitOfBeta(self.a, self.b).quantile(probability))
+
+
+#: The prior of a coordinate u, for arrays of any shape. `log_density` is normalised, and `slope` is
+#: its derivative. `curvature` is a positive stand-in for its negative second derivative, for Fisher
+#: scoring. `quantile` is the inverse of the distribution function.
+PriorDensity = StandardNormal | StandardStudent | LogitOfBeta | ProbitOfBeta
+#: The prior of every coordinate, in their order.
+Priors = tuple[PriorDensity, ...]
 
 
 def normal_hazard(u: FloatArray) -> FloatArray:
