@@ -31,7 +31,7 @@ from bayes_toe.data.messages import (
     plural,
 )
 from bayes_toe.data.options import HISTORY_COLUMNS
-from bayes_toe.data.stimulus_unit import ROUNDED, StimulusUnit, sign_of_intensities
+from bayes_toe.data.stimulus_unit import StimulusUnit, sign_of_intensities
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
@@ -92,8 +92,6 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
     findings += [*_raw_stimuli(study), *_two_scales(study), *_scales_of_subjects(study)]
     if prior is not None:
         findings += _prior_scale(study, prior)
-    for subject in study:
-        findings += _rounding(subject)
     return tuple(findings)
 
 
@@ -345,33 +343,6 @@ def _one_order(subject: Subject) -> Findings:
     verb = "was" if len(lone) == 1 else "were"
     message = f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
     yield Finding(subject.name, "one_order", message)
-
-
-def _rounding(subject: Subject) -> Findings:
-    """Stimuli so near each other that they were meant to be the same."""
-    levels, index = np.unique(subject.stimuli, return_inverse=True)
-    gaps = np.diff(levels)
-    # The stimuli are all first ones, then all second ones.
-    n_shown = np.bincount(index.ravel(), np.tile(subject.n_trials, 2))
-    # Where every trial has a stimulus of its own, two may be near by chance.
-    is_near = (gaps <= ROUNDED * gaps.sum()) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)
-    if not is_near.any():
-        return
-    n_near = is_near.sum()
-    first = is_near.argmax()
-    further = f" and {n_near - 1} more" if n_near > 1 else ""
-    unit = subject.unit
-    near = levels[first : first + 2]
-    if unit.of_stimuli:
-        near = unit.stimuli(near)
-    lower, upper = near.tolist()
-    pair = f"Stimuli {lower} and {upper} {unit.of_stimuli}".rstrip()
-    yield Finding(
-        subject.name,
-        "rounding",
-        f"{pair}{further} differ by rounding only. The program counts them as different. Give one "
-        "stimulus one number.",
-    )
 
 
 # --- Conditions ----------------------------------------------------------------------------------
