@@ -77,7 +77,7 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
 def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """The findings of :func:`check` that do not use the responses."""
     findings = [*urgent_findings(study, prior), *_similar_names(study.names)]
-    findings += [*_times(study), *_conditions(study), *_columns(study.reading)]
+    findings += [*_conditions(study), *_columns(study.reading)]
     findings += identification_findings(study)
     if study.task in CRITERION_NOTES:
         findings.append(Finding("", "criterion", f"{capitalized(CRITERION_NOTES[study.task])}."))
@@ -217,24 +217,6 @@ def _columns(reading: Reading) -> Findings:
     if reading.ignored:
         names = join_names(map(display_name, reading.ignored))
         yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
-
-
-def _times(study: Study) -> Findings:
-    """A median pause that was probably meant in milliseconds; days may lie between sessions."""
-    pauses = np.zeros(0)
-    for subject in study:
-        if subject.answers is not None and subject.answers.iti is not None:
-            pauses = np.append(pauses, subject.answers.iti)
-    pauses = pauses[~np.isnan(pauses)]
-    pause = float(np.median(pauses)) if len(pauses) else 0.0
-    # Nobody compares two stimuli over 100 seconds, but 100 ms are common.
-    if pause >= 100.0:
-        yield Finding(
-            "",
-            "long_pauses",
-            f"Column iti has pauses of {pause:g} (median) s. If these are milliseconds, divide the "
-            "column by 1000.",
-        )
 
 
 # --- Names ---------------------------------------------------------------------------------------

@@ -146,18 +146,6 @@ def test_names_that_may_be_of_one_subject(names, code, message):
     assert texts.get(code, "").startswith(message)
 
 
-@pytest.mark.parametrize("pause, is_flagged", [(1.5, False), (1500, True)])
-def test_pauses_that_look_like_milliseconds(tmp_path, pause, is_flagged):
-    """Pauses are in seconds: nobody waits for 1500 s in each trial, but one may last a night."""
-    pauses = [pause] * 8
-    pauses[3] = 90_000
-    rows = [f"a,{i},{i % 2 * 0.3},0.0,equal,{seconds}" for i, seconds in enumerate(pauses)]
-    path = tmp_path / "study.csv"
-    path.write_text("\n".join(["subject,trial,s1,s2,response,iti", *rows]))
-    codes = {finding.code for finding in bt.check(bt.read_study(path))}
-    assert ("long_pauses" in codes) == is_flagged
-
-
 def test_findings_of_subjects_follow_those_of_the_study():
     subjects = [make_subject(GRID, 10, "b"), make_subject([(0.0, 0.3)], 4, "B")]
     findings = bt.check(Study(subjects))
