@@ -42,11 +42,6 @@ from bayes_toe.model.prior_file import preset_or_file
 #: Codes of findings that are no warnings.
 NOTES = frozenset({"columns_ignored", "criterion"})
 
-#: Joiners, fillers and selectors, which are letters or marks to Unicode, and the braille blank.
-_INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(
-    map(chr, (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0)))
-)
-
 
 def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]:
     """Find out what the design of a study can identify, and problems in file and responses.
@@ -256,8 +251,7 @@ def _look(name: str) -> str:
     """A text that is the same for names that look alike: ' Ａ１' -> 'a1', '01' -> '1.0'."""
     visible = []
     for character in unicodedata.normalize("NFKC", name):
-        is_control = unicodedata.category(character) in ("Cf", "Cc")
-        if not is_control and character not in _INVISIBLE:
+        if unicodedata.category(character) not in ("Cf", "Cc"):  # control characters
             visible.append(character)
     folded = " ".join("".join(visible).split()).casefold()
     # Folding may leave another form of a character.
