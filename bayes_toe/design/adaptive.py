@@ -278,15 +278,11 @@ class Adaptive:
         return self._make_subject(self._answers)
 
     @property
-    def _models(self) -> ModelSet:
-        """The four models by the session's own draws."""
-        draws = [particles.draws for particles in self._particles.values()]
-        return ModelSet.from_draws(draws, PRIOR_PROBABILITIES)
-
-    @property
     def probabilities(self) -> dict[str, float]:
         """Posterior probability of each of the four models, by the session's own draws."""
-        return dict(zip(MODEL_NAMES, self._models.probabilities.tolist(), strict=True))
+        draws = [particles.draws for particles in self._particles.values()]
+        models = ModelSet.from_draws(draws, PRIOR_PROBABILITIES)
+        return dict(zip(MODEL_NAMES, models.probabilities.tolist(), strict=True))
 
     @property
     def order_effect(self) -> OrderEffect:
@@ -300,27 +296,6 @@ class Adaptive:
             Before the first answer to different stimuli.
         """
         return answer_subject(self.subject, self.seed, self.prior)[0]
-
-    def quantiles(
-        self, quantity: str, levels: Sequence[float] = (0.025, 0.5, 0.975)
-    ) -> list[float]:
-        """Posterior quantiles of a quantity, averaged over the models that have it.
-
-        Raises
-        ------
-        InputError
-            If no model has the quantity, or a level is not between 0 and 1.
-        """
-        if not all(0.0 <= level <= 1.0 for level in levels):
-            raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
-        widest_rule = self._particles["both"].template
-        names = widest_rule.names.all
-        if quantity not in names:
-            raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
-        models = self._particles.values()
-        has_quantity = [quantity in particles.template.names.all for particles in models]
-        draws = self._models.averaged(np.array(has_quantity))
-        return draws.quantiles(widest_rule.quantities(draws.x)[quantity], levels)
 
     # --- Files ------------------------------------------------------------------------------------
 

@@ -58,9 +58,6 @@ def test_the_posterior_is_that_of_the_four_models(session):
     assert p_contraction + p_both == pytest.approx(expected_contraction + expected_both, abs=0.05)
     answer = session.order_effect
     assert answer.words["order_effect"] is Word.YES
-    low, middle, high = session.quantiles("contraction")
-    assert low < 0.3 < high
-    assert middle == pytest.approx(answer.sizes["contraction_p"].q50, abs=0.04)
 
 
 def test_the_next_pair_is_one_that_tells_most(session):
@@ -103,7 +100,6 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
         session.answer((0.0, 0.2), n_trials % 2 == 1)
         copied = ways[n_trials % 3](session)
         assert (copied.next(), copied.probabilities) == (session.next(), session.probabilities)
-        assert copied.quantiles("noise") == session.quantiles("noise")
         copied.answer((0.4, 0.0), True)
         assert (copied.trials, session.trials) == (n_trials + 1, n_trials)
 
@@ -114,7 +110,7 @@ def test_sessions_of_which_is_stronger_take_true_for_second():
     session, rng = start_session(task="2afc"), default_rng(1)
     for _ in range(60):
         answer_pair(session, session.next(), rng, observer)
-    assert session.quantiles("constant_error")[0] > 0.0
+    assert session.order_effect.sizes["pse_shift_percent"].q025 > 0.0
     assert session.subject.task == WHICH_STRONGER
 
 
@@ -126,8 +122,6 @@ REFUSED = [
     (lambda: start_session().answer((0.0, 1.0, 2.0), True), "allowed are s1 and s2"),
     (lambda: start_session().answer((0.0, np.nan), True), "must be finite"),
     (lambda: start_session().subject, "no answers yet"),
-    (lambda: start_session().quantiles("gain"), "quantity 'gain': allowed: noise, q0"),
-    (lambda: start_session().quantiles("noise", [1.5]), "allowed are numbers from 0 to 1"),
     (lambda: Adaptive.resume("old.json"), "old.json: not a session that can be read (format"),
     (lambda: Adaptive.resume("absent.json"), "absent.json: not a session that can be read"),
 ]
