@@ -448,9 +448,6 @@ class SimulatedStudy:
     batches: Annotated[
         int, rare("--batches", NUMBER, "Repetitions of each pair, without --trials.", min=1)
     ] = 50
-    amplitudes: Annotated[
-        Text, rare("--amplitudes", "N,N", "Stimuli in the unit (default: the paper's).")
-    ] = None
     subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
     kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (
         "paper"
@@ -498,7 +495,7 @@ def simulate(
     seed = root_seed(context.seed)
 
     options = bt.ReadOptions(unit=study.unit)
-    design = make_design(study.design, study.amplitudes, study.batches, study.trials, options)
+    design = make_design(study.design, study.batches, study.trials, options)
     task = task_of(study.question)
     observers = draw_population(study.kind, study.subjects, seed, design, task)
     simulated = simulate_trials(

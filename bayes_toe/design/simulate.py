@@ -38,11 +38,9 @@ from bayes_toe.design.observers import (
     parameter_names,
 )
 from bayes_toe.design.study_design import (
-    PAPER_AMPLITUDES,
     PAPER_BATCHES,
     StudyDesign,
     full_design,
-    log_levels,
     read_stimuli,
     reference_design,
     stimulus_columns,
@@ -443,7 +441,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     """
     task = task_of(task)
     root = root_seed(seed)
-    study_design = make_design(design, None, batches)
+    study_design = make_design(design, batches)
     differences = condition_differences(conditions, differ)
     simulated: Sequence[SimulatedObserver]
     if isinstance(observers, Mapping):
@@ -566,12 +564,11 @@ def require_file(text: str, option: str, words: Iterable[str]) -> None:
 
 def make_design(
     design: str | StudyDesign,
-    amplitudes: str | None,
     batches: int,
     trials: int | None = None,
     options: ReadOptions | None = None,
 ) -> StudyDesign:
-    """The design of `--design`, `--amplitudes` and `--trials`, in the unit of the options.
+    """The design of `--design` and `--trials`, in the unit of the options.
 
     `design` is a known word, or the name of a CSV file with s1,s2 or s1,s2,n_trials. Where nothing
     else says how often a pair is shown, it is shown `batches` times.
@@ -581,7 +578,9 @@ def make_design(
     options = ReadOptions() if options is None else options
     require_number("batches", batches)
     if design in _DESIGNS:
-        study_design = _DESIGNS[design](_amplitudes(amplitudes, options), batches)
+        if options.unit is not None:
+            raise InputError("--unit: allowed with --design FILE.csv")
+        study_design = _DESIGNS[design](batches=batches)
     else:
         require_file(design, "--design", _DESIGNS)
         _, columns = read_stimuli(design, options, optional=("n_trials",))
@@ -590,24 +589,6 @@ def make_design(
         n_trials = columns.get("n_trials", np.full(len(s1), batches)).astype(np.int64)
         study_design = StudyDesign(s1, s2, n_trials)
     return study_design if trials is None else study_design.with_total(trials)
-
-
-def _amplitudes(text: str | None, options: ReadOptions) -> FloatArray:
-    """Intensities relative to the reference, from a text such as '1,1.3,2'.
-
-    A unit says what the numbers are. None stands for the paper's amplitudes, which have no unit.
-    """
-    if text is None:
-        if options.unit is not None:
-            raise InputError("--unit: allowed with --amplitudes N,N or --design FILE.csv")
-        return np.array(PAPER_AMPLITUDES)
-    try:
-        amplitudes = np.array([*map(float, text.split(","))])
-    except ValueError:
-        raise InputError(
-            f"--amplitudes: found {text!r}, allowed: positive numbers separated by commas"
-        ) from None
-    return amplitudes if options.unit is None else np.exp(log_levels(amplitudes, options))
 
 
 def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from bayes_toe.design.simulate import make_design, read_observers
 
 def _design(path):
     """The stimuli of a design."""
-    design = make_design(str(path), "", 1)
+    design = make_design(str(path), 1)
     return {"s1": design.s1.tolist(), "s2": design.s2.tolist()}
 
 

@@ -54,7 +54,7 @@ def test_both_orders_equally_often_in_every_block():
 
 
 def test_equal_pairs_are_spread_over_a_block_evenly():
-    design = paper_study_design(130)
+    design = paper_study_design().with_total(130)
     is_equal = np.zeros(130)
     for i in range(100):
         trials = trial_list(design, blocks=1, subject=str(i), seed=1)
@@ -67,7 +67,9 @@ def test_equal_pairs_are_spread_over_a_block_evenly():
 
 def test_the_order_of_trials_depends_on_the_subject_and_the_seed():
     def order_of_trials(subject, seed):
-        return trial_list(paper_study_design(130), subject=subject, seed=seed).s1.tolist()
+        return trial_list(
+            paper_study_design().with_total(130), subject=subject, seed=seed
+        ).s1.tolist()
 
     order = order_of_trials("S01", seed=1)
     assert order_of_trials("S01", seed=1) == order
@@ -76,7 +78,7 @@ def test_the_order_of_trials_depends_on_the_subject_and_the_seed():
 
 
 def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
-    design = paper_study_design(130)
+    design = paper_study_design().with_total(130)
     design.save(tmp_path / "design.csv")
     options = "--list trials.csv --blocks 5 --subjects 2 --intensity 0.087 --seed 4"
     good("design design.csv", *options.split(), cwd=tmp_path)
