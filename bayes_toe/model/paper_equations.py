@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
-from bayes_toe.arrays import FloatArray, NamedArrays, Texts
+from bayes_toe.arrays import FloatArray, Texts
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import NumericalError
 
@@ -124,25 +124,6 @@ class Natural(NamedTuple):
 def natural_names(task: Task) -> Texts:
     """The names of the paper's four parameters in a task."""
     return (*NATURAL[:3], task.lapses)
-
-
-def quantities(theta: Natural, sbar: float) -> NamedArrays:
-    """Every named quantity that follows from natural coordinates.
-
-    These are the natural coordinates, gamma, sigma1, gain, width, offset and pull.
-    """
-    gamma = theta.gamma
-    p = pull(gamma)
-    values = {
-        **theta._asdict(),
-        "gamma": gamma,
-        "sigma1": np.sqrt(variance_ratio(gamma)) * theta.sigma_p,
-        "gain": gain(gamma),
-        "width": width(theta.sigma_p, gamma),
-        "offset": p * (theta.mu1 - sbar),
-        "pull": p,
-    }
-    return {name: np.asarray(value) for name, value in values.items()}
 
 
 def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:

@@ -15,12 +15,10 @@ from numpy.random import default_rng
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.model.paper_equations import Natural, quantities
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.plots.corner import OVERLAID, TRUTH, contour_grid
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
-REFERENCE = quantities(Natural(*map(np.float64, TRUE.values())), 0.0)
 
 
 def words(figure):
@@ -153,7 +151,7 @@ def test_several_subjects_share_their_panels(analysis):
             assert ax.get_xlim()[0] < median < ax.get_xlim()[1]
     *_, square = marks_of(axes[1, 0], "s")
     assert square.get_color() == OVERLAID[1][0]
-    assert square.get_xdata()[0] == pytest.approx(float(REFERENCE["gain"]))
+    assert square.get_xdata()[0] == pytest.approx(bt.model.gain((0.17 / 0.25) ** 2))
     assert "A, median\nC, median\n50 and 95 % of the draws\nprior\ntrue values" in words(figure)
 
 
