@@ -7,13 +7,12 @@ HTML.
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from itertools import chain
 from pathlib import Path
-from typing import TypeAlias
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_names, visible, with_policy
@@ -35,7 +34,6 @@ MOST_ENTRIES = 200
 EXAMPLE = "bundled example (synthetic)"
 _ROWS = 16_000  # draws of all entries
 _ISLANDS = "<!-- posteriors -->"
-_Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ class Explorer:
 
 
 def explore(
-    draws: Draws | Sequence[Draws] | Mapping[str, Draws],
+    draws: Draws | Sequence[Draws],
     *,
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
@@ -85,9 +83,8 @@ def explore(
 
     Parameters
     ----------
-    draws : Draws, sequence of Draws, or mapping of str to Draws
-        Of one model or several; a mapping says what they are called, otherwise they are called by
-        their models.
+    draws : Draws or sequence of Draws
+        Of one model or several, which are called by their models.
     subjects : sequence of str, optional
         Only these.
     truths : mapping of str to (mapping of str to float), optional
@@ -109,7 +106,7 @@ def explore(
 
 
 def entries(
-    draws: _Sources,
+    draws: Draws | Sequence[Draws],
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
 ) -> list[Entry]:
@@ -152,21 +149,18 @@ def _require_quantities(truths: Truth, page_entries: Sequence[Entry]) -> None:
                 )
 
 
-def _draws_by_label(draws: _Sources) -> dict[str, Draws]:
-    """Draws by their names on the page: those of a mapping, or the titles of the models.
+def _draws_by_label(draws: Draws | Sequence[Draws]) -> dict[str, Draws]:
+    """Draws by their names on the page, the titles of the models.
 
     Of two draws of one model, the second is called 'both (2)'.
     """
-    if isinstance(draws, Mapping):
-        by_label = dict(draws)
-    else:
-        by_label = {}
-        for part in draws if isinstance(draws, Sequence) else [draws]:
-            require_draws(part)
-            label = title = model_title(part.model)
-            while label in by_label:
-                label = f"{title} ({len(by_label) + 1})"
-            by_label[label] = part
+    by_label = dict[str, Draws]()
+    for part in draws if isinstance(draws, Sequence) else [draws]:
+        require_draws(part)
+        label = title = model_title(part.model)
+        while label in by_label:
+            label = f"{title} ({len(by_label) + 1})"
+        by_label[label] = part
     if not by_label:
         raise InputError("explore: found no draws, allowed: those of one model or more")
     return by_label

@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 from html import unescape
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from scipy.stats import norm
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
 from bayes_toe.explorer.entry import Entry, pack_slice
-from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
+from bayes_toe.explorer.page import MOST_ENTRIES, entries, page, require_few
 from bayes_toe.inference.prediction import Predictor
 
 
@@ -112,9 +111,6 @@ def test_a_name_can_neither_end_the_page_nor_turn_its_text_around(small_study, n
     assert name not in html
 
 
-MANY_SUBJECTS = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
-
-
 @pytest.mark.parametrize(
     "explored, message",
     [
@@ -126,7 +122,7 @@ MANY_SUBJECTS = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIE
         ),
         (lambda *_: bt.explore([]), "found no draws"),
         (
-            lambda *_: entries(MANY_SUBJECTS),
+            lambda *_: require_few(MOST_ENTRIES + 1, "subjects"),
             "found 201 subjects, allowed: at most 200 in a page; name some with --subject",
         ),
     ],
