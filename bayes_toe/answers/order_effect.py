@@ -235,6 +235,11 @@ class OrderEffect:
         return any(flag.startswith(PRIOR_FLAG) for flag in self.flags)
 
     @property
+    def depends_on_previous_trial(self) -> bool:
+        """Whether the score test of the trial before is below its limit."""
+        return PREVIOUS_TRIAL_FLAG in self.flags
+
+    @property
     def mark(self) -> str:
         """`!` if the subject needs a decision, `?` if a word depends on the prior, or nothing."""
         if self.fits is False or self.options or not self.is_interpretable:
