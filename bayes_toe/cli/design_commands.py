@@ -327,9 +327,8 @@ def _find_design(
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
     comparison_file = output.with_name(f"{output.stem}_compared.csv")
-    text_file = output.with_suffix(".md")
     figure_file = output.with_suffix(".png")
-    context.require_files(output, comparison_file, text_file, figure_file)
+    context.require_files(output, comparison_file, figure_file)
 
     optimal = context.work(
         "simulating and analysing",
@@ -347,7 +346,6 @@ def _find_design(
         {
             output: partial(write_table, optimal.frame()),
             comparison_file: optimal.power.save,
-            text_file: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
             figure_file: partial(bt.plots.save_figure, bt.plots.design(optimal)),
         },
         optimal.power.seed,

@@ -87,7 +87,6 @@ class OptimalDesign:
 
     Attributes
     ----------
-    goal : DesignGoal
     designs : mapping of str to StudyDesign
         The one that is asked for first.
     power : PowerTable
@@ -100,7 +99,6 @@ class OptimalDesign:
         The unit in which levels are shown.
     """
 
-    goal: DesignGoal
     designs: Mapping[str, StudyDesign]
     power: PowerTable
     plane: StudyDesign
@@ -171,26 +169,6 @@ class OptimalDesign:
         """The design, with the stimuli in the columns of its unit."""
         columns = stimulus_columns(self.design.s1, self.design.s2, self.unit)
         return pd.DataFrame({**columns, "n_trials": self.design.n_trials})
-
-    def sentences(self) -> list[str]:
-        """How often the design shows an effect, and the reasons for these pairs."""
-        lines = [*self.power.sentences(self.name), *self.reasons()]
-        if self.learnable:
-            lines.append(f"{self.learnable} Type: --even")
-        return lines
-
-    def text(self) -> str:
-        """The design, why it is so, and what it shows, as a file of Markdown."""
-        frame = self.frame()
-        unit = self.unit.of_stimuli
-        if unit:  # its columns of stimuli come last, before n_trials
-            names = [f"first, {unit}", f"second, {unit}", "n_trials"]
-            frame = frame.iloc[:, -3:].set_axis(names, axis=1)
-        rows = [[*frame.columns], ["---"] * frame.shape[1], *frame.map("{:g}".format).to_numpy()]
-        table = [f"| {' | '.join(row)} |" for row in rows]
-        lines = [f"# A design of {self.design.total} trials, for: {self.goal.aim}", ""]
-        lines += [f"* {sentence}" for sentence in self.sentences()]
-        return "\n".join([*lines, "", *table, "", f"Seed {self.power.seed}.", ""])
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:
@@ -328,7 +306,7 @@ def optimal_design(
         [*designs.items()], power_observers, root, own_prior, workers, progress
     )
     table = PowerTable.from_data_sets(simulated, root)
-    return OptimalDesign(goal, designs, table, plane, worth)
+    return OptimalDesign(designs, table, plane, worth)
 
 
 def best_design(

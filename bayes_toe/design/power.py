@@ -196,13 +196,9 @@ class PowerTable(Table[PowerEstimate]):
         cells = [data_set.cells for data_set in self.data_sets]
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
-    def sentences(self, selected: str = "") -> list[str]:
-        """The effect that each design detects least often, and its false positives.
-
-        With `selected`, only those of one design.
-        """
-        designs = [key for key in self.designs if selected in ("", key[0])]
-        return [self._describe_design(*key) for key in designs]
+    def sentences(self) -> list[str]:
+        """The effect that each design detects least often, and its false positives."""
+        return [self._describe_design(*key) for key in self.designs]
 
     def _describe_design(self, design: str, trials: int) -> str:
         """The effect that is detected least often, the next one, false positives, and open words.

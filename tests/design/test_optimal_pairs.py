@@ -97,13 +97,13 @@ def test_an_optimised_design_shows_a_contraction(result):
     counts = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
     assert all(counts[s2, s1] == n for (s1, s2), n in counts.items())
     assert (result.worth > 0).all()
-    assert result.sentences()[1].startswith("Most trials have these first stimuli: -0.75 ln (")
+    assert result.reasons()[0].startswith("Most trials have these first stimuli: -0.75 ln (")
 
 
 def test_pairs_that_cannot_show_a_contraction_are_named():
     levels = grid(0, 0.1, 0.05)
     short = optimal_design(levels, 100, observers="none", data_sets=1, seed=1)
-    assert any("cannot show a contraction" in line for line in short.sentences())
+    assert any("cannot show a contraction" in line for line in short.reasons())
 
 
 def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
@@ -140,19 +140,17 @@ def test_levels_of_hardware(tmp_path):
     assert grid(-0.75, 1.25, 0.05)[[0, 15, -1]].tolist() == [-0.75, 0.0, 1.25]
 
 
-def test_the_command_writes_the_design_its_page_and_its_figure(tmp_path):
+def test_the_command_writes_the_design_and_its_figure(tmp_path):
     FIXED_PAIRS.save(tmp_path / "kept.csv")
     text = good(
         "design -o d.csv --lowest -0.75 --highest 1.25 --step 0.5 --trials 200 --max-pairs 9 "
-        "--for contraction --keep kept.csv --observers contraction --data-sets 1 --seed 1",
+        "--for contraction --keep kept.csv --observers contraction --simulated 1 --seed 1",
         cwd=tmp_path,
     )
     assert "Optimised: observers with 'yes' or 'probably'" in text
     files = {path.name for path in tmp_path.glob("d*")}
-    assert files == {"d.csv", "d.md", "d.png", "d_compared.csv"}
+    assert files == {"d.csv", "d.png", "d_compared.csv"}
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
-    markdown = (tmp_path / "d.md").read_text(encoding="utf-8")
-    assert markdown.startswith("# A design of 200 trials, for: contraction\n\n* Optimised, 200 tr")
 
 
 #: Options of `design`, and what they are refused with. raw.csv has intensities without a unit, and
@@ -182,7 +180,7 @@ REFUSED = """
 def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, message):
     (tmp_path / "raw.csv").write_text("i\n45\n60\n")
     FIXED_PAIRS.save(tmp_path / "given.csv")
-    assert message in refused(f"design -o d.csv {options} --data-sets 1 --seed 1", cwd=tmp_path)
+    assert message in refused(f"design -o d.csv {options} --simulated 1 --seed 1", cwd=tmp_path)
 
 
 def test_the_figure_has_the_design_on_the_plane(result):
@@ -198,7 +196,7 @@ def test_the_figure_has_the_design_on_the_plane(result):
 def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     """One option says the unit in design, power, simulate and check."""
     options = "--unit um --seed 1 --overwrite"
-    small = f"{options} --data-sets 2 --observers both"
+    small = f"{options} --simulated 2 --observers both"
     good(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {small}", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "d.csv")
     assert (frame.i1.min(), frame.i1.max()) == (45.0, 213.0)
@@ -231,7 +229,7 @@ def test_an_even_design_has_neighbours_over_the_whole_range():
 
 def test_an_even_design_of_uneven_levels_has_each_pair_once(tmp_path):
     words = "design -o d.csv --lowest 45 --highest 213 --step 40 --unit um --even --trials 130"
-    screen = good(f"{words} --data-sets 1 --seed 1", cwd=tmp_path)
+    screen = good(f"{words} --simulated 1 --seed 1", cwd=tmp_path)
     typed = "power d.csv --task 2afc,same/different,ternary --trials 130"
     assert f"bayes-toe {typed}" in " ".join(screen.split())
-    good(f"{typed} --observers none --data-sets 1 --seed 1", cwd=tmp_path)
+    good(f"{typed} --observers none --simulated 1 --seed 1", cwd=tmp_path)
