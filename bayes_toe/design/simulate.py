@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import NamedTuple, TypeAlias
@@ -65,7 +65,10 @@ _ALLOWED_DIFFERENCE = (
     f"QUANTITY=SIZE, or QUANTITY=SIZE:SD with the sd between subjects, of {', '.join(DIFFERING)}, "
     "separated by commas"
 )
-_DESIGNS = {"reference": reference_design, "full": full_design}
+_DESIGNS: Mapping[str, Callable[..., StudyDesign]] = {
+    "reference": reference_design,
+    "full": full_design,
+}
 Sizes: TypeAlias = Mapping[str, float | tuple[float, float]]
 
 
