@@ -344,7 +344,7 @@ def _find_design(
     optimal = replace(optimal, unit=search.shown_unit())
     written = context.write(
         {
-            output: partial(write_table, optimal.frame()),
+            output: partial(write_table, optimal.design.frame(optimal.unit)),
             comparison_file: optimal.power.save,
             figure_file: partial(bt.plots.save_figure, bt.plots.design(optimal)),
         },

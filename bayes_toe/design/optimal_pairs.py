@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
@@ -27,7 +26,6 @@ from bayes_toe.design.study_design import (
     each_once,
     log_levels,
     read_stimuli,
-    stimulus_columns,
 )
 from bayes_toe.errors import InputError, Remedy, require_number
 from bayes_toe.model.observer import DEFAULT_PRIOR
@@ -164,11 +162,6 @@ class OptimalDesign:
         if not parts:
             return ""
         return f"{join_words(parts)}. Subjects may learn this; the model does not include it."
-
-    def frame(self) -> pd.DataFrame:
-        """The design, with the stimuli in the columns of its unit."""
-        columns = stimulus_columns(self.design.s1, self.design.s2, self.unit)
-        return pd.DataFrame({**columns, "n_trials": self.design.n_trials})
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:

@@ -138,9 +138,10 @@ class StudyDesign:
         index = np.lexsort([self.s2, self.s1])
         return self.select(index, self.n_trials[index])
 
-    def frame(self) -> pd.DataFrame:
-        """A row a pair, with the columns s1, s2, n_trials."""
-        return pd.DataFrame({name: getattr(self, name) for name in DESIGN_COLUMNS})
+    def frame(self, unit: StimulusUnit = UNKNOWN_UNIT) -> pd.DataFrame:
+        """A row a pair, with the stimuli in the columns of a unit, and n_trials."""
+        columns = stimulus_columns(self.s1, self.s2, unit)
+        return pd.DataFrame({**columns, "n_trials": self.n_trials})
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write the pairs as a CSV file, whole or not at all."""

@@ -54,11 +54,6 @@ class Fitted:
     mixture: PriorMixture
     draws: WeightedDraws
 
-    @property
-    def efficiency(self) -> float:
-        """Efficiency of importance sampling, 0 to 1."""
-        return self.draws.efficiency
-
     @cached_property
     def pareto_k(self) -> float:
         """Pareto k of the weights."""
@@ -67,7 +62,7 @@ class Fitted:
     @property
     def is_trusted(self) -> bool:
         """Whether the mixture suffices for a mostly global sampler."""
-        return is_trusted(self.pareto_k, self.efficiency)
+        return is_trusted(self.pareto_k, self.draws.efficiency)
 
     @property
     def maximum(self) -> FloatArray:

@@ -134,7 +134,7 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
     steps = burn_in(fitted)
     # With a lower efficiency, two draws of successive steps are worth less than one effective draw.
-    thin = 2 if fitted.efficiency < 0.8 and settings.max_thin > 1 else 1
+    thin = 2 if fitted.draws.efficiency < 0.8 and settings.max_thin > 1 else 1
 
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
@@ -167,7 +167,7 @@ def burn_in(fitted: Fitted) -> int:
     """
     if not fitted.is_trusted:
         return 8
-    return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency))))
+    return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.draws.efficiency))))
 
 
 class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
@@ -218,7 +218,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
         share_local = 0.8
         if fitted.is_trusted:  # 2 to 32 %
-            share_local = 0.02 + 0.3 * (1.0 - fitted.efficiency)
+            share_local = 0.02 + 0.3 * (1.0 - fitted.draws.efficiency)
 
         super().__init__(
             settings.walkers,

@@ -182,7 +182,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         "max_r_hat": r_hat,
         "thin": chains.thin,
         "steps": chains.steps,
-        "proposal_efficiency": result.fitted.efficiency,
+        "proposal_efficiency": result.fitted.draws.efficiency,
         "pareto_k": result.fitted.pareto_k,
         **{column: getattr(result.fit, column) for column in FIT_COLUMNS},
     }

@@ -34,4 +34,4 @@ def test_a_fit_survives_sparse_answers():
     posterior = paper_posterior(reference_design(batches=5).answered(n_equal, "any"))
     fitted = fit_posterior(posterior, generator(1, "sparse-h0-0291", "proposal"))
     assert fitted.is_trusted
-    assert fitted.efficiency > 0.5
+    assert fitted.draws.efficiency > 0.5
