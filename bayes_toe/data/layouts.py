@@ -1,8 +1,8 @@
 """Stimuli in another layout: a standard and a comparison, or pairs in the names of columns.
 
 `StandardOrder` puts a standard and a comparison in order, `with_pairs` reads wide tables.
-`stimulus_logs` reads the numbers of stimuli, and `require_unit` asks for their unit where they may be
-no natural logs.
+`stimulus_logs` reads the numbers of stimuli, and `require_unit` asks for their unit where they may
+be no natural logs.
 
 The order of presentation is what an order effect is about. A table that has a standard and a
 comparison must therefore say which of them came first: a column names the interval of the standard
