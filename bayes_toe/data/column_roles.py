@@ -518,7 +518,7 @@ def _unit_by_name(names: Texts, options: ReadOptions) -> tuple[str, str]:
     for name in stimulus_names:
         unit = unit_in(name)
         is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
-        if name in names and unit and not is_intensity:
+        if name in names and unit not in ("", "ln") and not is_intensity:
             return f"column {display_name(name)} seems to be in {unit}.", unit
 
     i1 = options.name("i1")
@@ -634,7 +634,9 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
 
 def unit_remedies(unit: str) -> list[Remedy]:
     """Options to type if stimuli seem to be in this unit; natural logs are the last choice."""
-    choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
+    choices = dict.fromkeys((unit, "ln"))
+    if unit == "dB":
+        choices = dict.fromkeys(("dB", "dB-power", "ln"))
     remedies = []
     for choice in choices:
         meaning = _UNIT_MEANINGS.get(choice, f"they are intensities in {choice}")
@@ -642,10 +644,28 @@ def unit_remedies(unit: str) -> list[Remedy]:
     return remedies
 
 
-def intensity_remedies(stimuli: FloatArray) -> list[Remedy]:
-    """Options to type if stimuli seem to be no natural logs."""
-    intensities, *logarithms = unit_remedies(ANY_UNIT)
-    return [intensities, *logarithms] if (stimuli > 0.0).all() else logarithms
+def suggested_unit(name: str) -> str:
+    """The unit that the name of a column of stimuli suggests without saying it; empty if none.
+
+    Examples
+    --------
+    >>> suggested_unit("standardLevel"), suggested_unit("logContrast"), suggested_unit("catalog")
+    ('dB', 'log10', '')
+    """
+    for word in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", without_accents(name)):
+        for unit, beginnings in VOCABULARY["units"]["suggested"].items():
+            if word.lower().startswith(tuple(beginnings)):
+                return unit
+    return ""
+
+
+def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
+    """Options to type if stimuli may be no natural logs; `unit` is the one that is suggested."""
+    intensities, natural_logs = unit_remedies(ANY_UNIT)
+    remedies = unit_remedies(unit)[:-1] if unit else []
+    if (stimuli > 0.0).all():
+        remedies.append(intensities)
+    return [*remedies, natural_logs]
 
 
 def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
@@ -760,8 +780,4 @@ def _columns_remedy(free_names: Texts, roles: Texts, options: ReadOptions) -> Re
         likely += names_like(free_names, _PROPOSED.get(role, role))
         name_by_role.append((role, name_of_stimulus.get(role) or _first_or_blank(likely)))
 
-    meaning = "with the names in your file"
-    s1 = name_of_stimulus.get("s1")
-    if s1 and not unit_in(s1):
-        meaning = f"if they are natural logs; for intensities add --unit {ANY_UNIT}"
-    return Remedy("columns", tuple(name_by_role), meaning)
+    return Remedy("columns", tuple(name_by_role), "with the names in your file")

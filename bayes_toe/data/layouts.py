@@ -1,8 +1,8 @@
 """Stimuli in another layout: a standard and a comparison, or pairs in the names of columns.
 
 `StandardOrder` puts a standard and a comparison in order, `with_pairs` reads wide tables.
-`stimulus_logs` reads the numbers of stimuli, and `require_logs` refuses those that cannot be
-natural logs.
+`stimulus_logs` reads the numbers of stimuli, and `require_unit` asks for their unit where they may
+be no natural logs.
 
 The order of presentation is what an order effect is about. A table that has a standard and a
 comparison must therefore say which of them came first: a column names the interval of the standard
@@ -28,6 +28,7 @@ from bayes_toe.data.column_roles import (
     is_flag,
     is_no_response,
     named_places,
+    suggested_unit,
     unit_in,
     unit_remedies,
 )
@@ -274,25 +275,41 @@ def _require_decimal_sign(
     table.problems.refuse()
 
 
-def require_logs(
-    table: TextTable, columns: Sequence[Column], stimuli: FloatArray, selected: BoolArray
+def require_unit(
+    table: TextTable,
+    columns: Sequence[Column],
+    stimuli: FloatArray,
+    selected: BoolArray,
+    options: ReadOptions,
 ) -> None:
-    """Ask for the unit if the stimuli of these rows cannot be natural logs."""
+    """Ask for the unit if the stimuli of these rows can be or may be no natural logs.
+
+    Columns s1 and s2 have natural logs. Columns with other names may have intensities, if all are
+    above 0, or decadic logs.
+    """
     rows = np.flatnonzero(selected & ~np.isnan(stimuli).any(axis=1))
     if not len(rows):
         return
 
+    unit = suggested_unit(columns[0].name)
     finding, index = sign_of_intensities(*stimuli[rows].T)
-    if not finding:
-        return
-
     names = join_words([display_name(column.name) for column in columns])
-    problem = f"columns {names}: found {finding}, allowed: natural logs"
-    if index is not None:
-        problem = f"row {table.rows[rows[index]]}, {problem}"
-    if stimuli[rows].min() == 0.0:
-        problem += ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
-    table.problems.ask(problem, intensity_remedies(stimuli[rows]))
+    low = stimuli[rows].min()
+    if finding:
+        problem = f"columns {names}: found {finding}, allowed: natural logs"
+        if index is not None:
+            problem = f"row {table.rows[rows[index]]}, {problem}"
+        if low == 0.0:
+            problem += (
+                ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
+            )
+    else:
+        has_our_name = any(column.name in ("s1", "s2") for column in columns)
+        if (has_our_name and options.wide is None) or (low <= 0.0 and not unit):
+            return
+        problem = f"columns {names}: found numbers from {low:g} to {stimuli[rows].max():g}. "
+        problem += "What is their unit?"
+    table.problems.ask(problem, intensity_remedies(stimuli[rows], unit))
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------

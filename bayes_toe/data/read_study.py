@@ -36,7 +36,7 @@ from bayes_toe.data.layouts import (
     ALLOWED_INTERVALS,
     StandardOrder,
     pair_regex,
-    require_logs,
+    require_unit,
     stimulus_logs,
     with_pairs,
 )
@@ -373,7 +373,7 @@ class _Rows:
             require_numbers(self.table, column, rows & np.isnan(values), kind)
             self.table.fault(column, rows & out_of_range(values), ALLOWED_STIMULI)
         if self.options.unit is None and not self.options.has_intensities:
-            require_logs(self.table, self.stimulus_columns, self.stimuli, rows)
+            require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
 
     def layout(self, form: str, answers: Iterable[object]) -> list[str]:
         """Notes on the form of the table, its rows, and columns with another name or unit.

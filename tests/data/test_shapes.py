@@ -256,6 +256,8 @@ READ = {
     "names_in_two_lines.xlsx --columns 's1=First (ln)'": excel(
         T=labelled(IN_LOGS, s1="First\n(ln)")
     ),
+    "ln_in_names.csv": IN_LOGS.rename(columns={"s1": "ln 1", "s2": "ln 2"}),
+    "logs_from_0.csv --columns s1=x1,s2=x2": IN_LOGS.rename(columns={"s1": "x1", "s2": "x2"}),
     "decimal_commas.csv": csv(IN_LOGS, decimal=","),
     "last_comma.csv": IN_LOGS.assign(**{"": ""}),
     "quoted.csv": csv(IN_LOGS.assign(note="two\nlines"), quoting=1),
@@ -522,6 +524,22 @@ REFUSED = {
     "percent_in_cells.csv": (
         "subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
         "error: percent_in_cells.csv: the stimuli have the unit '%'.\ntype:  --unit %  if",
+    ),
+    "seconds.csv --columns s1=dur1,s2=dur2": (
+        "subject,dur1,dur2,response\na,0.4,0.6,first\na,0.6,0.4,second\n",
+        "columns dur1 and dur2: found numbers from 0.4 to 0.6. What is their unit?\n"
+        "type:  --unit a.u.  if they are intensities",
+        "\n       --unit ln    if the numbers are natural logs",
+    ),
+    "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
+        "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",
+        "found numbers from -1.2 to -0.8. What is their unit?\ntype:  --unit log10  if they are",
+    ),
+    "levels.csv --columns s1=level1,s2=level2": (
+        "subject,level1,level2,response\na,60,63,second\na,63,60,first\n",
+        "\ntype:  --unit dB        if 20 dB are a factor of ten\n",
+        "\n       --unit dB-power  ",
+        "\n       --unit a.u.      ",
     ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
