@@ -414,6 +414,8 @@ def _list_trials(
 
 def _describe_list(lists: ListOptions, n_trials_each: int, levels: Texts) -> str:
     """A sentence on the list; `n_trials_each` counts the trials of a subject in a condition."""
+    from bayes_toe.design.trial_list import MOST_EQUAL
+
     n_trials = n_trials_each * max(1, len(levels))
     suffix = " each" if lists.subjects > 1 else ""
     split = ""
@@ -422,7 +424,7 @@ def _describe_list(lists: ListOptions, n_trials_each: int, levels: Texts) -> str
     return (
         f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{suffix} in "
         f"{plural(lists.blocks, 'block')}{split}. Within each block, both orders of a pair are as "
-        "frequent as in the design"
+        f"frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other"
     )
 
 

@@ -1,6 +1,7 @@
 """The order in which a design's trials are shown, and the file that an experiment reads.
 
-Blocks are alike, and both orders of two stimuli are equally frequent in each.
+Blocks are alike, both orders of two stimuli are equally frequent in each, and few equal pairs
+follow each other.
 """
 
 from __future__ import annotations
@@ -13,12 +14,15 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import IndexArray, Rng
+from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Rng
 from bayes_toe.data.messages import join_names
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.design.study_design import StudyDesign, stimulus_columns
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.seeds import generator
+
+#: Equal pairs that may follow each other.
+MOST_EQUAL = 3
 
 
 def trial_list(
@@ -33,7 +37,8 @@ def trial_list(
     """List all trials of a design in random order, with an empty column of responses.
 
     Every block has its share of every pair, and two stimuli in both orders equally often where the
-    design has them so. The order within a block is random.
+    design has them so. No more than three equal pairs follow each other, also over the end of a
+    block.
 
     Parameters
     ----------
@@ -51,7 +56,7 @@ def trial_list(
     Raises
     ------
     InputError
-        If there are fewer trials than blocks.
+        If there are fewer trials than blocks, or too many equal pairs.
 
     Examples
     --------
@@ -63,7 +68,8 @@ def trial_list(
         raise InputError(f"--conditions: found {join_names(conditions)}, allowed: each level once")
     rng = generator(seed, subject, "order of trials")
     n_levels = max(1, len(conditions))
-    order = [rng.permutation(trials) for trials in _blocks(design, blocks, n_levels, rng)]
+    is_equal = np.tile(design.s1 == design.s2, n_levels)
+    order = _shuffled(_blocks(design, blocks, n_levels, rng), is_equal, rng)
 
     # A trial is level * n_pairs + pair.
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
@@ -106,3 +112,42 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
             "both orders of it"
         )
     return [np.concatenate(dealt[start::blocks]) for start in rng.permutation(blocks).tolist()]
+
+
+def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> list[IndexArray]:
+    """The trials of each block in a random order, without too many equal pairs in a row.
+
+    The first equal pair that is one too many changes places with any different pair of its block,
+    until there is none.
+    """
+    order = []
+    n_last = 0  # equal pairs in a row at the end of the block before
+    for i, trials in enumerate(blocks):
+        shuffled = rng.permutation(trials)
+        for _ in range(10_000):  # usually a few; there may be no solution
+            lengths = _run_lengths(is_equal[shuffled], n_last)
+            too_many = np.flatnonzero(lengths > MOST_EQUAL)
+            different = np.flatnonzero(~is_equal[shuffled])
+            if not len(too_many) or not len(different):
+                break
+            places = [too_many[0], rng.choice(different)]
+            shuffled[places] = shuffled[places[::-1]]
+
+        if lengths.max() > MOST_EQUAL:
+            raise InputError(
+                f"block {i + 1}, of {len(trials)} trials, has {is_equal[trials].sum()} equal "
+                f"pairs: more than {MOST_EQUAL} would follow each other; allowed: a design with "
+                "fewer equal pairs, or fewer blocks"
+            )
+        order.append(shuffled)
+        n_last = lengths[-1]
+    return order
+
+
+def _run_lengths(is_equal: BoolArray, length: int) -> IntArray:
+    """Numbers of equal pairs in a row up to each trial, of which `length` come before the first."""
+    lengths = []
+    for equal in is_equal.tolist():
+        length = length + 1 if equal else 0
+        lengths.append(length)
+    return np.array(lengths)

@@ -1,4 +1,4 @@
-"""Lists of trials: every trial once, blocks alike, orders balanced."""
+"""Lists of trials: every trial once, blocks alike, orders balanced, few equal pairs in a row."""
 
 from collections import Counter
 
@@ -24,12 +24,15 @@ DESIGNS = {
 
 @pytest.mark.parametrize("name", DESIGNS)
 @pytest.mark.parametrize("blocks", [1, 4, 10])
-def test_every_trial_once_and_blocks_alike(name, blocks):
+def test_every_trial_once_blocks_alike_and_three_equal_pairs_in_a_row_at_most(name, blocks):
     design = DESIGNS[name]
     trials = trial_list(design, blocks=blocks, seed=1)
     pairs = list(zip(design.s1, design.s2, strict=True))
     counts = Counter(zip(trials.s1, trials.s2, strict=True))
     assert counts == dict(zip(pairs, design.n_trials.tolist(), strict=True))
+
+    equals = "".join(np.where(trials.s1 == trials.s2, "=", " "))
+    assert "====" not in equals
 
     sizes = np.bincount(trials.block)[1:]  # blocks count from 1
     assert len(sizes) == blocks
@@ -110,6 +113,7 @@ def test_blocks_are_alike_with_conditions_too():
 @pytest.mark.parametrize(
     "n_trials, options, message",
     [
+        ([90, 10], {"blocks": 10}, "block 1, of 10 trials, has 9 equal pairs: more than 3 would"),
         ([1, 1], {"blocks": 3}, "--blocks 3: allowed is 1 to 2"),
         ([5, 5], {"conditions": ("a", "a")}, "found a, a, allowed: each level once"),
     ],
