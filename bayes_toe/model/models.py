@@ -201,7 +201,8 @@ def require_model(name: str) -> str:
     ('constant error', 'predictive update')
     """
     require_kind("model", name, str, f"one of: {', '.join(MODEL_NAMES)}")
-    if name in ("paper", PAPER_MODEL):
+    # The last three are former names of the paper's model.
+    if name in ("paper", "update", "predictive update", "predictive-update"):
         return PAPER_MODEL
     spaced = name.replace("-", " ")
     if spaced in ORDER_MODELS:
