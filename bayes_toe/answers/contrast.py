@@ -317,8 +317,8 @@ def contrast(
         progress=progress,
     )
     contrasts, failed = without_failed(compared, results)
-    rows = list[Difference]()
-    answers = list[OrderEffect]()
+    rows = []
+    answers = []
     for differences, answer in contrasts:
         rows += differences
         if answer is not None:

@@ -415,10 +415,10 @@ def subject_fit(
     """
     likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    counts = np.vstack([subject.n_yes, resampled])  # the first row is the fit's own
+    counts = np.vstack([subject.n_yes, resampled])  # the subject's, then those of the bootstrap
     searches = [*map(likelihood.search, counts, likelihood.starts(counts))]
     natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
-    n_failed = sum(not maxima.has_converged[maxima.is_highest].any() for maxima in searches)
+    has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in searches]
 
     # What differs between equally high maxima is not determined.
     maxima = searches[0]
@@ -434,5 +434,5 @@ def subject_fit(
         float(maxima.value.max() + penalty),
         likelihood.reached_bounds(maxima.best),
         natural[1:],
-        n_failed,
+        sum(has_failed),
     )

@@ -478,9 +478,9 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
 def draw_population(
     population: str, size: int, seed: int, design: StudyDesign, task: Task = SAME_DIFFERENT
 ) -> Sequence[SimulatedObserver]:
-    """Observers that `--observers` names; anything but a known word is a CSV of parameters.
+    """Observers of a population: 'paper', 'prior', a kind of observers, or a CSV of parameters.
 
-    `size` does not matter for a file.
+    There are `size` observers, but all of a file.
     """
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
@@ -498,8 +498,9 @@ def draw_population(
     if population != PRIOR:
         drawn = [*assume_observers(population, size, seed, [study_design])]
     else:
-        # So many observers of the first model, then of the next one; here the models take turns.
-        n_each = math.ceil(size / 4)
+        # All observers of the first model come before those of the next one. The models take turns
+        # instead, so that a few observers have them all.
+        n_each = math.ceil(size / 4)  # of the four models
         by_model = assume_observers(PRIOR, n_each, seed, [study_design])
         drawn = []
         for i in range(n_each):
@@ -514,7 +515,7 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         header = file.readline(10_000)
     required = natural_names(task)
-    optional = list[str]()
+    optional = []
     if "mu1" not in header:
         parameters = parameter_names(task)
         required = tuple(name for name in parameters if name in REQUIRED)

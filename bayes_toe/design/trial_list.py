@@ -99,7 +99,7 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
             both_orders.append(([i, turned], n_common))
     one_order = [([i], count) for i, count in enumerate(n_left.tolist())]
 
-    dealt: list[IndexArray] = []  # trials that come to one block
+    dealt = []  # trials that come to one block
     for pairs_and_counts in (both_orders, one_order):
         of_levels = list(product(range(n_levels), pairs_and_counts))
         for i in rng.permutation(len(of_levels)).tolist():

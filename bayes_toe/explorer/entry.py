@@ -385,12 +385,12 @@ def badges(draws: Draws, name: str) -> Pairs:
     """Badges of a subject: whether the draws converged, and whether the model fits."""
     fit = draws.fit(name)
     shortfall = draws.not_converged.get(name)
-    sampled = ("unconverged", shortfall) if shortfall else ("fine", "converged")
+    convergence = ("unconverged", shortfall) if shortfall else ("fine", "converged")
     is_testable = fit.degrees_of_freedom > 0
-    # The draws may determine as many parameters as there are pairs: then there is no p-value.
+    # Some draws determine as many parameters as there are pairs. Then nothing is said of the fit.
     if is_testable and np.isnan(fit.fit_p):
-        return (sampled,)
-    return sampled, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
+        return (convergence,)
+    return convergence, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
 
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:

@@ -18,6 +18,7 @@ from typing import TypeAlias
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_names, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
@@ -33,8 +34,8 @@ from bayes_toe.workers import Progress
 MOST_ENTRIES = 200
 #: The source of the bundled studies.
 EXAMPLE = "bundled example (synthetic)"
-_ROWS = 16_000  # draws of all entries
-_ISLANDS = "<!-- posteriors -->"
+_MOST_DRAWS = 16_000  # of all entries together
+_DATA_HERE = "<!-- posteriors -->"  # where the data scripts are put in
 _Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 
 
@@ -129,7 +130,7 @@ def entries(
     n_entries = sum(map(len, selected.values()))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
-    page_entries = list[Entry]()
+    page_entries = []
     for label, part in by_label.items():
         true_values = truths
         if not truths and part.study.source == EXAMPLE:
@@ -195,42 +196,46 @@ def page(
             replace(entry, target=in_unit(entry.target, unit)) for entry in page_entries
         ]
 
-    # Fewer of each entry on a page of many, but enough to see a posterior.
-    rows = max(150, min(2000, _ROWS // len(page_entries)))
-
-    contents = {}
-    list_of_entries = []
-    for i, entry in enumerate(page_entries):
-        name = entry.target.subject.name
-        contents[f"entry-{i}"] = entry.packed(rows)
-        list_of_entries.append(
-            {"subject": visible(name), "label": visible(entry.label), "tab": entry.tab}
-        )
-        if progress is not None:
-            progress(name)
-
-    quantities = {}
-    for name, quantity in QUANTITY_BY_NAME.items():
-        label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
-        quantities[name] = label, quantity.words
-
     index = {
-        "entries": list_of_entries,
+        "entries": [
+            {
+                "subject": visible(entry.target.subject.name),
+                "label": visible(entry.label),
+                "tab": entry.tab,
+            }
+            for entry in page_entries
+        ],
         "tabs": sorted({entry.tab for entry in page_entries}),
-        "quantities": quantities,
+        "quantities": _texts_of_quantities(unit),
         "slots": SLOTS,
         "fixed": task.slice_stimulus,
         "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
     }
+    scripts = [_data_script("index", index)]
+    # Fewer draws of each entry on a page of many, but enough to see a posterior.
+    n_draws = max(150, min(2000, _MOST_DRAWS // len(page_entries)))
+    for i, entry in enumerate(page_entries):
+        scripts.append(_data_script(f"entry-{i}", entry.packed(n_draws)))
+        if progress is not None:
+            progress(entry.target.subject.name)
 
-    head, tail = _frame(task).split(_ISLANDS)
-    parts = [head]
-    for name, content in {"index": index, **contents}.items():
-        parts.append(
-            f'<script type="application/json" id="{name}">{json_for_script(content)}</script>\n'
-        )
+    html_of_page = _frame(task).replace(_DATA_HERE, "".join(scripts))
     # Bokeh's script makes functions of texts, which browsers refuse without this word.
-    return Explorer(with_policy("".join([*parts, tail]), "'unsafe-eval'"))
+    return Explorer(with_policy(html_of_page, "'unsafe-eval'"))
+
+
+def _texts_of_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:
+    """The label of each quantity on an axis, such as 'JND, %', and what it means."""
+    texts = {}
+    for name, quantity in QUANTITY_BY_NAME.items():
+        label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
+        texts[name] = label, quantity.words
+    return texts
+
+
+def _data_script(name: str, content: object) -> str:
+    """A script element with data, which the script of the page finds by its name."""
+    return f'<script type="application/json" id="{name}">{json_for_script(content)}</script>\n'
 
 
 def require_bokeh() -> None:
@@ -266,7 +271,7 @@ def _frame(task: Task) -> str:
     variables = {
         "style": parts["page.css"],
         "script": parts["explorer.js"],
-        "islands": _ISLANDS,
+        "islands": _DATA_HERE,
         "slots": SLOTS,
         "yes": task.yes,
     }

@@ -109,7 +109,7 @@ def regressors(
     complete = tuple(name for name in subjects if name not in incomplete)
     _require_subjects(complete, len(covariates), left_out)  # each has a column or more
 
-    columns = list[Regressor]()
+    columns = []
     x = np.empty((len(complete), 0))
     for name, by_subject in covariates.items():
         values = [by_subject[subject] for subject in complete]

@@ -188,9 +188,10 @@ def stored_study(tree: xr.DataTree) -> Study:
     if task == THREE_ANSWERS:
         columns["n_second"] = observed["n_second"].values
 
-    names = observed["subject"].values
+    names = observed["subject"].values  # of each row; the rows of a subject are together
+    rows_by_subject = np.split(np.arange(len(names)), run_starts(names)[1:])
     subjects = []
-    for rows in np.split(np.arange(len(names)), run_starts(names)[1:]):
+    for rows in rows_by_subject:
         name = names[rows[0]]
         counts = {key: column[rows] for key, column in columns.items()}
         condition, scales = record["units"][name]

@@ -139,6 +139,7 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
+        # Shapes (ensembles, draws, k), (ensembles, draws) and (ensembles,).
         x, log_posterior, acceptance = map(np.stack, zip(*passes, strict=True))
 
         quantities = posterior.quantities(x)
@@ -148,13 +149,13 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
         imprecise = ""
         is_hopeless = False
-        if not reason:
+        if not reason:  # the precision of quantiles is known only of converged chains
             natural = {name: quantities[name] for name in posterior.names.natural}
             limit = settings.max_quantile_error
             imprecise, is_hopeless = _uncertain_quantile(natural, diagnostics, limit)
 
-        is_reached = not reason and not imprecise
-        if is_reached or is_hopeless or thin >= settings.max_thin:
+        is_sufficient = not reason and not imprecise
+        if is_sufficient or is_hopeless or thin >= settings.max_thin:
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, reason, imprecise)
         thin = min(2 * thin, settings.max_thin)
 
