@@ -11,6 +11,7 @@ changes it.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, product
@@ -333,7 +334,7 @@ class OrderEffect:
             for number in self.sizes.get(name, [np.nan] * 3):
                 sizes.append(number if np.isfinite(number) else None)
         # All numbers of the first model, then those of the next one.
-        of_models = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
+        columns = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
         entries = (
             self.subject,
             *map(self.word, QUESTIONS),
@@ -346,7 +347,7 @@ class OrderEffect:
             self.fit_p,
             self.history_p,
             self.moving_criterion_p,
-            *(numbers[model] for model, numbers in of_models),
+            *(numbers[model] for model, numbers in columns),
         )
         return dict(zip(ANSWER_COLUMNS, entries, strict=True))
 
@@ -395,7 +396,7 @@ def format_probability(probability: float) -> str:
     >>> format_probability(0.914), format_probability(0.9999), format_probability(0.0)
     ('= .91', '> .99', '< .01')
     """
-    if probability > 0.995:
+    if probability > 0.995:  # two digits would be 1.00
         return "> .99"
     if probability < 0.005:
         return "< .01"
@@ -619,8 +620,8 @@ def order_effect(
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
-    # Where these pairs cannot tell a contraction from a constant error, both appear as an error,
-    # which is then the whole order effect.
+    # The models that have each effect. Where these pairs cannot tell a contraction from a constant
+    # error, both appear as an error, which is then the whole order effect.
     with_effect = dict(QUESTIONS)
     if identification.contraction_adds_to_error:
         with_effect["order_effect"] = HAS_ERROR
@@ -637,7 +638,6 @@ def order_effect(
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
-    best = int(np.argmax(evidence.log_evidence))
     screen = screen or SerialScreen()
     # `in_study` adds the flags of p-values, whose limits depend on the number of subjects. It is
     # called again where there are several.
@@ -655,7 +655,8 @@ def order_effect(
         sizes=sizes,
         upper_bounds=upper_bounds,
         unit=evidence.subject.unit,
-        best_model=MODEL_NAMES[best],
+        best_model=MODEL_NAMES[np.argmax(evidence.log_evidence)],
+        # NaN if the fit is not testable.
         fit_p=fit.fit_p if fit is not None and np.isfinite(fit.fit_p) else None,
         history_p=screen.joint_p,
         moving_criterion_p=screen.moving_criterion_p,
@@ -797,7 +798,7 @@ def _prior_problems(
             rescaled_words.append((width, _words(models, with_effect, answerable)))
 
     # The first change of each question; questions with the same change share a sentence.
-    questions_by_change: dict[str, list[str]] = {}
+    questions_by_change = defaultdict(list)
     for question in answerable:
         word = words[question]
         for width, rescaled in rescaled_words:
@@ -805,7 +806,7 @@ def _prior_problems(
                 change = (
                     f"A prior {width} as wide changes {{}} from '{word}' to '{rescaled[question]}'."
                 )
-                questions_by_change.setdefault(change, []).append(question.replace("_", " "))
+                questions_by_change[change].append(question.replace("_", " "))
                 break
     if not questions_by_change:
         return {}

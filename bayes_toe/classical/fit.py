@@ -103,7 +103,7 @@ class PenalisedLikelihood:
         # are at the same distance: a symmetric design has equal maxima on both sides.
         mu1 = sbar + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)
-        gammas = (0.01, 0.1, 0.3, 0.9)
+        gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
         shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
         if self.subject.task.lapses == "q0":  # P(equal) without a difference, near 1
             shares = 1.0 - shares
@@ -197,7 +197,7 @@ class PenalisedLikelihood:
         names = ("mu1", "width", "gamma", self.subject.task.lapses)
         reached = []
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
-            if np.abs(bounds - value).min() < 1e-6:
+            if np.abs(bounds - value).min() < 1e-6:  # on a bound, but for rounding
                 number = round(value, 6)  # 1, not the bound 1 - 1e-9
                 if name == "width":  # its coordinate is the logarithm
                     number = np.exp(value)

@@ -245,7 +245,8 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None
         rows.append(cells)
 
     title = "Log model evidence. * marks the largest of the four models."
-    out.table_of_subjects(headings, rows, len(rows), file, numeric=range(1, 8), title=title)
+    numeric = range(1, len(headings))  # all columns but the names
+    out.table_of_subjects(headings, rows, len(rows), file, numeric=numeric, title=title)
     out.line()
     out.line(describe_h1(table))
     out.notes(notes_of(table), file=file)

@@ -346,8 +346,9 @@ def print_error(error: BayesToeError, command: str) -> None:
 
     for problem in problems.split("\n"):
         print_labelled("error:", visible(problem))
+    # Meanings begin in one column, behind the longest option, but not behind a very long one.
     width = min(max((len(typed) for typed, _ in choices), default=0), 40)
-    label = "type:"
+    label = "type:"  # before the first choice
     for typed, meanings in choices:
         # One meaning stands beside the option, several below.
         line = typed

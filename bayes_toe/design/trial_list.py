@@ -11,10 +11,9 @@ from itertools import product
 from numbers import Integral
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Rng
+from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Record, Rng
 from bayes_toe.data.messages import join_names
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.design.study_design import StudyDesign, stimulus_columns
@@ -73,7 +72,7 @@ def trial_list(
 
     # A trial is level * n_pairs + pair.
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
-    columns: dict[str, npt.ArrayLike] = {"subject": subject}
+    columns: Record = {"subject": subject}
     if conditions:
         columns["condition"] = np.array(conditions)[level]
     columns["block"] = np.repeat(np.arange(1, blocks + 1), [*map(len, order)])
@@ -101,9 +100,9 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
 
     dealt = []  # trials that come to one block
     for pairs_and_counts in (both_orders, one_order):
-        of_levels = list(product(range(n_levels), pairs_and_counts))
-        for i in rng.permutation(len(of_levels)).tolist():
-            level, (pairs, n_times) = of_levels[i]
+        to_deal = list(product(range(n_levels), pairs_and_counts))
+        for i in rng.permutation(len(to_deal)).tolist():
+            level, (pairs, n_times) = to_deal[i]
             dealt += [np.add(level * design.n_pairs, pairs)] * n_times
     require_kind("--blocks", blocks, Integral, "a whole number")
     if not 1 <= blocks <= len(dealt):

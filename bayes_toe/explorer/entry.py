@@ -263,9 +263,8 @@ class Entry:
             "along": slice_and_position(counts)[1],
         }
 
-        stimuli = []
-        for pair in counts.pairs:
-            stimuli.append(", ".join(map(counts.unit.describe, pair)).replace("-", "−"))
+        describe = counts.unit.describe
+        stimuli = [f"{describe(s1)}, {describe(s2)}".replace("-", "−") for s1, s2 in counts.pairs]
         plane = None
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
@@ -274,6 +273,7 @@ class Entry:
         selected, n_slices = _selected_slices(counts)
         slices = [pack_slice(fitted, fixed, has_title=n_slices > 1) for fixed in selected]
 
+        # The names by which explorer.js reads them.
         return {
             "pairs": {
                 **{key: values.tolist() for key, values in pairs.items()},
@@ -360,6 +360,7 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     """The entry of the four models averaged, in place of that of the paper's model."""
     subject = entry.target.subject
     prior = draws.prior.observer
+    # More draws than an answer needs, because the page shows them.
     (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
     average = evidence.averaged()
     # The page takes draws of equal weight, here as one chain.
@@ -456,6 +457,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])  # (orders, POINTS, rows)
 
     title = f"{counts.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
+    # The names by which explorer.js reads them.
     return {
         "title": title if has_title else "",
         "pairs": np.flatnonzero(is_member).tolist(),

@@ -34,8 +34,8 @@ from bayes_toe.workers import Progress
 MOST_ENTRIES = 200
 #: The source of the bundled studies.
 EXAMPLE = "bundled example (synthetic)"
-_MOST_DRAWS = 16_000  # of all entries together
-_DATA_HERE = "<!-- posteriors -->"  # where the data scripts are put in
+_ROWS = 16_000  # draws of all entries
+_ISLANDS = "<!-- posteriors -->"
 _Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 
 
@@ -117,7 +117,9 @@ def entries(
     """The entries of the page, with the arguments and errors of :func:`explore`."""
     truths = truths or {}
     by_label = _draws_by_label(draws)
-    all_names = list(dict.fromkeys(chain.from_iterable(part.names for part in by_label.values())))
+    all_names = list(
+        dict.fromkeys(chain.from_iterable(model_draws.names for model_draws in by_label.values()))
+    )
     names = all_names if subjects is None else list(dict.fromkeys(subjects))
     for name in names:
         if name not in all_names:
@@ -125,17 +127,17 @@ def entries(
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
 
     selected = {}
-    for label, part in by_label.items():
-        selected[label] = tuple(name for name in names if name in part.names)
+    for label, model_draws in by_label.items():
+        selected[label] = tuple(name for name in names if name in model_draws.names)
     n_entries = sum(map(len, selected.values()))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
     page_entries = []
-    for label, part in by_label.items():
+    for label, model_draws in by_label.items():
         true_values = truths
-        if not truths and part.study.source == EXAMPLE:
-            true_values = example_truth(part.study.task)
-        page_entries += entries_of(part, label, selected[label], true_values)
+        if not truths and model_draws.study.source == EXAMPLE:
+            true_values = example_truth(model_draws.study.task)
+        page_entries += entries_of(model_draws, label, selected[label], true_values)
     _require_quantities(truths, page_entries)
     return page_entries
 
@@ -213,13 +215,13 @@ def page(
     }
     scripts = [_data_script("index", index)]
     # Fewer draws of each entry on a page of many, but enough to see a posterior.
-    n_draws = max(150, min(2000, _MOST_DRAWS // len(page_entries)))
+    n_draws = max(150, min(2000, _ROWS // len(page_entries)))
     for i, entry in enumerate(page_entries):
         scripts.append(_data_script(f"entry-{i}", entry.packed(n_draws)))
         if progress is not None:
             progress(entry.target.subject.name)
 
-    html_of_page = _frame(task).replace(_DATA_HERE, "".join(scripts))
+    html_of_page = _frame(task).replace(_ISLANDS, "".join(scripts))
     # Bokeh's script makes functions of texts, which browsers refuse without this word.
     return Explorer(with_policy(html_of_page, "'unsafe-eval'"))
 
@@ -265,13 +267,13 @@ def _frame(task: Task) -> str:
 
     from bayes_toe.explorer.panels import SLOTS, document
 
-    parts = {}
+    texts = {}
     for name in ("page.html", "page.css", "explorer.js"):
-        parts[name] = (files("bayes_toe.explorer") / name).read_text(encoding="utf-8")
+        texts[name] = (files("bayes_toe.explorer") / name).read_text(encoding="utf-8")
     variables = {
-        "style": parts["page.css"],
-        "script": parts["explorer.js"],
-        "islands": _DATA_HERE,
+        "style": texts["page.css"],
+        "script": texts["explorer.js"],
+        "islands": _ISLANDS,
         "slots": SLOTS,
         "yes": task.yes,
     }
@@ -279,6 +281,6 @@ def _frame(task: Task) -> str:
         document(task),
         INLINE,
         "Explore a posterior",
-        template=parts["page.html"],
+        template=texts["page.html"],
         template_variables=variables,
     )

@@ -327,7 +327,7 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
 
     points = []
     for order, (kind, marker) in KINDS.items():
-        pairs_of = sources.get_source(
+        pairs = sources.get_source(
             f"pairs-{letter}-{kind}", "s1", "s2", "stimuli", "k", "n", "fill"
         )
         point = Scatter(
@@ -339,7 +339,7 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
             fill_color="fill",
             size=12 if kind == "equal" else 10,
         )
-        points.append(plot.add_glyph(pairs_of, point, name=ORDERS[order].label))
+        points.append(plot.add_glyph(pairs, point, name=ORDERS[order].label))
     plot.add_tools(_hover(points, task))
     return plot
 

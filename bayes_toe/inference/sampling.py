@@ -60,7 +60,7 @@ class SamplerSettings:
 
     def __post_init__(self) -> None:
         require_number("draws", self.draws)
-        if self.walkers == 0:
+        if self.walkers == 0:  # 64 to 256: the more, the more draws are asked for
             object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
 
     @property
@@ -217,7 +217,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         # Each ensemble begins with its own part of the draws that judged the mixture.
         n_each = len(fitted.draws.x) // settings.ensembles
         first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
-        share_local = 0.8
+        share_local = 0.8  # of the moves, if the mixture cannot be trusted
         if fitted.is_trusted:  # 2 to 32 %
             share_local = 0.02 + 0.3 * (1.0 - fitted.efficiency)
 
@@ -307,9 +307,9 @@ def _uncertain_quantile(
     `natural` has the draws of the natural quantities, and `limit` is that of
     :attr:`SamplerSettings.max_quantile_error`.
     """
-    errors = {}
-    for name, draws in natural.items():
-        errors[name] = tail_error(draws, diagnostics[name].ess_tail)
+    errors = {
+        name: tail_error(draws, diagnostics[name].ess_tail) for name, draws in natural.items()
+    }
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
