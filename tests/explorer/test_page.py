@@ -143,7 +143,7 @@ def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
     subject = bt.Subject("S", s1, s2, [3] * 25, [9] * 25)
     alone = islands(page_of_made_draws(subject))["entry-0"]
     assert (len(alone["slices"]), alone["undrawn"], alone["rows"]) == (4, 0, 2000)
-    monkeypatch.setattr(page_module, "_MOST_DRAWS", 3 * 500)
+    monkeypatch.setattr(page_module, "_ROWS", 3 * 500)
     assert islands(page_of_made_draws(small_study["A"], copies=3))["entry-0"]["rows"] == 500
 
 
