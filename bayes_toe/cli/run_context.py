@@ -365,6 +365,7 @@ def print_labelled(label: str, text: str) -> None:
     """Print a text on standard error behind a label; a terminal gets lines of 80 columns."""
     lines = [text]
     if sys.stderr.isatty():
+        # The label takes 7 columns.
         lines = wrap(text, WIDTH - 7, break_long_words=False, break_on_hyphens=False)
     for line in lines:
         typer.echo(f"{label:<7}{line}", err=True)

@@ -301,6 +301,7 @@ def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool)
     observers = []
     for kind, effects in kinds.items():
         ranges = {**common, **effects}
+        # Which part of the range of a parameter each observer has.
         order_of_parts = {
             key: generator(seed, kind, key, "even").permutation(size) for key in ranges
         }

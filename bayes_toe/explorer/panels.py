@@ -156,6 +156,7 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
             sources.get_source(f"prior-{letter}", x, y),
             Line(x=x, y=y, line_color="#8A8A8A", line_width=2, line_dash=dash),
         )
+        # Heights of the bars of all draws, and of the brushed ones.
         bars = sources.get_source(f"bars-{letter}", x, f"all{i}", f"kept{i}")
         plot.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))
         plot.add_glyph(
