@@ -155,18 +155,18 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect) -> SubjectEvide
     estimate = cast(Evidence, result.evidence)
     subject = result.subject
     fitted = result.fitted
-    # The evidence of 'first' and 'second', which H1 and H0 share; 0 if there are two answers.
-    log_directions = direction_evidence(subject)
+    # H1 and H0 both have this part, which H1 says nothing of.
+    of_direction = direction_evidence(subject)
     _, laplace_evidence = laplace(fitted.target.array, [fitted.maxima])
     by_laplace = float(laplace_evidence[0])
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
         n_trials=subject.total_trials,
-        log_evidence_h1=None if estimate.value is None else estimate.value + log_directions,
+        log_evidence_h1=None if estimate.value is None else estimate.value + of_direction,
         log_evidence_h1_se=estimate.se,
         log_evidence_h0=frequency_evidence(subject),
-        log_evidence_h1_laplace=None if np.isnan(by_laplace) else by_laplace + log_directions,
+        log_evidence_h1_laplace=None if np.isnan(by_laplace) else by_laplace + of_direction,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         pareto_k=estimate.pareto_k,
         answer=answer,

@@ -245,8 +245,8 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None
         rows.append(cells)
 
     title = "Log model evidence. * marks the largest of the four models."
-    numeric = range(1, len(headings))  # all columns but the names
-    out.table_of_subjects(headings, rows, len(rows), file, numeric=numeric, title=title)
+    # All columns but the names are numeric.
+    out.table_of_subjects(headings, rows, len(rows), file, numeric=range(1, 8), title=title)
     out.line()
     out.line(describe_h1(table))
     out.notes(notes_of(table), file=file)

@@ -147,11 +147,10 @@ def corner(
         folder = folder.absolute()  # A worker may be in another folder than this process.
         jobs = []
         for file, group in zip(files, groups, strict=True):
-            sent_draws = draws[group[0]] if len(group) == 1 else draws  # what a worker needs
             job = partial(
                 _save_corner,
                 folder / file,
-                sent_draws,
+                draws[group[0]] if len(group) == 1 else draws,  # It gets the draws that it needs.
                 group,
                 coordinates=coordinates,
                 prior=draws.prior if show_prior else None,

@@ -498,9 +498,8 @@ def draw_population(
     if population != PRIOR:
         drawn = [*assume_observers(population, size, seed, [study_design])]
     else:
-        # All observers of the first model come before those of the next one. The models take turns
-        # instead, so that a few observers have them all.
-        n_each = math.ceil(size / 4)  # of the four models
+        # So many observers of the first model, then of the next one; here the models take turns.
+        n_each = math.ceil(size / 4)
         by_model = assume_observers(PRIOR, n_each, seed, [study_design])
         drawn = []
         for i in range(n_each):

@@ -11,9 +11,10 @@ from itertools import product
 from numbers import Integral
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Record, Rng
+from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Rng
 from bayes_toe.data.messages import join_names
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.design.study_design import StudyDesign, stimulus_columns
@@ -72,7 +73,7 @@ def trial_list(
 
     # A trial is level * n_pairs + pair.
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
-    columns: Record = {"subject": subject}
+    columns: dict[str, npt.ArrayLike] = {"subject": subject}
     if conditions:
         columns["condition"] = np.array(conditions)[level]
     columns["block"] = np.repeat(np.arange(1, blocks + 1), [*map(len, order)])

@@ -12,7 +12,7 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, NamedArrays, Record
+from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.diagnostics import (
     Convergence,
@@ -174,7 +174,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
     natural = {name: quantities[name] for name in target.names.natural}
 
     (_, ess), (_, r_hat) = worst(chains.diagnostics)
-    statistics: Record = {
+    statistics: dict[str, float | int | str] = {
         "converged": int(chains.converged),
         "shortfall": chains.reason,
         "imprecise": chains.imprecise,
