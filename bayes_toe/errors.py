@@ -135,8 +135,9 @@ class InputError(BayesToeError, ValueError):
     def choices(self) -> list[tuple[list[Remedy], list[str]]]:
         """Remedies that are typed together, and when each of them is right.
 
-        The first choice answers every question by its first remedy. Each other remedy is a choice
-        with the first answers to all questions that do not follow from the answer it replaces.
+        The first choice answers every question by its first remedy. Each other remedy makes a
+        choice of its own, where it replaces the first answer to its question. First answers to
+        questions of later steps are not in that choice, since these may not come up.
 
         Examples
         --------
@@ -154,21 +155,15 @@ class InputError(BayesToeError, ValueError):
             first_answers.setdefault(remedy.question, remedy)
         first_choice = [*first_answers.values()]
 
-        options = [f"--{remedy.option} " for remedy in first_choice]
-        meanings = []
-        for remedy in first_choice:
-            # 'for intensities add --unit um' is no news where --unit is typed too.
-            if remedy.meaning and not any(option in remedy.meaning for option in options):
-                meanings.append(remedy.meaning)
-
-        choices = [(first_choice, meanings)]
+        choices = [(first_choice, _meanings_together(first_choice))]
         for remedy in self.remedies:
             if remedy is first_answers[remedy.question]:
                 continue
             answers = {**first_answers, remedy.question: remedy}.values()
-            # A question of a later step may not come up after another answer.
-            typed_together = [answer for answer in answers if answer.step <= remedy.step]
-            choices.append((typed_together, [remedy.meaning]))
+            chosen = [answer for answer in answers if answer.step <= remedy.step]
+            choices.append((chosen, [remedy.meaning]))
+
+        # The options that are typed with these remedies.
         for chosen, _ in choices:
             for remedy in [*chosen]:
                 chosen += remedy.together
@@ -177,6 +172,19 @@ class InputError(BayesToeError, ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         # Errors cross process borders when subjects run in parallel.
         return type(self), (self.problems, self.remedies)
+
+
+def _meanings_together(remedies: Sequence[Remedy]) -> list[str]:
+    """When remedies are right that are typed together.
+
+    'for intensities add --unit um' is no news where --unit is typed too.
+    """
+    options = [f"--{remedy.option} " for remedy in remedies]
+    meanings = []
+    for remedy in remedies:
+        if remedy.meaning and not any(option in remedy.meaning for option in options):
+            meanings.append(remedy.meaning)
+    return meanings
 
 
 def with_next_questions(

@@ -225,6 +225,7 @@ def made_up(step, level):
     return bt.Study([up, down])
 
 
+#: Infinite numbers, an interval that rounds to 0, and per cents from 1000 on.
 FORBIDDEN = re.compile(r"\b(inf|nan)\b|0\.0+ % \[[+-]?0\.0+,|[1-9]\d{3,}(\.\d+)? %")
 
 

@@ -211,7 +211,8 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
     computed = with_history.array.likelihood.plain_value(no_history[None])[0]
     assert computed == pytest.approx(expected, rel=1e-10)
 
-    repeating = no_history + np.eye(len(no_history[0]))[-2]  # kappa is above 0
+    # With a kappa above 0, the answer before becomes more probable.
+    repeating = no_history + np.eye(len(no_history[0]))[-2]
     trials = with_history.rows.trials
     previous = trials.answer[trials.previous]
     change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(

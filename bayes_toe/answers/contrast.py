@@ -317,8 +317,8 @@ def contrast(
         progress=progress,
     )
     contrasts, failed = without_failed(compared, results)
-    rows = list[Difference]()
-    answers = list[OrderEffect]()
+    rows = []
+    answers = []
     for differences, answer in contrasts:
         rows += differences
         if answer is not None:
@@ -345,7 +345,7 @@ def _compared_subjects(
     left_out = {}
     for name, units in units_by_subject(study).items():
         levels = [unit.condition for unit in units]
-        # Whether the subject met both levels of a comparison.
+        # Whether the subject met both levels of any comparison.
         if any(map(set(levels).issuperset, conditions.comparisons)):
             compared[name] = units
         else:
@@ -416,7 +416,8 @@ def subject_contrast(
         error = evidence.bayes_factor_error(differs)
         is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs))
         robust = "yes" if is_robust else "no"
-        values = models.quantities(evidence.averaged(differs).resampled(rng, 4000))
+        draws = evidence.averaged(differs).resampled(rng, 4000)  # all of one weight
+        values = models.quantities(draws)
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
                 pair = levels.index(level), levels.index(reference)
@@ -443,8 +444,8 @@ def _difference(
     p_direction = None
     if quantity == ORDER_EFFECT:
         # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
-        of_contraction = change["contraction"] * scales.first_spread
-        difference = np.hypot(change["constant_error"], of_contraction)
+        contraction_shift = change["contraction"] * scales.first_spread
+        difference = np.hypot(change["constant_error"], contraction_shift)
     else:
         difference = change[observer_name(quantity)]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
@@ -462,7 +463,7 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     all_choices = [*CHOICES, *with_lapses]
     array = models.array(all_choices)
 
-    # Each search starts at the maxima of the first choice, in which nothing differs, but not at
+    # All searches start at the maxima of the first choice, in which nothing differs, but not at
     # those that are 10 nats below the best one.
     first = np.zeros(1, np.intp)
     (shared,) = observer_maxima(array.part(first))

@@ -207,5 +207,5 @@ def frequency_evidence_laplace(subject: Subject) -> float:
     log_complement = np.log(n - k + 1.0) - np.log(n + 2.0)
     log_sigma = 0.5 * (log_q + log_complement - np.log(n + 3.0))
     log_likelihood = k * log_q + (n - k) * log_complement
-    of_counted = float((log_likelihood + log_sigma + 0.5 * LOG_2PI).sum())
-    return of_counted + direction_evidence(subject)
+    log_counted = float((log_likelihood + log_sigma + 0.5 * LOG_2PI).sum())
+    return log_counted + direction_evidence(subject)

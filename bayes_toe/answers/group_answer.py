@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -94,13 +95,13 @@ def _spread(result: PopulationResult, name: str) -> str:
     below = result.in_units(name, mean - sd, unit)
     with np.errstate(invalid="ignore"):  # both may be infinite
         spread = 0.5 * (above - below)
-    *interval, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
+    *interval, upper_bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
 
     is_share = name in _SHARES
     if result.table.row("sd", name).q025 < _SMALL_SD.get(name, 0.0):
         if is_share:
-            return f"at most {100.0 * bound:.0f} %"
-        return f"at most {format_number(bound)} {unit.of_differences}"
+            return f"at most {100.0 * upper_bound:.0f} %"
+        return f"at most {format_number(upper_bound)} {unit.of_differences}"
     if is_share:
         return format_share(interval)
     return format_signed(interval, unit.of_differences, "")
@@ -116,10 +117,10 @@ def group_answer(result: PopulationResult) -> list[str]:
     heading = f"In the group of {len(result.subjects)}{_reference(result)}"
     lines = [f"{badge}{heading}, {constant_error} {capitalized(contraction)}"]
 
-    differences: dict[str, list[str]] = {}  # by the two conditions
+    differences = defaultdict(list)  # by the two conditions
     for comparison, label, difference, factor, word in _comparison_rows(result, "difference"):
         text = f"{label} {difference} ({word}, BF {factor})"
-        differences.setdefault(comparison, []).append(text)
+        differences[comparison].append(text)
     for comparison, texts in differences.items():
         lines.append(f"{badge}Difference {comparison} in the group: {'; '.join(texts)}.")
     return lines

@@ -11,6 +11,7 @@ changes it.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, product
@@ -333,7 +334,7 @@ class OrderEffect:
             for number in self.sizes.get(name, [np.nan] * 3):
                 sizes.append(number if np.isfinite(number) else None)
         # All numbers of the first model, then those of the next one.
-        of_models = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
+        columns = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
         entries = (
             self.subject,
             *map(self.word, QUESTIONS),
@@ -346,7 +347,7 @@ class OrderEffect:
             self.fit_p,
             self.history_p,
             self.moving_criterion_p,
-            *(numbers[model] for model, numbers in of_models),
+            *(numbers[model] for model, numbers in columns),
         )
         return dict(zip(ANSWER_COLUMNS, entries, strict=True))
 
@@ -395,7 +396,7 @@ def format_probability(probability: float) -> str:
     >>> format_probability(0.914), format_probability(0.9999), format_probability(0.0)
     ('= .91', '> .99', '< .01')
     """
-    if probability > 0.995:
+    if probability > 0.995:  # two digits would be 1.00
         return "> .99"
     if probability < 0.005:
         return "< .01"
@@ -619,41 +620,43 @@ def order_effect(
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
-    # Where these pairs cannot tell a contraction from a constant error, both appear as an error,
-    # and an order effect is the sum of them.
-    has_effects = dict(QUESTIONS)
+    # The models that have each effect. Where these pairs cannot tell a contraction from a constant
+    # error, both appear as an error, which is then the whole order effect.
+    with_effect = dict(QUESTIONS)
     if identification.contraction_adds_to_error:
-        has_effects["order_effect"] = HAS_ERROR
-    probabilities, log_bayes_factors = _support(evidence, has_effects)
+        with_effect["order_effect"] = HAS_ERROR
     sizes, upper_bounds, size_flags = _sizes(evidence)
 
     is_interpretable = all(finding.is_interpretable for finding in findings)
     answerable = [question for question in QUESTIONS if question not in identification.reasons]
     words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
     if is_interpretable:
-        words = _words(answerable, probabilities, log_bayes_factors)
+        words = _words(evidence, with_effect, answerable)
 
-    # Findings that forbid an interpretation come first.
-    problems = {}
-    for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
-        problems[finding.words] = Problem(finding.message, finding.option)
-    problems |= _prior_problems(evidence, words, answerable, has_effects)
+    problems = _problems_of_responses(findings)
+    problems |= _prior_problems(evidence, words, answerable, with_effect)
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
-    best = int(np.argmax(evidence.log_evidence))
     screen = screen or SerialScreen()
+    # `in_study` adds the flags of p-values, whose limits depend on the number of subjects. It is
+    # called again where there are several.
     return OrderEffect(
         subject=evidence.subject.name,
         words=words,
         direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
         is_interpretable=is_interpretable,
-        probabilities=probabilities,
-        log_bayes_factors=log_bayes_factors,
+        probabilities={
+            question: evidence.probability(models) for question, models in with_effect.items()
+        },
+        log_bayes_factors={
+            question: evidence.log_bayes_factor(models) for question, models in with_effect.items()
+        },
         sizes=sizes,
         upper_bounds=upper_bounds,
         unit=evidence.subject.unit,
-        best_model=MODEL_NAMES[best],
+        best_model=MODEL_NAMES[np.argmax(evidence.log_evidence)],
+        # NaN if the fit is not testable.
         fit_p=fit.fit_p if fit is not None and np.isfinite(fit.fit_p) else None,
         history_p=screen.joint_p,
         moving_criterion_p=screen.moving_criterion_p,
@@ -668,31 +671,32 @@ def order_effect(
 
 
 def _words(
-    answerable: Sequence[str], probabilities: _Numbers, log_bayes_factors: _Numbers
+    models: ModelSet, with_effect: Mapping[str, BoolArray], answerable: Sequence[str]
 ) -> dict[str, Word]:
-    """The word for each question; `answerable` has those that the design can answer."""
+    """The word for each question.
+
+    `with_effect` has, for each question, which models say yes to it. `answerable` has the questions
+    that the design can answer.
+    """
     words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
     for question in answerable:
-        words[question] = word_for(probabilities[question], log_bayes_factors[question])
+        has_effect = with_effect[question]
+        probability = models.probability(has_effect)
+        words[question] = word_for(probability, models.log_bayes_factor(has_effect))
     return words
+
+
+def _problems_of_responses(findings: Sequence[Finding]) -> dict[str, Problem]:
+    """Problems by their flags; those that forbid an interpretation come first."""
+    problems = {}
+    for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
+        problems[finding.words] = Problem(finding.message, finding.option)
+    return problems
 
 
 def _by_model(values: FloatArray) -> _Numbers:
     """Values of the four models by their names."""
     return dict(zip(MODEL_NAMES, values.tolist(), strict=True))
-
-
-def _support(models: ModelSet, has_effects: Mapping[str, BoolArray]) -> tuple[_Numbers, _Numbers]:
-    """Posterior probabilities and log Bayes factors by question.
-
-    `has_effects` has, for each question, which models say yes to it.
-    """
-    probabilities = {}
-    log_bayes_factors = {}
-    for question, has_effect in has_effects.items():
-        probabilities[question] = models.probability(has_effect)
-        log_bayes_factors[question] = models.log_bayes_factor(has_effect)
-    return probabilities, log_bayes_factors
 
 
 def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str]]:
@@ -781,7 +785,7 @@ def _prior_problems(
     evidence: OrderEvidence,
     words: Mapping[str, Word],
     answerable: Sequence[str],
-    has_effects: Mapping[str, BoolArray],
+    with_effect: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
     """The flag of questions whose `yes` or `no` another prior scale leaves undecided.
 
@@ -791,10 +795,10 @@ def _prior_problems(
     for effect in (CONSTANT_ERROR, CONTRACTION):
         for width, factor in (("half", 0.5), ("twice", 2.0)):
             models = evidence.with_prior_scale(effect, factor)
-            rescaled_words.append((width, _words(answerable, *_support(models, has_effects))))
+            rescaled_words.append((width, _words(models, with_effect, answerable)))
 
     # The first change of each question; questions with the same change share a sentence.
-    questions_by_change: dict[str, list[str]] = {}
+    questions_by_change = defaultdict(list)
     for question in answerable:
         word = words[question]
         for width, rescaled in rescaled_words:
@@ -802,7 +806,7 @@ def _prior_problems(
                 change = (
                     f"A prior {width} as wide changes {{}} from '{word}' to '{rescaled[question]}'."
                 )
-                questions_by_change.setdefault(change, []).append(question.replace("_", " "))
+                questions_by_change[change].append(question.replace("_", " "))
                 break
     if not questions_by_change:
         return {}

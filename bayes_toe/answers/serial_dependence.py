@@ -21,7 +21,7 @@ import pandas as pd
 from bayes_toe.answers.order_effect import PROBABILITIES, QUANTILES, format_decimals
 from bayes_toe.answers.serial_screen import SerialScreen, subject_screen
 from bayes_toe.answers.words import word_for
-from bayes_toe.arrays import FloatArray, StrPath
+from bayes_toe.arrays import FloatArray, Record, StrPath
 from bayes_toe.data.messages import format_estimate
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -150,7 +150,7 @@ class SubjectDependence:
     @property
     def cells(self) -> Mapping[str, object]:
         """The entries of :data:`HISTORY_COLUMNS`, without those that are empty."""
-        cells: dict[str, object] = {
+        cells: Record = {
             "subject": self.subject,
             "best_history": self.best_history,
             "history_p": self.screen.joint_p,
@@ -222,10 +222,10 @@ def serial_dependence(
     require_study(study)
     for subject in study:
         require_order(subject)
-    chosen_prior = prior_for(study, prior)
+    study_prior = prior_for(study, prior)
     root = resumed_seed(seed, keep)
     results = run_stored(
-        partial(_dependences, seed=root, prior=chosen_prior.observer),
+        partial(_dependences, seed=root, prior=study_prior.observer),
         study.subjects,
         study.names,
         seed=root,
@@ -240,7 +240,7 @@ def serial_dependence(
             rows.append(SubjectDependence(name, note=str(result)))
         else:
             rows.append(result)
-    return SerialDependence(tuple(rows), study, root, chosen_prior)
+    return SerialDependence(tuple(rows), study, root, study_prior)
 
 
 def _dependences(

@@ -167,12 +167,12 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     answered = np.flatnonzero(trials.is_answered)
 
     residual = np.zeros(len(answered))
-    positions = []  # of the trials of each pair among the answered ones
+    rows_by_pair = []  # where the trials of each pair stand among the answered ones
     for i in range(subject.n_pairs):
-        of_pair = np.flatnonzero(trials.pair[answered] == i)
-        is_yes = trials.answer[answered[of_pair]] > 0.0
-        residual[of_pair] = is_yes - is_yes.mean()
-        positions.append(of_pair)
+        rows = np.flatnonzero(trials.pair[answered] == i)
+        is_yes = trials.answer[answered[rows]] > 0.0
+        residual[rows] = is_yes - is_yes.mean()
+        rows_by_pair.append(rows)
     if not residual.any():
         return None
 
@@ -197,8 +197,8 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     def simulate(size: int) -> FloatArray:
         """Statistics of so many sequences with the answers to each pair in random order."""
         shuffled = np.tile(residual, (size, 1))
-        for of_pair in positions:
-            shuffled[:, of_pair] = rng.permuted(shuffled[:, of_pair], axis=1)
+        for rows in rows_by_pair:
+            shuffled[:, rows] = rng.permuted(shuffled[:, rows], axis=1)
         return statistic(shuffled)
 
     return simulated_p_value(float(statistic(residual[None])[0]), simulate)

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 
 from bayes_toe.answers.group_answer import LABELS, log_factor_of_mean
@@ -180,8 +180,10 @@ def _direction(answer: OrderEffect, effect: str) -> str:
     has_positive_sign = answer.first_is_overestimated
     if effect == CONTRACTION.name:
         has_positive_sign = answer.direction == "contraction"
+    if has_positive_sign is None:
+        return ""
     positive, negative = _DIRECTIONS[effect]
-    return {True: positive, False: negative, None: ""}[has_positive_sign]
+    return positive if has_positive_sign else negative
 
 
 def _direction_sentences(
@@ -296,10 +298,10 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     >>> count_words(words, " of 4 subjects")
     '3 of 4 subjects yes (2 contraction, 1 repulsion), 1 no'
     """
-    directions = dict[str, list[str]]()  # of each word; '' where it has none
+    directions = defaultdict(list)  # of each word; '' where it has none
     for text in sorted(words):
         word, _, direction = text.removesuffix(")").partition(" (")
-        directions.setdefault(word, []).append(direction)
+        directions[word].append(direction)
 
     texts = []
     for word in Word:

@@ -76,7 +76,7 @@ class Job:
             record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
             is_complete = {"seed", "options", "created"}.issubset(record)
             names = record["files"]
-            has_good_names = names and [*map(file_name, names)] == names
+            has_good_names = names and [*map(file_name, names)] == names  # safe names stay
             if is_complete and has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
                 return record
         except (OSError, ValueError, TypeError, LookupError, RecursionError):
@@ -97,7 +97,7 @@ class Job:
         }
         contents = {**files, RECORD: json.dumps(record).encode()}
         with whole_folder(self.folder, [*contents], overwrite=True) as folder:
-            folder.chmod(0o700)
+            folder.chmod(0o700)  # for this user only
             for name, content in contents.items():
                 (folder / name).write_bytes(content)
 
@@ -209,7 +209,7 @@ def home_lock(home: Path) -> Iterator[None]:
     """
     locks = home / _LOCKS
     with reporting(home):
-        home.mkdir(mode=0o700, parents=True, exist_ok=True)
+        home.mkdir(mode=0o700, parents=True, exist_ok=True)  # for this user only
         locks.mkdir(mode=0o700, exist_ok=True)
         foreign_files = {path.name for path in locks.iterdir()} - {_SERVER, _RUN}
         if locks.is_symlink() or foreign_files:

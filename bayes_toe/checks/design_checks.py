@@ -222,7 +222,7 @@ def _similar_names(names: Iterable[str]) -> Findings:
 
     They look the same but for case, invisible characters and spaces, or are the same number.
     """
-    groups = defaultdict[str, list[str]](list)
+    groups = defaultdict(list)
     for name in names:
         groups[_look(name)].append(name)
     for look, alike in groups.items():
@@ -292,9 +292,10 @@ def _prior_scale(study: Study, prior: Prior) -> Findings:
 
 def identification_findings(study: Study) -> Findings:
     """Questions that cannot be told, with the reason, once if it holds for all subjects."""
-    names_by_message = defaultdict[str, list[str]](list)
+    names_by_message = defaultdict(list)
     for subject in study:
-        questions_by_reason = defaultdict[str, list[str]](list)
+        # One sentence for all questions of the subject that have the same reason.
+        questions_by_reason = defaultdict(list)
         for question, reason in identify(subject).reasons.items():
             questions_by_reason[reason].append(question.replace("_", " "))
         for reason, questions in questions_by_reason.items():
@@ -302,7 +303,7 @@ def identification_findings(study: Study) -> Findings:
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
         if len(names) == len(study):
-            names = [""]
+            names = [""]  # a finding about the whole study
         for name in names:
             yield Finding(name, "not_identified", message)
 
@@ -386,9 +387,9 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
     for unit in units:
         if unit.answers is None or unit.answers.span is None:
             return ""
-        spans.append((unit.answers.span, unit.condition))
+        spans.append((*unit.answers.span, unit.condition))  # first and last trial
     spans.sort()
-    overlaps = [earlier[1] >= later[0] for (earlier, _), (later, _) in pairwise(spans)]
+    overlaps = [end >= next_start for (_, end, _), (next_start, _, _) in pairwise(spans)]
     if len(spans) == 1 or any(overlaps):
         return ""
-    return ", ".join(condition for _, condition in spans)
+    return ", ".join(condition for _, _, condition in spans)

@@ -188,11 +188,11 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         total = plural(len(maxima), "subject")
         sentences = ["The counts are for the pair of each subject whose two orders differ most."]
         for sign, stimulus in ((1, "stronger"), (-1, "weaker")):
-            of_sign = [row for row in maxima if sign * row.asymmetry > 0]
-            significant = sum(row.p_value < 0.05 for row in of_sign)
-            corrected = sum(row.p_adjusted < 0.05 for row in of_sign)
+            rows = [row for row in maxima if sign * row.asymmetry > 0]
+            significant = sum(row.p_value < 0.05 for row in rows)
+            corrected = sum(row.p_adjusted < 0.05 for row in rows)
             sentences.append(
-                f"{len(of_sign)} of {total} gave more {self.share_of} responses with the {stimulus}"
+                f"{len(rows)} of {total} gave more {self.share_of} responses with the {stimulus}"
                 " stimulus first than in the other order. The difference is significant "
                 f"(p < .05) in {significant} of them, in {corrected} after Holm's correction."
             )

@@ -103,7 +103,7 @@ class PenalisedLikelihood:
         # are at the same distance: a symmetric design has equal maxima on both sides.
         mu1 = sbar + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)
-        gammas = (0.01, 0.1, 0.3, 0.9)
+        gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
         shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
         if self.subject.task.lapses == "q0":  # P(equal) without a difference, near 1
             shares = 1.0 - shares
@@ -197,7 +197,7 @@ class PenalisedLikelihood:
         names = ("mu1", "width", "gamma", self.subject.task.lapses)
         reached = []
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
-            if np.abs(bounds - value).min() < 1e-6:
+            if np.abs(bounds - value).min() < 1e-6:  # on a bound, but for rounding
                 number = round(value, 6)  # 1, not the bound 1 - 1e-9
                 if name == "width":  # its coordinate is the logarithm
                     number = np.exp(value)
@@ -415,10 +415,10 @@ def subject_fit(
     """
     likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    counts = np.vstack([subject.n_yes, resampled])  # the first row is the fit's own
+    counts = np.vstack([subject.n_yes, resampled])  # the subject's, then those of the bootstrap
     searches = [*map(likelihood.search, counts, likelihood.starts(counts))]
     natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
-    n_failed = sum(not maxima.has_converged[maxima.is_highest].any() for maxima in searches)
+    has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in searches]
 
     # What differs between equally high maxima is not determined.
     maxima = searches[0]
@@ -434,5 +434,5 @@ def subject_fit(
         float(maxima.value.max() + penalty),
         likelihood.reached_bounds(maxima.best),
         natural[1:],
-        n_failed,
+        sum(has_failed),
     )

@@ -86,7 +86,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
             # A capital letter follows the end of a sentence, but not that of 'a.u.'.
             sentence = re.split(r"\. (?=[A-Z])", findings[0].message)[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
-        short = textwrap.shorten(problem, 52, placeholder="...")
+        short = textwrap.shorten(problem, 52, placeholder="...")  # so that the row is one line
         # The row has the first sentence of the first finding, if it is not too long.
         full_findings += findings if short != problem else findings[1:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
@@ -96,7 +96,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
     if n_others:
         rows.append([f"{n_others:,} more" if rows else f"all {n_others:,}", "", "", "none"])
     out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, (1, 2))
-    out.notes((item.subject, item.message, "") for item in full_findings)
+    out.notes((finding.subject, finding.message, "") for finding in full_findings)
 
 
 def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[str]]:
@@ -163,8 +163,10 @@ def _limits_of_design(study: Study, findings: Findings) -> list[str]:
             share = "" if n == len(study) else f" ({n} of {all_subjects})"
             effects.append(f"a {effect.replace('_', ' ')}{share}")
     lines = [f"The design can show {join_words(effects)}."] if effects else []
-    limits = [item for item in findings if item.code == "not_identified"]
-    for subjects, message, _ in merge_notes((item.subject, item.message, "") for item in limits):
+    limits = [finding for finding in findings if finding.code == "not_identified"]
+    for subjects, message, _ in merge_notes(
+        (finding.subject, finding.message, "") for finding in limits
+    ):
         if subjects:  # none are named if the limit holds for the whole study
             message = f"{message.rstrip('.')} ({len(subjects)} of {all_subjects})."
         lines.append(message)

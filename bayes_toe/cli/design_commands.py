@@ -90,46 +90,57 @@ def power(
     [bold]Example[/bold]: bayes-toe power design.csv --trials 240 --subjects 10,20,40 --seed 1
     """
     from bayes_toe.cli.design_screens import print_groups, print_power
-    from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS, assume_observers
-    from bayes_toe.design.power import designs_by_task, group_power
+    from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS
+    from bayes_toe.design.power import group_power
     from bayes_toe.model.prior_file import preset_or_file
 
-    numbers = _whole_numbers("--trials", plan.trials)
-    sizes = []
+    numbers_of_trials = _whole_numbers("--trials", plan.trials)
+    numbers_of_subjects = []
     observers = plan.observers
     # Studies of several subjects also simulate how subjects differ.
     if plan.subjects is not None:
-        sizes = _whole_numbers("--subjects", plan.subjects, 2)
+        numbers_of_subjects = _whole_numbers("--subjects", plan.subjects, 2)
         observers = observers or GROUPS
 
     context.require_folder(output, _POWER_FILES)
     designs = plan.designs(design or ())
-    n_data_sets = 0
-    for task_designs in designs_by_task(designs):
-        # Only the number of kinds is used here, but a bad file is refused before any work.
-        assumed = assume_observers(observers, plan.simulated, 0, list(task_designs.values()))
-        n_data_sets += len(task_designs) * len(numbers) * len(assumed)
     table = context.work(
         "simulating and analysing",
-        n_data_sets,
+        len(numbers_of_trials) * _count_simulated(designs, observers, plan.simulated),
         bt.design.power,
         designs,
-        numbers,
+        numbers_of_trials,
         observers,
         data_sets=plan.simulated,
         prior=context.prior,
     )
-    groups = group_power(table, sizes, preset_or_file(context.prior).observer)
+    groups = group_power(table, numbers_of_subjects, preset_or_file(context.prior).observer)
     _write_power(table, groups, output, overwrite=context.overwrite)
 
-    if sizes:
+    if numbers_of_subjects:
         print_groups(context.out, table, groups, bt.ReadOptions(unit=plan.unit).stimulus_unit)
+        sentences = groups.sentences()
     else:
         print_power(context.out, table)
+        sentences = table.sentences()
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
-    sentences = (groups if sizes else table).sentences()
     context.out.answer([*sentences, f"Tables and figure in {output}. Seed {table.seed}."])
+
+
+def _count_simulated(designs: Mapping[str, StudyDesign], observers: str | None, n_each: int) -> int:
+    """The number of data sets for each number of trials, `n_each` for every kind of observers.
+
+    A bad file of observers is refused here, before any work.
+    """
+    from bayes_toe.design.observers import assume_observers
+    from bayes_toe.design.power import designs_by_task
+
+    n_data_sets = 0
+    for task_designs in designs_by_task(designs):
+        assumed = assume_observers(observers, n_each, 0, list(task_designs.values()))
+        n_data_sets += len(task_designs) * len(assumed)
+    return n_data_sets
 
 
 def _write_power(

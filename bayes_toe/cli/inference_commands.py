@@ -245,6 +245,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None
         rows.append(cells)
 
     title = "Log model evidence. * marks the largest of the four models."
+    # All columns but the names are numeric.
     out.table_of_subjects(headings, rows, len(rows), file, numeric=range(1, 8), title=title)
     out.line()
     out.line(describe_h1(table))

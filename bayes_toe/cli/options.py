@@ -190,6 +190,7 @@ class StudyFile:
                 "Allowed: --example 2afc, --example same-different."
             )
 
+        # A wrong name of a task is refused before a file is read.
         question = self.reading.get("task")
         task = None if question is None else task_of(question)
         if self.example:

@@ -218,8 +218,8 @@ def _subjects(
             messages[finding.subject].append(finding.message)
 
     summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
-    parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
-    for i, (counts, row, answer, asymmetry) in enumerate(parts):
+    sections = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
+    for i, (counts, row, answer, asymmetry) in enumerate(sections):
         name = counts.name
         log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []

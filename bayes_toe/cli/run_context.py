@@ -346,8 +346,9 @@ def print_error(error: BayesToeError, command: str) -> None:
 
     for problem in problems.split("\n"):
         print_labelled("error:", visible(problem))
+    # Meanings begin in one column, behind the longest option, but not behind a very long one.
     width = min(max((len(typed) for typed, _ in choices), default=0), 40)
-    label = "type:"
+    label = "type:"  # before the first choice
     for typed, meanings in choices:
         # One meaning stands beside the option, several below.
         line = typed
@@ -364,6 +365,7 @@ def print_labelled(label: str, text: str) -> None:
     """Print a text on standard error behind a label; a terminal gets lines of 80 columns."""
     lines = [text]
     if sys.stderr.isatty():
+        # The label takes 7 columns.
         lines = wrap(text, WIDTH - 7, break_long_words=False, break_on_hyphens=False)
     for line in lines:
         typer.echo(f"{label:<7}{line}", err=True)

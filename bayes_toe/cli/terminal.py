@@ -160,7 +160,7 @@ def _wrap_glued(text: str, width: int, **options: Any) -> list[str]:
     return [line.replace(_GLUE, " ") for line in lines]
 
 
-def note_lines(mark: str, subjects: Texts, text: str, option: str = "") -> list[str]:
+def note_lines(mark: str, subjects: Texts, text: str, option: str) -> list[str]:
     """A note with its mark and subjects, and under it what to type.
 
     Examples
@@ -356,6 +356,7 @@ def merge_notes(notes: Iterable[Note]) -> list[tuple[list[str], str, str]]:
     >>> merge_notes([("A", "few trials", ""), ("B", "few trials", "")])
     [(['A', 'B'], 'few trials', '')]
     """
+    # The subjects of each text and option, each once and in their order.
     merged: dict[tuple[str, str], dict[str, None]] = {}
     for subject, text, option in notes:
         subjects = merged.setdefault((text, option), {})

@@ -135,20 +135,21 @@ def corner(
     quantity_names(draws.posterior(names[0]), coordinates)  # raises for an unknown name
 
     # Subjects that are named share a figure; otherwise each has one.
+    groups = [names] if subject else [(name,) for name in names]
     stems = file_stems(draws.names)
-    subjects_of_file = {}
-    for group in [names] if subject else [(name,) for name in names]:
+    files = []
+    for group in groups:
         joint_stem = "+".join(stems[name] for name in group)
-        subjects_of_file[f"{joint_stem}.{ending}"] = group
-    files = list(subjects_of_file)
+        files.append(f"{joint_stem}.{ending}")
 
     context.require_folder(output, files)
     with whole_folder(output, files, overwrite=context.overwrite) as folder:
+        folder = folder.absolute()  # A worker may be in another folder than this process.
         jobs = []
-        for file, group in subjects_of_file.items():
+        for file, group in zip(files, groups, strict=True):
             job = partial(
                 _save_corner,
-                folder.absolute() / file,  # A worker may be in another folder than this process.
+                folder / file,
                 draws[group[0]] if len(group) == 1 else draws,  # It gets the draws that it needs.
                 group,
                 coordinates=coordinates,

@@ -393,7 +393,10 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
 
 
 def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
-    """The file's names for these roles, without roles that have several candidates or none."""
+    """The file's names for these roles, without roles that have several candidates or none.
+
+    A role that the options name, or that is itself a name in the file, needs no other one.
+    """
     # With a standard and a comparison, nothing is read from columns such as s1.
     unused = _STIMULI if options.has_standard else ()
     names_in_use = {options.name(role) for role in COLUMNS if role not in unused}
@@ -480,6 +483,7 @@ def _absent_columns(missing: Texts) -> str:
 
 def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
+    # n_first does not count here: three columns are allowed with it, and only with it.
     answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or answers in (["response", "n_equal"], ["response", "n_second"]):
         first, *other_columns = [display_name(options.name(role)) for role in answers]

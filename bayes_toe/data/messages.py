@@ -183,10 +183,10 @@ def format_p_value(value: float) -> str:
     """
     if value < 0.001:
         return "< .001"
-    # A number below 0.095 rounds to .09 or less, and one below 0.0095 to .009 or less: each 0 after
-    # the point needs a further decimal.
-    digits = 2 + (value < 0.095) + (value < 0.0095)
-    return f"{value:.{digits}f}".removeprefix("0")
+    # From 0.095 on, which rounds to .10, two decimals show two digits. A smaller number needs a
+    # third decimal, and one below 0.0095 a fourth.
+    n_decimals = 2 + (value < 0.095) + (value < 0.0095)
+    return f"{value:.{n_decimals}f}".removeprefix("0")
 
 
 def describe_p_value(value: float) -> str:

@@ -154,8 +154,8 @@ class ReadOptions:
     def __post_init__(self) -> None:
         self._strip_texts()
         problems = [*self._value_problems()]
-        # Codes of two tasks are allowed where tasks may be the condition: the options with which
-        # each task is then read have no condition, and are checked.
+        # Where a condition is named, its levels may be two tasks, each with its codes. Each task is
+        # then read with options of its own, which have no condition, and are checked here.
         if self.condition is None:
             problems += self._code_problems()
         problems += self._name_problems()

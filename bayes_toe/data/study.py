@@ -381,8 +381,9 @@ class Study:
         if repeated:
             raise InputError(f"subject names must be unique, repeated: {join_names(repeated)}")
 
+        # A dict has one task at each level, so that it is shorter if a level has two tasks.
         tasks_at_levels = {(subject.condition, subject.task) for subject in subjects}
-        if len(tasks_at_levels) > len(dict(tasks_at_levels)):  # two tasks at one level
+        if len(tasks_at_levels) > len(dict(tasks_at_levels)):
             raise InputError(
                 "every subject of a study must have been asked the same: same or different, which "
                 "is stronger, or three answers"

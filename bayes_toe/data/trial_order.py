@@ -7,6 +7,7 @@ missing trial numbers and times, and reports rows that repeat a trial number.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,18 @@ from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
 
 #: Columns of runs in which numbers of trials may begin anew, the shortest run first.
 _RUNS = ("block", "session")
+
+
+class _Order(NamedTuple):
+    """What orders the rows of a file."""
+
+    trial: FloatArray  # numbers of trials, (rows,); NaN without a number
+    iti: FloatArray | None  # seconds since the trial before, (rows,); NaN where they are not known
+    # The run of each row, (rows, 1 and kinds of runs): all rows are one, which has blocks and
+    # sessions.
+    runs: IntArray
+    block: IntArray | None  # index in `blocks`, (rows,)
+    blocks: tuple[str, ...]
 
 
 def answers_in_order(
@@ -41,18 +54,7 @@ def answers_in_order(
     unit = columns["subject"]
     subject = _without_conditions(columns)
     rows_with_pair = subject.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
-
-    runs = {name: _ranked(table, columns[name]) for name in filter(columns.__contains__, _RUNS)}
-    blocks, block_rank = runs.get("block", ((), None))
-    # Shape (rows, 1 and kinds of runs): all rows are one run, which has blocks and sessions.
-    ranks = np.column_stack([np.zeros(len(pairs), np.int64), *(rank for _, rank in runs.values())])
-    trial = times = np.full(len(pairs), np.nan)
-    is_numbered = is_trials and "trial" in columns
-    if is_numbered:
-        trial = numbers(table, columns["trial"])
-    if "iti" in columns:
-        times = numbers(table, columns["iti"])
-        times[times < 0.0] = np.nan
+    order = _order_of_rows(table, columns)
 
     answers = {}
     unordered = []
@@ -62,29 +64,29 @@ def answers_in_order(
         rows = answered_rows
         place = None
         iti = None
-        if is_numbered:
+        if is_trials and "trial" in columns:
             subject_name = subject.text(answered_rows[0])
             # Trials without an answer, and in other conditions, are part of the order. But rows
             # without an answer may be no trials, and have no order.
-            ordered = _ordered((rows_with_pair[subject_name], answered_rows), trial, ranks)
+            ordered = _ordered((rows_with_pair[subject_name], answered_rows), order)
             if ordered is None:
                 unordered.append(display_name(name))
             else:
                 rows = ordered
                 # Memory ends where a run of the longest kind ends.
-                place, n_absent = _places(trial[rows], ranks[rows, -1])
+                place, n_absent = _places(order.trial[rows], order.runs[rows, -1])
                 if n_absent:
                     n_missing[subject_name] = n_absent
-                if "iti" in columns:
-                    iti = times[rows]
+                if order.iti is not None:
+                    iti = order.iti[rows]
 
         # Trials of other units have no answers here.
         is_own_row = unit.codes[rows] == unit.codes[answered_rows[0]]
         in_order = Answers(
             keys=pairs[rows],
             **{key: np.where(is_own_row, values[rows], 0) for key, values in counts.items()},
-            block=None if block_rank is None else block_rank[rows],
-            blocks=blocks,
+            block=None if order.block is None else order.block[rows],
+            blocks=order.blocks,
             has_trial_rows=is_trials,
             place=place,
             iti=iti,
@@ -96,6 +98,30 @@ def answers_in_order(
 
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
     return answers, notes, _repeat_doubts(table, columns, pairs, counts, unordered)
+
+
+def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
+    """The columns that order rows; without numbers of trials, these are NaN."""
+    n_rows = len(table.rows)
+    trial = np.full(n_rows, np.nan)
+    if "trial" in columns:
+        trial = numbers(table, columns["trial"])
+    iti = None
+    if "iti" in columns:
+        iti = numbers(table, columns["iti"])
+        iti[iti < 0.0] = np.nan
+
+    runs = [np.zeros(n_rows, np.int64)]
+    blocks: tuple[str, ...] = ()
+    block = None
+    for name in _RUNS:
+        if name in columns:
+            names, run = _ranked(table, columns[name])
+            runs.append(run)
+            if name == "block":
+                blocks = names
+                block = run
+    return _Order(trial, iti, np.column_stack(runs), block, blocks)
 
 
 def _without_conditions(columns: Columns) -> Column:
@@ -138,21 +164,20 @@ def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray
     return names, index_of_code[column.codes]
 
 
-def _ordered(
-    choices: Sequence[IndexArray], trial: FloatArray, ranks: IntArray
-) -> IndexArray | None:
+def _ordered(choices: Sequence[IndexArray], order: _Order) -> IndexArray | None:
     """The first choice of rows whose order is known, in this order; None if there is none.
 
     The order is that of the numbers of trials; where these are not unique, that of blocks and the
     numbers in them; else that of sessions, blocks and numbers.
     """
     for rows in choices:
-        for n_ranks in range(1, ranks.shape[1] + 1):
-            keys = (trial[rows], *ranks[rows, :n_ranks].T)
-            order = np.lexsort(keys)  # the last key counts first
-            is_unique = len(run_starts(*(key[order] for key in keys))) == len(rows)
-            if is_unique and not np.isnan(trial[rows]).any():
-                return rows[order]
+        trial = order.trial[rows]
+        for n_kinds in range(1, order.runs.shape[1] + 1):
+            keys = (trial, *order.runs[rows, :n_kinds].T)
+            index = np.lexsort(keys)  # the last key counts first
+            is_unique = len(run_starts(*(key[index] for key in keys))) == len(rows)
+            if is_unique and not np.isnan(trial).any():
+                return rows[index]
     return None
 
 

@@ -194,8 +194,10 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
 
         is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
+        # A row without a stimulus is no trial.
         is_other = ~is_marked & ~empty(table.columns[options.name(options.stimuli[0])])
-        n_marked = np.bincount(subject, is_marked)  # of each subject
+        # Of each subject.
+        n_marked = np.bincount(subject, is_marked)
         n_others = np.bincount(subject, is_other)
         if not (n_marked * n_others).any():  # no subject has both
             continue

@@ -124,6 +124,7 @@ def information(
     # The root of q/(1 - q), (observers, pairs of all questions), times the slopes of log q.
     odds_root = np.exp(0.5 * (answers.yes - answers.no))[0] * np.sqrt(n_asked)
     scaled_slopes = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
+    # From (observers, pairs of all questions, k) to (observers, pairs, questions, k).
     rows = np.stack(np.split(scaled_slopes, n_questions, axis=1), axis=2)
 
     curvature = posterior.array.prior_slopes(points)[1][0]  # (observers, k)

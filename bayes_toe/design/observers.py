@@ -257,7 +257,6 @@ def assume_observers(
         # The scales of the prior are those of all pairs together.
         pairs = pooled([design.unanswered for design in designs])
         return _from_prior(prior, pairs, size, seed)
-    observers: Sequence[Observer]
     if source is not None and not isinstance(source, StrPath):
         observers = source
     elif source is not None and Path(source).suffix == ".nc":
@@ -302,13 +301,16 @@ def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool)
     observers = []
     for kind, effects in kinds.items():
         ranges = {**common, **effects}
-        parts = {key: generator(seed, kind, key, "even").permutation(size) for key in ranges}
+        # Which part of the range of a parameter each observer has.
+        order_of_parts = {
+            key: generator(seed, kind, key, "even").permutation(size) for key in ranges
+        }
         for i in range(size):
             name = f"{kind} {i + 1}"
             rng = generator(seed, name, "observer")
             values = {}
             for key, (low, high) in ranges.items():
-                position = (parts[key][i] + 0.5) / size if is_even else rng.uniform()
+                position = (order_of_parts[key][i] + 0.5) / size if is_even else rng.uniform()
                 values[key] = float(low + (high - low) * position)
             observers.append(make_observer(name, kind, values, task))
     return observers

@@ -281,14 +281,16 @@ def optimal_design(
     """
     goal = goal or DesignGoal()
     root = root_seed(seed)
-    own_prior = preset_or_file(prior).observer
+    observer_prior = preset_or_file(prior).observer
     levels = np.unique(np.asarray(levels, np.float64))
     plane = _pairs_to_show(levels, goal)
     # Five observers of each kind are enough for the information: the power needs more.
-    assumed = assume_observers(observers, 5, root, [plane], own_prior)
-    power_observers = assume_observers(observers, data_sets, root, [plane], own_prior, is_even=True)
+    assumed = assume_observers(observers, 5, root, [plane], observer_prior)
+    power_observers = assume_observers(
+        observers, data_sets, root, [plane], observer_prior, is_even=True
+    )
 
-    best, worth = best_design(levels, trials, goal, assumed, own_prior)
+    best, worth = best_design(levels, trials, goal, assumed, observer_prior)
     designs = {OPTIMISED: best}
     even = even_design(levels, goal, assumed)
     if even.n_pairs <= trials:
@@ -296,7 +298,7 @@ def optimal_design(
     if goal.is_even:  # the design that is asked for comes first
         designs = dict(reversed(designs.items()))
     simulated = simulate_power(
-        [*designs.items()], power_observers, root, own_prior, workers, progress
+        [*designs.items()], power_observers, root, observer_prior, workers, progress
     )
     table = PowerTable.from_data_sets(simulated, root)
     return OptimalDesign(designs, table, plane, worth)

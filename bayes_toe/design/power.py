@@ -164,7 +164,7 @@ class PowerTable(Table[PowerEstimate]):
     def __getitem__(self, key: tuple[str, int, str, str, str]) -> PowerEstimate:
         """A row, by (design, trials, kind of observers, quantity, answer)."""
         for row in self.rows:
-            if row[:5] == key:
+            if row[:5] == key:  # the fields that distinguish a row
                 return row
         raise InputError(
             f"nothing counted for {key!r}; answers: {join_names(self.different('answer'))}"
@@ -214,15 +214,15 @@ class PowerTable(Table[PowerEstimate]):
             else:
                 false_positives.append(f"false positives {estimate.percent}")
         effects.sort(key=attrgetter("value"))
-        parts = []
+        findings = []
         if effects:
-            parts.append(f"{effects[0].observers} detected in {effects[0].percent}")
+            findings.append(f"{effects[0].observers} detected in {effects[0].percent}")
         if len(effects) > 1:
             # Rounded down, because it is a lower bound; 29 % is 28.999... in floating point.
             percent = math.floor(round(100 * effects[1].value, 6))
             least = "at least " if percent < 100 else ""
-            parts.append(f"every other effect in {least}{percent} %")
-        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(parts + false_positives)}."
+            findings.append(f"every other effect in {least}{percent} %")
+        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(findings + false_positives)}."
         for question in QUESTIONS:
             if self.is_unknown(design, trials, question):
                 text += f" {capitalized(question.replace('_', ' '))}: {Word.CANNOT_BE_TOLD}."
@@ -308,17 +308,17 @@ def power(
     2
     """
     root = root_seed(seed)
-    own_prior = preset_or_file(prior).observer
+    observer_prior = preset_or_file(prior).observer
     simulated = list[DataSet]()
     for designs in designs_by_task(name_designs(design)):
         assumed = assume_observers(
-            observers, data_sets, root, list(designs.values()), own_prior, is_even=True
+            observers, data_sets, root, list(designs.values()), observer_prior, is_even=True
         )
         planned = []
         for name, pairs in designs.items():
             for total in dict.fromkeys(trials):  # each number once
                 planned.append((name, pairs.with_total(total)))
-        simulated += simulate_power(planned, assumed, root, own_prior, workers, progress)
+        simulated += simulate_power(planned, assumed, root, observer_prior, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
 
 

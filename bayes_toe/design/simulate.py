@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, IntArray, Rng
+from bayes_toe.arrays import FloatArray, IntArray, Record, Rng
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
@@ -134,6 +134,7 @@ def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
     sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))  # gamma = (sigma_l / sigma_p)^2
     beta = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
     q0_or_lapse_rate = rng.beta(*beta, size)
+    # Every sixteenth one is that of inset C.
     mu1[15::16] = -0.6
     sigma_l[15::16] = 0.02
     rows = zip(subject_names(size), mu1, sigma_p, sigma_l, q0_or_lapse_rate, strict=True)
@@ -258,9 +259,9 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
     {'contraction': (0.2, 0.1), 'noise': (0.3, 0.0)}
     """
     sizes = {}
-    parts = differ.split(",") if differ else []
-    for part in parts:
-        text, _, value = part.partition("=")
+    texts = differ.split(",") if differ else []
+    for difference in texts:
+        text, _, value = difference.partition("=")
         name = text.strip()
         size, _, sd = value.strip().partition(":")
         if name in sizes:
@@ -269,7 +270,7 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
             sizes[name] = float(size), float(sd or 0.0)
         except ValueError:
             raise InputError(
-                f"--differ: found {quoted(part)}, allowed: {_ALLOWED_DIFFERENCE}"
+                f"--differ: found {quoted(difference)}, allowed: {_ALLOWED_DIFFERENCE}"
             ) from None
     levels = [] if conditions is None else [level.strip() for level in conditions.split(",")]
     return condition_differences(levels, sizes)
@@ -446,12 +447,11 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     root = root_seed(seed)
     study_design = make_design(design, batches)
     differences = condition_differences(conditions, differ)
-    simulated: Sequence[SimulatedObserver]
-    if isinstance(observers, Mapping):
-        simulated = _stated_observers(observers, task)
-    else:
+    if not isinstance(observers, Mapping):
         require_number("observers", observers)
         simulated = draw_population(population, observers, root, study_design, task)
+    else:
+        simulated = _stated_observers(observers, task)
 
     trials = simulate_trials(
         simulated,
@@ -479,9 +479,9 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
 def draw_population(
     population: str, size: int, seed: int, design: StudyDesign, task: Task = SAME_DIFFERENT
 ) -> Sequence[SimulatedObserver]:
-    """Observers that `--observers` names; anything but a known word is a CSV of parameters.
+    """Observers of a population: 'paper', 'prior', a kind of observers, or a CSV of parameters.
 
-    `size` does not matter for a file.
+    There are `size` observers, but all of a file.
     """
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
@@ -515,8 +515,8 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         header = file.readline(10_000)
     required = natural_names(task)
-    optional = list[str]()
-    if "mu1" not in header:
+    optional = []
+    if "mu1" not in header:  # observers of the four models
         parameters = parameter_names(task)
         required = tuple(name for name in parameters if name in REQUIRED)
         optional = [name for name in parameters if name not in REQUIRED]
@@ -602,7 +602,7 @@ def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.Dat
     """
     frames = []
     for unit_trials in trials:
-        columns: dict[str, npt.ArrayLike] = {"subject": unit_trials.subject}
+        columns: Record = {"subject": unit_trials.subject}
         if unit_trials.condition:
             columns["condition"] = unit_trials.condition
         # Trials are numbered below, over all conditions; the column has its place here.

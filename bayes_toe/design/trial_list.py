@@ -99,11 +99,11 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
             both_orders.append(([i, turned], n_common))
     one_order = [([i], count) for i, count in enumerate(n_left.tolist())]
 
-    dealt: list[IndexArray] = []  # trials that come to one block
+    dealt = []  # trials that come to one block
     for pairs_and_counts in (both_orders, one_order):
-        of_levels = list(product(range(n_levels), pairs_and_counts))
-        for i in rng.permutation(len(of_levels)).tolist():
-            level, (pairs, n_times) = of_levels[i]
+        to_deal = list(product(range(n_levels), pairs_and_counts))
+        for i in rng.permutation(len(to_deal)).tolist():
+            level, (pairs, n_times) = to_deal[i]
             dealt += [np.add(level * design.n_pairs, pairs)] * n_times
     require_kind("--blocks", blocks, Integral, "a whole number")
     if not 1 <= blocks <= len(dealt):

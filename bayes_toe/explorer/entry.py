@@ -263,9 +263,8 @@ class Entry:
             "along": slice_and_position(counts)[1],
         }
 
-        stimuli = []
-        for pair in counts.pairs:
-            stimuli.append(", ".join(map(counts.unit.describe, pair)).replace("-", "−"))
+        describe = counts.unit.describe
+        stimuli = [f"{describe(s1)}, {describe(s2)}".replace("-", "−") for s1, s2 in counts.pairs]
         plane = None
         if counts.unit.of_stimuli:
             plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
@@ -274,6 +273,7 @@ class Entry:
         selected, n_slices = _selected_slices(counts)
         slices = [pack_slice(fitted, fixed, has_title=n_slices > 1) for fixed in selected]
 
+        # The names by which explorer.js reads them.
         return {
             "pairs": {
                 **{key: values.tolist() for key, values in pairs.items()},
@@ -360,6 +360,7 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     """The entry of the four models averaged, in place of that of the paper's model."""
     subject = entry.target.subject
     prior = draws.prior.observer
+    # More draws than an answer needs, because the page shows them.
     (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
     average = evidence.averaged()
     # The page takes draws of equal weight, here as one chain.
@@ -385,12 +386,12 @@ def badges(draws: Draws, name: str) -> Pairs:
     """Badges of a subject: whether the draws converged, and whether the model fits."""
     fit = draws.fit(name)
     shortfall = draws.not_converged.get(name)
-    sampled = ("unconverged", shortfall) if shortfall else ("fine", "converged")
+    convergence = ("unconverged", shortfall) if shortfall else ("fine", "converged")
     is_testable = fit.degrees_of_freedom > 0
-    # The draws may determine as many parameters as there are pairs: then there is no p-value.
+    # Some draws determine as many parameters as there are pairs. Then nothing is said of the fit.
     if is_testable and np.isnan(fit.fit_p):
-        return (sampled,)
-    return sampled, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
+        return (convergence,)
+    return convergence, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
 
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
@@ -456,6 +457,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])  # (orders, POINTS, rows)
 
     title = f"{counts.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
+    # The names by which explorer.js reads them.
     return {
         "title": title if has_title else "",
         "pairs": np.flatnonzero(is_member).tolist(),

@@ -17,6 +17,7 @@ from pathlib import Path
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_names, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
@@ -113,7 +114,9 @@ def entries(
     """The entries of the page, with the arguments and errors of :func:`explore`."""
     truths = truths or {}
     by_label = _draws_by_label(draws)
-    all_names = list(dict.fromkeys(chain.from_iterable(part.names for part in by_label.values())))
+    all_names = list(
+        dict.fromkeys(chain.from_iterable(model_draws.names for model_draws in by_label.values()))
+    )
     names = all_names if subjects is None else list(dict.fromkeys(subjects))
     for name in names:
         if name not in all_names:
@@ -121,17 +124,17 @@ def entries(
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
 
     selected = {}
-    for label, part in by_label.items():
-        selected[label] = tuple(name for name in names if name in part.names)
+    for label, model_draws in by_label.items():
+        selected[label] = tuple(name for name in names if name in model_draws.names)
     n_entries = sum(map(len, selected.values()))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
-    page_entries = list[Entry]()
-    for label, part in by_label.items():
+    page_entries = []
+    for label, model_draws in by_label.items():
         true_values = truths
-        if not truths and part.study.source == EXAMPLE:
-            true_values = example_truth(part.study.task)
-        page_entries += entries_of(part, label, selected[label], true_values)
+        if not truths and model_draws.study.source == EXAMPLE:
+            true_values = example_truth(model_draws.study.task)
+        page_entries += entries_of(model_draws, label, selected[label], true_values)
     _require_quantities(truths, page_entries)
     return page_entries
 
@@ -189,42 +192,46 @@ def page(
             replace(entry, target=in_unit(entry.target, unit)) for entry in page_entries
         ]
 
-    # Fewer of each entry on a page of many, but enough to see a posterior.
-    rows = max(150, min(2000, _ROWS // len(page_entries)))
-
-    contents = {}
-    list_of_entries = []
-    for i, entry in enumerate(page_entries):
-        name = entry.target.subject.name
-        contents[f"entry-{i}"] = entry.packed(rows)
-        list_of_entries.append(
-            {"subject": visible(name), "label": visible(entry.label), "tab": entry.tab}
-        )
-        if progress is not None:
-            progress(name)
-
-    quantities = {}
-    for name, quantity in QUANTITY_BY_NAME.items():
-        label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
-        quantities[name] = label, quantity.words
-
     index = {
-        "entries": list_of_entries,
+        "entries": [
+            {
+                "subject": visible(entry.target.subject.name),
+                "label": visible(entry.label),
+                "tab": entry.tab,
+            }
+            for entry in page_entries
+        ],
         "tabs": sorted({entry.tab for entry in page_entries}),
-        "quantities": quantities,
+        "quantities": _texts_of_quantities(unit),
         "slots": SLOTS,
         "fixed": task.slice_stimulus,
         "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
     }
+    scripts = [_data_script("index", index)]
+    # Fewer draws of each entry on a page of many, but enough to see a posterior.
+    n_draws = max(150, min(2000, _ROWS // len(page_entries)))
+    for i, entry in enumerate(page_entries):
+        scripts.append(_data_script(f"entry-{i}", entry.packed(n_draws)))
+        if progress is not None:
+            progress(entry.target.subject.name)
 
-    head, tail = _frame(task).split(_ISLANDS)
-    parts = [head]
-    for name, content in {"index": index, **contents}.items():
-        parts.append(
-            f'<script type="application/json" id="{name}">{json_for_script(content)}</script>\n'
-        )
+    html_of_page = _frame(task).replace(_ISLANDS, "".join(scripts))
     # Bokeh's script makes functions of texts, which browsers refuse without this word.
-    return Explorer(with_policy("".join([*parts, tail]), "'unsafe-eval'"))
+    return Explorer(with_policy(html_of_page, "'unsafe-eval'"))
+
+
+def _texts_of_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:
+    """The label of each quantity on an axis, such as 'JND, %', and what it means."""
+    texts = {}
+    for name, quantity in QUANTITY_BY_NAME.items():
+        label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
+        texts[name] = label, quantity.words
+    return texts
+
+
+def _data_script(name: str, content: object) -> str:
+    """A script element with data, which the script of the page finds by its name."""
+    return f'<script type="application/json" id="{name}">{json_for_script(content)}</script>\n'
 
 
 def require_bokeh() -> None:
@@ -254,12 +261,12 @@ def _frame(task: Task) -> str:
 
     from bayes_toe.explorer.panels import SLOTS, document
 
-    parts = {}
+    texts = {}
     for name in ("page.html", "page.css", "explorer.js"):
-        parts[name] = (files("bayes_toe.explorer") / name).read_text(encoding="utf-8")
+        texts[name] = (files("bayes_toe.explorer") / name).read_text(encoding="utf-8")
     variables = {
-        "style": parts["page.css"],
-        "script": parts["explorer.js"],
+        "style": texts["page.css"],
+        "script": texts["explorer.js"],
         "islands": _ISLANDS,
         "slots": SLOTS,
         "yes": task.yes,
@@ -268,6 +275,6 @@ def _frame(task: Task) -> str:
         document(task),
         INLINE,
         "Explore a posterior",
-        template=parts["page.html"],
+        template=texts["page.html"],
         template_variables=variables,
     )

@@ -156,6 +156,7 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
             sources.get_source(f"prior-{letter}", x, y),
             Line(x=x, y=y, line_color="#8A8A8A", line_width=2, line_dash=dash),
         )
+        # Heights of the bars of all draws, and of the brushed ones.
         bars = sources.get_source(f"bars-{letter}", x, f"all{i}", f"kept{i}")
         plot.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))
         plot.add_glyph(
@@ -327,7 +328,7 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
 
     points = []
     for order, (kind, marker) in KINDS.items():
-        pairs_of = sources.get_source(
+        pairs = sources.get_source(
             f"pairs-{letter}-{kind}", "s1", "s2", "stimuli", "k", "n", "fill"
         )
         point = Scatter(
@@ -339,7 +340,7 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
             fill_color="fill",
             size=12 if kind == "equal" else 10,
         )
-        points.append(plot.add_glyph(pairs_of, point, name=ORDERS[order].label))
+        points.append(plot.add_glyph(pairs, point, name=ORDERS[order].label))
     plot.add_tools(_hover(points, task))
     return plot
 

@@ -173,6 +173,7 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
         is_better = (trial_scores[0] > value) | (expected_gain < _SMALL_GAIN)
         for array, new in zip((w, value, slope, information), (trial, *trial_scores), strict=True):
             array[is_better] = new[is_better]
+        # A step that is made is followed by one twice as long, and another one by a quarter of it.
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
 
     # The precision of the responses is that of the posterior less that of the prior.

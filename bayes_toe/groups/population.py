@@ -480,8 +480,8 @@ def subject_rows(study: Study) -> SubjectRows:
     # A spread of 0 does not narrow the prior of p; the hyperprior is narrowed instead.
     scales = study_scales(study)._replace(first_spread=0.0)
     units = list[Subject]()
-    unit_scales = list[StimulusScales]()
-    first_row = list[int]()
+    unit_scales = []
+    first_row = []
     for subject_units in units_by_subject(study).values():
         first_row.append(len(units))
         units += subject_units

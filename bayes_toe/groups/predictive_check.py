@@ -185,7 +185,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         observed = float(measures[kind][0])
         simulated = measures[kind][1:]
         tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
-        # The observed group counts as one of the groups, so that p is never 0.
+        # Two-sided. The observed group counts as one of the groups, so that p is never 0.
         p_value = min(1.0, 2.0 * (tail + 1) / (len(simulated) + 1))
         q05, q50, q95 = np.quantile(simulated, (0.05, 0.5, 0.95)).tolist()
         yield Statistic(kind, quantity, observed, q05, q50, q95, p_value, observed > q50)

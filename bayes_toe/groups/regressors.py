@@ -109,7 +109,7 @@ def regressors(
     complete = tuple(name for name in subjects if name not in incomplete)
     _require_subjects(complete, len(covariates), left_out)  # each has a column or more
 
-    columns = list[Regressor]()
+    columns = []
     x = np.empty((len(complete), 0))
     for name, by_subject in covariates.items():
         values = [by_subject[subject] for subject in complete]
@@ -211,7 +211,7 @@ def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
     sizes = np.linalg.norm(x - x.mean(axis=0), axis=0)
     for i, column in enumerate(columns):
         if remainders[i] < _ROUNDING * sizes[i]:
-            earlier = join_names(other.label for other in columns[:i])
+            earlier = join_names(earlier_column.label for earlier_column in columns[:i])
             raise InputError(
                 f"covariates: {column.label} follows from {earlier}, "
                 "allowed: columns that tell different things; leave one out"

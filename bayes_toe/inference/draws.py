@@ -338,9 +338,7 @@ class Draws:
         missed = self.not_converged
         rows = []
         for name in self.names[:MOST_ROWS]:
-            row = {"subject": name, "converged": "yes"}
-            if name in missed:
-                row["converged"] = "no"
+            row = {"subject": name, "converged": "no" if name in missed else "yes"}
             for key in self.posterior(name).names.natural:
                 low, middle, high = np.quantile(self.values(name, key), [0.025, 0.5, 0.975])
                 row[key] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"

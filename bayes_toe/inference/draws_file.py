@@ -70,7 +70,7 @@ def subjects_tree(
     posterior, log_posterior = _posterior_group(study, subject_draws, settings.sampler.walkers)
 
     # NetCDF has no Boolean values, and a text of any length is an object.
-    types: dict[str, type] = {"converged": np.int8, "shortfall": object, "imprecise": object}
+    types: Record = {"converged": np.int8, "shortfall": object, "imprecise": object}
     sample_stats = xr.Dataset(coords=posterior.drop_vars("walker").coords)
     for name in statistics[0]:
         column = [row[name] for row in statistics]
@@ -188,9 +188,10 @@ def stored_study(tree: xr.DataTree) -> Study:
     if task == THREE_ANSWERS:
         columns["n_second"] = observed["n_second"].values
 
-    names = observed["subject"].values
+    names = observed["subject"].values  # of each row; the rows of a subject are together
+    rows_by_subject = np.split(np.arange(len(names)), run_starts(names)[1:])
     subjects = []
-    for rows in np.split(np.arange(len(names)), run_starts(names)[1:]):
+    for rows in rows_by_subject:
         name = names[rows[0]]
         counts = {key: column[rows] for key, column in columns.items()}
         condition, scales = record["units"][name]
@@ -229,7 +230,7 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
         If the file exists and may not be replaced, is a folder, or cannot be written.
     """
     # HDF5 has checksums of arrays of numbers, not of texts, empty arrays and single values.
-    encoding: dict[str, dict[str, Record]] = {}
+    encoding: Record = {}
     for group, node in tree.children.items():
         options = encoding[f"/{group}"] = {}
         for name, variable in node.to_dataset().variables.items():

@@ -207,7 +207,7 @@ def mixture_of_clouds(
 
     points = array.prior_points(rng.uniform(size=(1, 2000, len(array.names))))
     log_prior, log_posterior = array.densities(points)
-    flat_likelihood = tempered((log_posterior - log_prior)[0], 200.0)
+    flat_likelihood = tempered((log_posterior - log_prior)[0], 200.0)  # effective draws
     added = _components(points[0][:, is_free], flat_likelihood, 6, df)
     return PriorMixture(is_free, core.joined(added, 0.5), SHARP.prior_share)
 
@@ -448,5 +448,5 @@ def _refit(state: _State, precision: Precision) -> None:
     weights = np.full(n_added, 1.0 / n_added)
     core = mixture.core
     added = StudentMixture(weights, centres, np.array(scales), core.df)
-    widened = replace(mixture, core=core.joined(added, 1.0 / 16.0))
+    widened = replace(mixture, core=core.joined(added, 1.0 / 16.0))  # their weight in the core
     state.mixture = widened.updated(state.pool, precision)

@@ -99,7 +99,7 @@ def ascend(
     active = np.arange(len(starts))  # the searches that go on
     ends = Ascent(starts.copy(), *expand(starts, active))
     is_moving = ~np.broadcast_to(is_held, starts.shape)
-    damping = np.full(len(starts), 1e-3)
+    damping = np.full(len(starts), 1e-3)  # beside a scaled curvature whose diagonal is 1
 
     for _ in range(most_steps):
         step, gains = _steps(ends.part(active), is_moving[active], damping[active])
@@ -114,16 +114,16 @@ def ascend(
         for stored, new in zip(ends, (trial, *reached), strict=True):
             stored[active[is_better]] = new[is_better]
 
-        old = damping[active]
-        lighter = np.maximum(0.1 * old, 1e-12)
-        heavier = np.maximum(10.0 * old, retry_damping)
+        old_damping = damping[active]
+        lighter = np.maximum(0.1 * old_damping, 1e-12)
+        heavier = np.maximum(10.0 * old_damping, retry_damping)
         damping[active] = np.where(is_better, lighter, heavier)
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether
         # or not the step was taken, unless it was damped heavily.
         gain = np.abs(gains[is_promising]).sum(axis=1)
         is_small = gain < 5e-13 * (1.0 + 1e-3 * np.abs(ends.value[active]))
-        has_converged = is_small & (old <= 1e-2)
+        has_converged = is_small & (old_damping <= 1e-2)
         # No further where slopes are beyond all floats, or where damping does not help.
         is_finite = np.isfinite(ends.curvature[active]).all(axis=(1, 2))
         active = active[is_finite & ~has_converged & (damping[active] < 1e12)]

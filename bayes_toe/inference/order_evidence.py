@@ -90,19 +90,20 @@ class OrderEvidence(ModelSet):
 
         The weights of the draws are multiplied by the other prior density over this one.
         """
-        # The last two coordinates are those of the constant error and of p. They count in widths of
-        # the prior, so that a wider prior is the same density at u / factor, but for its cut.
+        # The last two coordinates u are those of the constant error and of p, in widths of the
+        # prior. A prior that is `factor` times as wide has the density f(u / factor) / factor. The
+        # prior of p ends at -1 and 1, which are fewer widths from 0 if it is wider.
         if effect == CONSTANT_ERROR:
             has_effect = HAS_ERROR
             coordinate = -2
             density: PriorDensity = StandardStudent()
-            density_of_scaled = density
+            other_density = density
         else:
             has_effect = HAS_CONTRACTION
             coordinate = -1
             sd = self.prior.contraction_sd * self.subject.scales.roving_share
             density = CutNormal(1.0 / sd)
-            density_of_scaled = CutNormal(1.0 / (factor * sd))
+            other_density = CutNormal(1.0 / (factor * sd))
 
         reweighted = list(self.draws)
         for i in np.flatnonzero(has_effect):
@@ -110,7 +111,7 @@ class OrderEvidence(ModelSet):
             # A draw beyond the edge of the prior has no weight under either.
             is_inside = np.isfinite(draws.log_prior)
             u = draws.x[is_inside, coordinate]
-            log_other = density_of_scaled.log_density(u / factor) - np.log(factor)
+            log_other = other_density.log_density(u / factor) - np.log(factor)
             log_posterior = draws.log_posterior.copy()
             log_posterior[is_inside] += log_other - density.log_density(u)
             reweighted[i] = replace(draws, log_posterior=log_posterior)
@@ -159,7 +160,7 @@ def try_order_evidence(
     many pairs: a sum over more pairs may round otherwise, and the results would depend on the other
     subjects.
     """
-    indices_by_size = defaultdict[int, list[int]](list)
+    indices_by_size = defaultdict(list)
     for i, subject in enumerate(subjects):
         indices_by_size[subject.n_pairs].append(i)
 

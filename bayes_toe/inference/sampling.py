@@ -60,7 +60,7 @@ class SamplerSettings:
 
     def __post_init__(self) -> None:
         require_number("draws", self.draws)
-        if self.walkers == 0:
+        if self.walkers == 0:  # 64 to 256: the more, the more draws are asked for
             object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
 
     @property
@@ -139,6 +139,7 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
+        # Shapes (ensembles, draws, k), (ensembles, draws) and (ensembles,).
         x, log_posterior, acceptance = map(np.stack, zip(*passes, strict=True))
 
         quantities = posterior.quantities(x)
@@ -148,13 +149,13 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
         imprecise = ""
         is_hopeless = False
-        if not reason:
+        if not reason:  # the precision of quantiles is known only of converged chains
             natural = {name: quantities[name] for name in posterior.names.natural}
             limit = settings.max_quantile_error
             imprecise, is_hopeless = _uncertain_quantile(natural, diagnostics, limit)
 
-        is_reached = not reason and not imprecise
-        if is_reached or is_hopeless or thin >= settings.max_thin:
+        is_sufficient = not reason and not imprecise
+        if is_sufficient or is_hopeless or thin >= settings.max_thin:
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, reason, imprecise)
         thin = min(2 * thin, settings.max_thin)
 
@@ -216,7 +217,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         # Each ensemble begins with its own part of the draws that judged the mixture.
         n_each = len(fitted.draws.x) // settings.ensembles
         first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
-        share_local = 0.8
+        share_local = 0.8  # of the moves, if the mixture cannot be trusted
         if fitted.is_trusted:  # 2 to 32 %
             share_local = 0.02 + 0.3 * (1.0 - fitted.draws.efficiency)
 
@@ -306,9 +307,9 @@ def _uncertain_quantile(
     `natural` has the draws of the natural quantities, and `limit` is that of
     :attr:`SamplerSettings.max_quantile_error`.
     """
-    errors = {}
-    for name, draws in natural.items():
-        errors[name] = tail_error(draws, diagnostics[name].ess_tail)
+    errors = {
+        name: tail_error(draws, diagnostics[name].ess_tail) for name, draws in natural.items()
+    }
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False

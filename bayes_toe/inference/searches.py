@@ -45,7 +45,7 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     has_error = array.is_free[:, array.names.index(CONSTANT_ERROR.name)]
     lapse = array.names.index(LAPSE_RATE.name)
     profile, profile_owners = _profile(array, has_error)
-    first_from_flat = len(profile.x) - len(array)
+    first_from_flat = len(profile.x) - len(array)  # the last searches, one of each posterior
 
     free_searches = []
     free_owners = []

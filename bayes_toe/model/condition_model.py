@@ -27,6 +27,7 @@ The conditions may be tasks. Then one observer does all tasks, with the criterio
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,7 +36,6 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.data.study import Subject, common_scales, pooled
-from bayes_toe.data.tasks import Task
 from bayes_toe.model.densities import StandardNormal
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
@@ -95,9 +95,9 @@ class ConditionModels:
     @cached_property
     def units_by_task(self) -> list[list[int]]:
         """The positions of the units of each task; a task that has a criterion comes first."""
-        positions = dict[Task, list[int]]()
+        positions = defaultdict(list)
         for i, unit in enumerate(self.units):
-            positions.setdefault(unit.task, []).append(i)
+            positions[unit.task].append(i)
         # Without a criterion, a task has fewer parameters; the first one must have all.
         tasks = sorted(positions, key=lambda task: not task.has_criterion)
         return [positions[task] for task in tasks]

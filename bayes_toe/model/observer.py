@@ -96,6 +96,7 @@ class ObserverRows(AnswerRows):
         )
         task = subjects[0].task
         if task.has_three_answers:
+            # The answers to the second question stand behind those to the first one.
             n_second, n_first = np.zeros((2, *pairs["first"].shape))
             for i, subject in enumerate(subjects):
                 n_second[i, 0, : subject.n_pairs] = subject.n_second

@@ -487,8 +487,12 @@ class Funnel:
     follows_width: float
 
     def conditional(self, u: FloatArray) -> ArrayPair:
-        """Mean and log standard deviation, (posteriors, points) each."""
+        """Mean and log of s of the score of mu1 at points u, (posteriors, points) each.
+
+        These are the equations above, in logs.
+        """
         log_pull = self.row.log_pull(u)
+        # w^2 + w_0^2
         log_square = np.logaddexp(2.0 * self.row.log_width(u), 2.0 * self.log_least_width)
         # The precision that the answers add to that of the prior, which is 1.
         log_information = self.log_precision + 2.0 * log_pull - self.follows_width * log_square

@@ -170,7 +170,7 @@ def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
     if isinstance(subject, str | int | np.integer):
         return [name_from_key(subject)]
     names = [*map(name_from_key, subject)]
-    if not 1 <= len(set(names)) == len(names) <= len(OVERLAID):
+    if not 1 <= len(names) <= len(OVERLAID) or len(set(names)) < len(names):
         raise InputError(
             f"subjects in one corner plot: found {join_names([*map(repr, names)])}; "
             f"allowed: 1 to {len(OVERLAID)}, each once"

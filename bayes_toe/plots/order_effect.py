@@ -120,9 +120,7 @@ def forest_height(subjects: int) -> float:
     return 1.2 + 0.17 * (subjects + 2)  # two rows for the group
 
 
-def forests(
-    panels: Sequence[Axes], table: EvidenceTable, group: PopulationResult | None = None
-) -> None:
+def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResult | None) -> None:
     """Draw PSE shifts and contractions, a row a subject, into two panels."""
     answers = list(table.answers)
     is_crowded = len(answers) > MAX_NAMES
@@ -201,7 +199,7 @@ def _draw_sizes(
     if len(words) > MAX_NAMES:
         style["ms"] = 2.5
     for word, fill in _FILLS.items():
-        rows = [row for row, other in enumerate(words) if other is word]
+        rows = [row for row, word_of_row in enumerate(words) if word_of_row is word]
         line = style["ms"] * (0.3 if word.is_positive else 0.15)
         if rows:
             draw_intervals(

@@ -127,7 +127,7 @@ def _draw_subject(
     ax.barh(y, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
     # A bar of no length would not be seen.
     ax.vlines(0.5 * (low + high), y - 0.35, y + 0.35, color=_INTERVAL, lw=1.0)
-    size = 4.5 if has_room and len(index) <= 40 else 2.8
+    size = 4.5 if has_room and len(index) <= 40 else 2.8  # of marks, smaller if they are close
     for mark, rows in rows_by_order(order):
         style: Style = {"color": mark.colour, "mec": "white", "mew": 0.4, "label": mark.label}
         ax.plot(share[rows], y[rows], mark.marker, ms=size, zorder=3, **style)

@@ -333,7 +333,7 @@ def draw_intervals(
     ax.plot(middle, y, **style | marker)
 
 
-def name_rows(ax: Axes, n_rows: int, names: Sequence[str] = ()) -> None:
+def name_rows(ax: Axes, n_rows: int, names: Sequence[str]) -> None:
     """Put the first row of a forest on top, with the names of its rows, if any, at the left."""
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(n_rows - 0.4, -0.6)  # rows are at 0, 1, ..., with half a row around them

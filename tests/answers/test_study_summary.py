@@ -168,6 +168,7 @@ def answer_of(name, letters):
 
 @pytest.mark.parametrize("case", MEANINGS.split("\n\n"))
 def test_what_the_answer_of_a_study_means(case):
+    """A case has the words of each subject, the group's means ('-' is no group), and the text."""
     heading, *lines = case.strip().splitlines()
     subjects, means = heading.split(" | ")
     meaning = " ".join(map(str.strip, lines))

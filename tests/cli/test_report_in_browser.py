@@ -93,6 +93,7 @@ def test_a_telephone_shows_a_card_for_each_subject(opened):
     page = opened(400).page
     assert not page.locator("#overview-table thead").is_visible()
     cells = page.locator("#overview-table tbody tr").first.locator("td").all()
+    # The cells of a subject stand one below the other.
     boxes = [cell.bounding_box() for cell in cells]
     assert len({box["x"] for box in boxes}) == 1
     assert [box["y"] for box in boxes] == sorted({box["y"] for box in boxes})

@@ -59,6 +59,7 @@ def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
     row = SubjectDependence("A", ("none", "contraction"), log_evidence, **sizes)
     print_history(Terminal(), SerialDependence((row,), small_study, 1, bt.Prior()), "history.csv")
     text = capsys.readouterr().out
+    # Carry-over with rho, then the previous response with kappa.
     assert re.search(r"^A +probably not +- +undecided +.40 \[.20, .60\]$", text, re.MULTILINE)
 
 

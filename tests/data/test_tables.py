@@ -39,7 +39,7 @@ NA,,2,
 
 
 def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
-    names = ["=1+1", "+a", "-2", "@x", "-b c", "'q"]
+    names = ["=1+1", "+a", "-2", "@x", "-b c", "'q"]  # a number is no formula
     frame = pd.DataFrame(
         {"subject": names, "s1": 0.0, "s2": [-0.5] * 6, "n_equal": 1, "n_trials": 2}
     )
@@ -47,9 +47,8 @@ def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
     first = [line.split(",")[0] for line in safe.read_text().splitlines()[1:]]
     assert first == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
     assert read_study(safe).names == tuple(names)
-    joint = pd.concat(
-        [frame, frame.assign(subject=["'=1+1", *"abcde"])]
-    )  # two names must not become one
+    # Two names must not become one.
+    joint = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])
     assert "'=1+1" in read_study(write_table(joint, tmp_path / "both.csv")).names
 
 
