@@ -7,7 +7,6 @@ too.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
@@ -89,7 +88,6 @@ from bayes_toe.data.validation import (
     counts_of_shares,
     empty,
     has_shares,
-    number,
     read_numbers,
     require_numbers,
     require_texts,
@@ -452,17 +450,17 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
-    """Refuse a table without a header, whose names are numbers and not those of the stimuli."""
-    head = table.names
-    if len(head) == 1:  # cells that could not be told apart, as between spaces
-        head = head[0].split()
-    numbers_in_head = [cell for cell in head if math.isfinite(number(cell, True))]
-    if len(numbers_in_head) > 1 and {*map(options.name, options.stimuli)}.isdisjoint(table.names):
-        cells = join_names(map(quoted, head))
-        raise InputError(
-            f"{table.source}: has no header: {table.head} holds {cells}; allowed: the "
-            "names of the columns, such as subject, s1, s2, response"
-        )
+    """Refuse a table without names whose columns have numbers, unless options have the stimuli."""
+    names_of_stimuli = {*map(options.name, ("s1", *options.stimuli))}
+    if not "".join(table.names[1:]).isdigit() or not names_of_stimuli.isdisjoint(table.names):
+        return
+    cells = chain.from_iterable(column.texts[:1] for column in table.columns.values())
+    first_row = join_names(map(quoted, cells))
+    problem = f"has no header: row 1 holds {first_row}. Its columns are called by their numbers."
+    columns = tuple((role, "NAME") for role in ("subject", "s1", "s2", "response"))
+    meaning = "with numbers; without a subject, type --subject-from '{}.*' for the name of the file"
+    table.problems.ask(problem, [Remedy("columns", columns, meaning)])
+    table.problems.refuse()
 
 
 def _columns_of_file(table: TextTable) -> Columns:

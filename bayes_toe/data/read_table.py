@@ -49,6 +49,7 @@ from bayes_toe.data.text_table import (
     header_place,
     n_chosen,
     name_places,
+    names_or_numbers,
     read_csv,
     require_size,
     value_text,
@@ -274,8 +275,10 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
 
     rows = sheets[title]
     first, names = heads[title]
+    names, has_names = names_or_numbers(names, choice)
     # Rows count from 1, as in the sheet, and indices from 0.
-    filled = [row for row in range(first + 2, len(rows) + 1) if _is_filled(rows[row - 1])]
+    rows_below = range(first + 1 + has_names, len(rows) + 1)
+    filled = [row for row in rows_below if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():
         values[name] = [rows[row - 1][index] for row in filled]

@@ -67,6 +67,9 @@ _SPLIT_ERRORS = {
 }
 
 
+#: A cell that holds a number, and is no name of a column.
+_NUMBER = re.compile(r"[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?")
+
 # pandas' own missing values; they equal nothing, and say so in words that are no truth values
 _MISSING = ("NAType", "NaTType")
 
@@ -328,8 +331,20 @@ def name_places(names: Texts) -> dict[str, int]:
 
 
 def n_chosen(names: Texts, choice: Choice) -> int:
-    """How many distinct names the choice has among these."""
-    return len(set(names).intersection(choice(names)))
+    """How many distinct names the choice has among these; numbers are no names."""
+    return len({*names}.intersection(choice(names)) - {*filter(_NUMBER.fullmatch, names)})
+
+
+def names_or_numbers(cells: list[str], choice: Choice) -> tuple[list[str], bool]:
+    """The names of columns in a record, or their numbers where it is a row of the table.
+
+    The second value is whether it has names. A row has several numbers, and at most one of our
+    words, which may be a response. pandas counts columns from 0.
+    """
+    n_numbers = len([*filter(_NUMBER.fullmatch, cells)])
+    if n_numbers < 2 or n_chosen(cells, choice) > 1 or cells[0] == "0":
+        return cells, True
+    return [*map(str, range(1, len(cells) + 1))], False
 
 
 # --- CSV ------------------------------------------------------------------------------------------
@@ -353,10 +368,12 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         text = re.sub("[^\r\n]", "", remarks[0]) + text[remarks.end() :]
 
     delimiter, place, has_row_names = _layout(text, choice)
-    records = itertools.islice(_records(text, delimiter), place, None)
+    records: Iterator[Record] = itertools.islice(_records(text, delimiter), place, None)
     first_row, head = next(records, (0, []))
-    names = _header_names(source, first_row, head)
-    if has_row_names:
+    names, has_names = names_or_numbers(_header_names(source, first_row, head), choice)
+    if not has_names:
+        records = itertools.chain([(first_row, head)], records)
+    elif has_row_names:
         names = ["", *names]
 
     problems = Problems(source)
@@ -434,8 +451,10 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
         names = names_of_records[place] if names_of_records else []
         next_widths = [*map(len, names_of_records[place + 1 : place + 2])]  # one, or none
         has_row_names = next_widths == [len(names) + 1]
-        n_cells = 0 if delimiter == " " else len(names)  # names may have spaces
-        fit = n_chosen(names, choice), n_cells
+        cells = names
+        if delimiter == " ":  # names may have spaces, numbers have none
+            cells = [*filter(_NUMBER.fullmatch, names)]
+        fit = n_chosen(names, choice), len(cells)
         if fit > best_fit:
             best = (delimiter, place, has_row_names)
             best_fit = fit

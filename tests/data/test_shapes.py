@@ -162,6 +162,7 @@ GERMAN = pd.DataFrame(
     }
 )
 GERMAN_PAIR = "--columns 's1=Reiz 1,s2=Reiz 2'"
+BY_NUMBER = "--columns subject=1,s1=2,s2=3,response=4"
 LISTS = IN_LOGS.to_dict("list")
 P03 = IN_LOGS[:40]
 WITHOUT_SUBJECT = P03.drop(columns="subject")
@@ -251,6 +252,9 @@ READ = {
     "windows.csv": csv(IN_LOGS.assign(note="größer"), "cp1252"),
     "encoding.csv --encoding mac_roman": csv(IN_LOGS.assign(note="größer"), "mac_roman"),
     "lines_above.csv": b"Experiment 1\n\nlab 3\n" + csv(IN_LOGS),
+    f"no_names.csv {BY_NUMBER}": csv(IN_LOGS, header=False),
+    f"no_names.txt {BY_NUMBER}": csv(IN_LOGS, sep=" ", header=False),
+    f"no_names.xlsx {BY_NUMBER}": excel(T=IN_LOGS[1:].set_axis([*IN_LOGS.iloc[0]], axis=1)),
     "expyriment.xpd": b"# -*- coding: UTF-8 -*-\n#e Experiment: A, B\n#s id: 3\n" + csv(IN_LOGS),
     "names_in_two_lines.csv --columns 's1=First (ln)'": labelled(IN_LOGS, s1="First\n(ln)"),
     "names_in_two_lines.xlsx --columns 's1=First (ln)'": excel(
@@ -419,7 +423,11 @@ REFUSED = {
         "column Freq: found '0.5' in 37 rows",
         "a whole number from 0 to 10^12",
     ),
-    "no_names.csv": (csv(IN_LOGS, header=False), "no_names.csv: has no header: row 1 holds 'P0"),
+    "no_names.csv": (
+        csv(IN_LOGS, header=False),
+        "no_names.csv: has no header: row 1 holds 'P0",
+        "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME",
+    ),
     "no_names.txt": (
         "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
         "has no header: row 1 holds 'pair', '0'",
