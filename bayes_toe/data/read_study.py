@@ -73,6 +73,7 @@ from bayes_toe.data.trial_rows import (
     taken_out_doubts,
     trial_rows,
     with_row_for_each_trial,
+    with_subjects_below,
 )
 from bayes_toe.data.units import (
     follows_from_pairs,
@@ -119,6 +120,12 @@ _EXAMPLES = {
         ("mu1", "sigma_p", "sigma_l", "q0"),
     ),
 }
+#: What is typed for a table without a header.
+_COLUMNS_BY_NUMBER = Remedy(
+    "columns",
+    (("subject", "NAME"), ("s1", "NAME"), ("s2", "NAME"), ("response", "NAME")),
+    "with numbers; without a subject, type --subject-from '{}.*' for the name of the file",
+)
 #: True parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
@@ -406,6 +413,9 @@ class _Rows:
 
 def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
+    column = table.columns.get(with_likely_columns(table.names, options).name("subject"))
+    if column is not None:
+        table = with_subjects_below(table, column)
     if options.wide is not None:
         table = with_pairs(table, options)
     _require_header(table, options)
@@ -450,17 +460,16 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
-    """Refuse a table without names whose columns have numbers, unless options have the stimuli."""
-    names_of_stimuli = {*map(options.name, ("s1", *options.stimuli))}
-    if not "".join(table.names[1:]).isdigit() or not names_of_stimuli.isdisjoint(table.names):
+    """Refuse a table whose columns have numbers for names, unless options name some of them."""
+    is_named = not {*options.columns.values()}.isdisjoint(table.names)
+    if is_named or not "".join(table.names[1:]).isdigit():
         return
     cells = chain.from_iterable(column.texts[:1] for column in table.columns.values())
-    first_row = join_names(map(quoted, cells))
-    problem = f"has no header: row 1 holds {first_row}. Its columns are called by their numbers."
-    columns = tuple((role, "NAME") for role in ("subject", "s1", "s2", "response"))
-    meaning = "with numbers; without a subject, type --subject-from '{}.*' for the name of the file"
-    table.problems.ask(problem, [Remedy("columns", columns, meaning)])
-    table.problems.refuse()
+    raise InputError(
+        f"{table.source}: has no header: row 1 holds {join_names(map(quoted, cells))}. Its columns "
+        "are called by their numbers.",
+        [_COLUMNS_BY_NUMBER],
+    )
 
 
 def _columns_of_file(table: TextTable) -> Columns:

@@ -274,10 +274,10 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
 
     rows = sheets[title]
-    first, names = heads[title]
-    names, has_names = names_or_numbers(names, choice)
+    first, header = heads[title]
+    names = names_or_numbers(header, choice)
     # Rows count from 1, as in the sheet, and indices from 0.
-    rows_below = range(first + 1 + has_names, len(rows) + 1)
+    rows_below = range(first + 1 + (names == header), len(rows) + 1)
     filled = [row for row in rows_below if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():

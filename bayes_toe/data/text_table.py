@@ -335,16 +335,16 @@ def n_chosen(names: Texts, choice: Choice) -> int:
     return len({*names}.intersection(choice(names)) - {*filter(_NUMBER.fullmatch, names)})
 
 
-def names_or_numbers(cells: list[str], choice: Choice) -> tuple[list[str], bool]:
+def names_or_numbers(cells: list[str], choice: Choice) -> list[str]:
     """The names of columns in a record, or their numbers where it is a row of the table.
 
-    The second value is whether it has names. A row has several numbers, and at most one of our
-    words, which may be a response. pandas counts columns from 0.
+    A row has several numbers, and at most one of our words, which may be a response. pandas counts
+    columns from 0.
     """
     n_numbers = len([*filter(_NUMBER.fullmatch, cells)])
     if n_numbers < 2 or n_chosen(cells, choice) > 1 or cells[0] == "0":
-        return cells, True
-    return [*map(str, range(1, len(cells) + 1))], False
+        return cells
+    return [*map(str, range(1, len(cells) + 1))]
 
 
 # --- CSV ------------------------------------------------------------------------------------------
@@ -370,8 +370,9 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     delimiter, place, has_row_names = _layout(text, choice)
     records: Iterator[Record] = itertools.islice(_records(text, delimiter), place, None)
     first_row, head = next(records, (0, []))
-    names, has_names = names_or_numbers(_header_names(source, first_row, head), choice)
-    if not has_names:
+    header = _header_names(source, first_row, head)
+    names = names_or_numbers(header, choice)
+    if names != header:
         records = itertools.chain([(first_row, head)], records)
     elif has_row_names:
         names = ["", *names]

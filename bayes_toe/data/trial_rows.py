@@ -65,6 +65,21 @@ def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> Tex
     return table
 
 
+def with_subjects_below(table: TextTable, column: Column) -> TextTable:
+    """The table whose column of subjects has each name in all rows of the subject.
+
+    In the file each name stands once, with empty cells below it, as merged cells are saved.
+    """
+    starts = np.flatnonzero(~empty(column))
+    is_once = len(starts) < len(column.texts)
+    if not is_once or 2 * len(starts) >= len(column.codes) or not column.texts[0]:
+        return table
+    lengths = np.diff(starts, append=len(column.codes))
+    columns = {**table.columns, column.name: column.only(np.repeat(starts, lengths))}
+    note = f"{column}: {plural(sum(lengths - 1), 'empty cell')} filled with the name above"
+    return replace(table, columns=columns, notes=(*table.notes, note))
+
+
 def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
     """The rows that have the texts of `options.where`, and the options for them.
 

@@ -342,6 +342,7 @@ READ = {
     "practice_counter.csv": IN_LOGS.assign(practice=range(80)),
     "where.csv --where kind=main": with_practice("kind", "other", "main"),
     "practice.csv": with_practice("phase", "practice", "main"),
+    "merged.csv": IN_LOGS.assign(subject=IN_LOGS.subject.mask(IN_LOGS.subject.duplicated())),
     "units.csv --second-code 1": with_rows(
         CODED, [["", "ln", "ln", "0/1"], ["P03", "null", "NA", '{"age":"23"}']]
     ),
@@ -393,6 +394,7 @@ NOTES = """
     psychopy.csv | 2 rows left out as practice (column practice.thisN: '0', '1')
     units.csv | 2 rows without stimuli and response left out
     questions.csv | 2 rows of questions left out
+    merged.csv | column subject: 78 empty cells filled with the name above
     practice.csv | 8 rows left out as practice (column phase: 'practice')
     unfilled.csv | 20 rows left out as unfilled (stimuli and response are 0 in the last rows): P12
     separators.jsonl | trial rows, JSON, UTF-8, resp
@@ -599,7 +601,7 @@ REFUSED = {
         "The columns are vp, dur1, dur2, key.",
     ),
     "merged_cells.csv": (
-        "subject,s1,s2,response\na,0,0.3,first\n,0,0.3,second\n,0.3,0,first\n",
+        "subject,s1,s2,response\n,0,0.3,first\n,0,0.3,second\na,0.3,0,first\n",
         "column subject: found '' in 2 rows",
         "repeat the text of merged cells in each row",
     ),
