@@ -83,9 +83,7 @@ _NOT_READ = {
     **dict.fromkeys(
         [".gz", ".zip", ".7z", ".xz", ".tar", ".tgz"], "an archive, allowed: the file in it"
     ),
-    **dict.fromkeys(
-        [".xls", ".ods", ".numbers"], "a spreadsheet, allowed: its copy as .xlsx or CSV"
-    ),
+    **dict.fromkeys([".ods", ".numbers"], "a spreadsheet, allowed: its copy as .xlsx or CSV"),
     **dict.fromkeys([".rdata", ".rda", ".rds"], "R data, allowed: a CSV file that write.csv makes"),
     **dict.fromkeys(
         [".sav", ".dta", ".por", ".psydat", ".edat2", ".edat3"],

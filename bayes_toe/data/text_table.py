@@ -475,14 +475,12 @@ def header_place(records: Sequence[Texts], choice: Choice) -> int:
     if max(counts) >= counts[0] + 2:  # a title may have the word of one column
         return counts.index(max(counts))
 
-    # Below lines of one cell, such as a title, the names are the first record of several cells. If
-    # this has a number, it is a row of the table.
-    for index, record in enumerate(records):
-        filled = [cell for cell in record if cell]
-        if len(filled) > 1:
-            has_number = any(re.fullmatch(r"[-\d.,]+", cell) for cell in filled)
-            return 0 if has_number else index
-    return 0
+    # Below titles and lines such as 'date,1 May', the names are the fullest record, of those as
+    # long as the last one. If this has a number, it is a row of the table.
+    rows = [record for record in records if len(record) == len(records[-1])]
+    names = max(rows, key=lambda cells: len([*filter(None, cells)]))
+    has_number = any(re.fullmatch(r"[-\d.,]+", cell) for cell in names)
+    return 0 if has_number else records.index(names)
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:

@@ -244,6 +244,7 @@ READ = {
     "jitter_and_counter.csv": IN_LOGS.assign(count=np.arange(80) % 20, rt=np.arange(80) / 7.0),
     "comma.csv": IN_LOGS,
     "tab.tsv": csv(IN_LOGS, sep="\t"),
+    "tab.xls": csv(IN_LOGS, sep="\t"),
     "bar.txt": csv(IN_LOGS, sep="|"),
     "aligned.txt": IN_LOGS.to_string(index=False),
     "aligned_left.txt": WITH_LEFT_CELLS,
@@ -598,6 +599,11 @@ REFUSED = {
     ),
     "below_a_title.csv": (
         "Experiment 1\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
+        "The columns are vp, dur1, dur2, key.",
+    ),
+    "below_names_of_other_things.csv": (
+        "name,date,subject no.\nx,1 May,7\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
+        "row 3: there is no column s1",
         "The columns are vp, dur1, dur2, key.",
     ),
     "merged_cells.csv": (
@@ -996,6 +1002,8 @@ def test_a_folder_stands_for_its_tables(tmp_path):
 SUBJECTS_BY_NAME = """
     | VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
     | A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
+    | VP1/a.csv VP1/b.csv VP2/a.csv | --subject-from '{}/*' if the subjects are VP1 | VP1 VP2
+    | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
     subject | A/d.csv B/d.csv | one subject, 1. If they are of several, --subject-from '{}/*' | A B
