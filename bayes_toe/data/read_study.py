@@ -120,12 +120,6 @@ _EXAMPLES = {
         ("mu1", "sigma_p", "sigma_l", "q0"),
     ),
 }
-#: What is typed for a table without a header.
-_COLUMNS_BY_NUMBER = Remedy(
-    "columns",
-    (("subject", "NAME"), ("s1", "NAME"), ("s2", "NAME"), ("response", "NAME")),
-    "with numbers; without a subject, type --subject-from '{}.*' for the name of the file",
-)
 #: True parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
@@ -413,9 +407,8 @@ class _Rows:
 
 def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
-    column = table.columns.get(with_likely_columns(table.names, options).name("subject"))
-    if column is not None:
-        table = with_subjects_below(table, column)
+    subject_name = with_likely_columns(table.names, options).name("subject")
+    table = with_subjects_below(table, subject_name)
     if options.wide is not None:
         table = with_pairs(table, options)
     _require_header(table, options)
@@ -455,6 +448,11 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
     stimuli = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     stimuli, rounding = merge_rounded(stimuli, columns["subject"], options.stimulus_unit)
+    if options.subject_from is not None and "repeated header" in " ".join(table.notes):
+        rounding.append(
+            "repeated headers may begin other subjects, but all rows are read as one subject. If "
+            "there are several, add a column subject"
+        )
     order = StandardOrder(table, columns.get("standard_interval"), options)
     return _Rows(table, columns, options, stimuli, order, rounding)
 
@@ -465,10 +463,12 @@ def _require_header(table: TextTable, options: ReadOptions) -> None:
     if is_named or not "".join(table.names[1:]).isdigit():
         return
     cells = chain.from_iterable(column.texts[:1] for column in table.columns.values())
+    columns = tuple(dict.fromkeys(("subject", "s1", "s2", "response"), "NAME").items())
+    meaning = "with numbers; without a subject, type --subject-from '{}.*' for the name of the file"
     raise InputError(
         f"{table.source}: has no header: row 1 holds {join_names(map(quoted, cells))}. Its columns "
         "are called by their numbers.",
-        [_COLUMNS_BY_NUMBER],
+        [Remedy("columns", columns, meaning)],
     )
 
 

@@ -269,7 +269,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     if sheet is not None and not sheets:
         raise _no_such_sheet(source, _excel_sheets(source, data))
     heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
-    title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
+    title = _chosen_sheet(source, sheets, heads, choice)
 
     rows = sheets[title]
     first, header = heads[title]

@@ -46,7 +46,7 @@ Line: TypeAlias = tuple[Any, str]
 #: Where the tables of a folder are: those of BIDS, else those in it, else those in subfolders.
 _IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
 #: Where the name of a file or of its folder may have the subject.
-_SUBJECT_PLACES = ("{}_*", "{}.*", "{}/*", "{}/*/*")
+_SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
 #: The same for a sheet of an Excel file, as in study.xlsx/S01.
 _SUBJECT_IN_SHEET = ("{}", "{}_*")
 #: The beginning of all lines, up to a sign between words.
@@ -190,14 +190,10 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     """
     by_subjects = dict[tuple[str, ...], Remedy]()
     are_sheets = all(isinstance(path, StrPath) and is_excel(Path(path).parent) for path in paths)
-    names = [os.path.basename(str(path)) for path in paths]
-    places = _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
-    patterns = places[::-1]  # names that several folders have are no subjects
-    if len({*names}) == len(names):
-        # Of toe_A_1.csv and toe_B_1.csv it is 'toe_', and the first pattern 'toe_{}_*'.
-        beginning = re.sub(_COMMON_BEGINNING, r"\1", "\n".join(names))
-        patterns = [beginning + place for place in places]
-    for pattern in patterns:
+    names = "\n".join(os.path.basename(str(path)) for path in paths)
+    # Of toe_A_1.csv and toe_B_1.csv it is 'toe_{}_*'.
+    first_pattern = re.sub(_COMMON_BEGINNING, r"\1{}_*", names)
+    for pattern in (first_pattern, *(_SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES)):
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"

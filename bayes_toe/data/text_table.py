@@ -363,17 +363,15 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # that rows keep their numbers.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
     # The same with remarks above the names, as of Expyriment. One line alone may have the names.
-    remarks = re.match(r"(?:#.*[\r\n]+){2,}", text)
-    if remarks:
-        text = re.sub("[^\r\n]", "", remarks[0]) + text[remarks.end() :]
+    text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
 
     delimiter, place, has_row_names = _layout(text, choice)
-    records: Iterator[Record] = itertools.islice(_records(text, delimiter), place, None)
+    records = itertools.islice(_records(text, delimiter), place, None)
     first_row, head = next(records, (0, []))
     header = _header_names(source, first_row, head)
     names = names_or_numbers(header, choice)
     if names != header:
-        records = itertools.chain([(first_row, head)], records)
+        records = itertools.islice(_records(text, delimiter), place, None)
     elif has_row_names:
         names = ["", *names]
 
@@ -443,23 +441,20 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
     Under this delimiter most names are chosen; of several such ones, it makes most cells. Names of
     rows have no name of their own, so that the next record has one cell more.
     """
-    best = ("", 0, False)
-    best_fit = (-1, -1)
+    layouts = []
     for delimiter in DELIMITERS:
         records = itertools.islice(_records(text, delimiter), MOST_RECORDS + 1)
-        names_of_records = [_names(cells) for _, cells in records]
+        names_of_records = [_names(cells) for _, cells in records] or [[]]
         place = header_place(names_of_records[:MOST_RECORDS], choice)
-        names = names_of_records[place] if names_of_records else []
+        names = names_of_records[place]
         next_widths = [*map(len, names_of_records[place + 1 : place + 2])]  # one, or none
         has_row_names = next_widths == [len(names) + 1]
         cells = names
         if delimiter == " ":  # names may have spaces, numbers have none
             cells = [*filter(_NUMBER.fullmatch, names)]
         fit = n_chosen(names, choice), len(cells)
-        if fit > best_fit:
-            best = (delimiter, place, has_row_names)
-            best_fit = fit
-    return best
+        layouts.append((fit, (delimiter, place, has_row_names)))
+    return max(layouts, key=itemgetter(0))[1]
 
 
 def _names(cells: Cells) -> list[str]:
@@ -470,7 +465,7 @@ def _names(cells: Cells) -> list[str]:
 def header_place(records: Sequence[Texts], choice: Choice) -> int:
     """The index of the record with the names: the first one, unless a later one is clearer."""
     counts = [n_chosen(record, choice) for record in records]
-    if not counts or counts[0] > 1:
+    if counts[0] > 1:
         return 0
     if max(counts) >= counts[0] + 2:  # a title may have the word of one column
         return counts.index(max(counts))

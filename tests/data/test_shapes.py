@@ -794,6 +794,11 @@ def test_a_shape_that_may_mislead_is_warned_of(part, tmp_path):
     assert part in " ".join(result.stdout.split())
 
 
+def test_tables_below_each_other_may_be_of_several_subjects(tmp_path):
+    result = check(tmp_path, "AB.csv --subject-from {}.*", csv(WITHOUT_SUBJECT) * 2)
+    assert ": repeated headers may begin other subjects" in " ".join(result.stdout.split())
+
+
 #: Columns, or cells, that say that a trial does not count: texts of these and of other rows.
 TAKEN_OUT = """
     exclude | 1 | 0
@@ -1002,7 +1007,6 @@ def test_a_folder_stands_for_its_tables(tmp_path):
 SUBJECTS_BY_NAME = """
     | VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
     | A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
-    | VP1/a.csv VP1/b.csv VP2/a.csv | --subject-from '{}/*' if the subjects are VP1 | VP1 VP2
     | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
