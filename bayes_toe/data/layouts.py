@@ -242,11 +242,10 @@ def _without_unit(
         table.problems.ask(f"the stimuli have the unit {quoted(unit)}.", remedies)
         table.problems.refuse()
 
-    without_unit = []
-    for column in columns:
-        numbers = [text.removesuffix(unit) for text in column.texts]
-        without_unit.append(Column.from_texts(column.name, numbers, column.codes))
-    return without_unit
+    return [
+        Column.from_texts(column.name, [text.removesuffix(unit) for text in column.texts], column.codes)
+        for column in columns
+    ]
 
 
 def _require_decimal_sign(
@@ -336,11 +335,9 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     columns = {**table.columns}
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
-        texts = [pair[i] for pair in pairs]
-        columns[name] = Column.from_texts(name, texts, column.codes)
+        columns[name] = Column.from_texts(name, [pair[i] for pair in pairs], column.codes)
 
-    other_names = [name for name in table.names if name != column.name]
-    names = [*other_names, *map(options.name, options.stimuli)]
+    names = [*filter(column.name.__ne__, table.names), *map(options.name, options.stimuli)]
     notes = (*table.notes, f"pairs read from {origin}")
     return replace(table, names=names, columns=columns, notes=notes)
 
