@@ -448,7 +448,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
     stimuli = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     stimuli, rounding = merge_rounded(stimuli, columns["subject"], options.stimulus_unit)
-    if options.subject_from is not None and "repeated header" in " ".join(table.notes):
+    if options.subject_from and "repeated header" in " ".join(table.notes):
         rounding.append(
             "repeated headers may begin other subjects, but all rows are read as one subject. If "
             "there are several, add a column subject"
@@ -625,9 +625,8 @@ def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts 
         return []
     subject = rows.subject.only(is_dropped)
     finding = f" ({', '.join(cells)})" if cells else ""
-    counts = {}
-    for text, n in zip(subject.texts, np.bincount(subject.codes).tolist(), strict=True):
-        counts[text or "(no subject)"] = n
+    names = [text or "(no subject)" for text in subject.texts]
+    counts = dict(zip(names, np.bincount(subject.codes).tolist(), strict=True))
     trials = (len(subject.codes), "trial")
     return [Note(trials, f" {reason} dropped{finding}: ", named_counts(counts))]
 
@@ -685,9 +684,9 @@ def _count_study(rows: _Rows, task: Task) -> Study:
 def _three_count_study(rows: _Rows) -> Study:
     """The study of counts of three answers, which add up to the trials of a row."""
     task = THREE_ANSWERS
-    counts = {}
-    for answer in task.answers:
-        counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
+    counts = {
+        answer: column_counts(rows.table, rows.columns[f"n_{answer}"]) for answer in task.answers
+    }
     n = np.sum([*counts.values()], axis=0)
     trials = rows.table.columns.get(rows.options.name("n_trials"))
     if trials is not None:

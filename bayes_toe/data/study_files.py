@@ -174,10 +174,8 @@ def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
 
     remedies = []
     for remedy in errors[0].remedies:
-        if remedy.option == "subject_from":
-            remedies += _subject_remedies(paths, remedy)
-        else:
-            remedies.append(remedy)
+        is_name = remedy.option == "subject_from"
+        remedies += _subject_remedies(paths, remedy) if is_name else [remedy]
     return InputError(problems, remedies)
 
 
@@ -188,7 +186,7 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     """
     by_subjects = dict[tuple[str, ...], Remedy]()
     are_sheets = all(isinstance(path, StrPath) and is_excel(Path(path).parent) for path in paths)
-    names = "\n".join(os.path.basename(str(path)) for path in paths)
+    names = "\n".join(map(os.path.basename, map(str, paths)))
     # Of toe_A_1.csv and toe_B_1.csv it is 'toe_{}_*'.
     first_pattern = re.sub(_COMMON_BEGINNING, r"\1{}_*", names)
     for pattern in (first_pattern, *(_SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES)):

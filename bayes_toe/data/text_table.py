@@ -192,8 +192,9 @@ class Problems:
         """Add a problem of the whole table, with options that solve it."""
         # Questions come before the problems of rows. A remedy may have one of its own, the last.
         index = sum(row == _HEAD_ROW for row, _ in self._shown)
-        for remedy in remedies:
-            self.remedies.append(remedy._replace(question=max(index, remedy.question)))
+        self.remedies += [
+            remedy._replace(question=max(index, remedy.question)) for remedy in remedies
+        ]
         self.add([(_HEAD_ROW, question)])
 
     def refuse(self) -> None:
@@ -341,8 +342,8 @@ def names_or_numbers(cells: list[str], choice: Choice) -> list[str]:
     A row has several numbers, and at most one of our words, which may be a response. pandas counts
     columns from 0.
     """
-    n_numbers = len([*filter(_NUMBER.fullmatch, cells)])
-    if n_numbers < 2 or n_chosen(cells, choice) > 1 or cells[0] == "0":
+    numbers = [*filter(_NUMBER.fullmatch, cells)]
+    if len(numbers) < 2 or n_chosen(cells, choice) > 1 or cells[0] == "0":
         return cells
     return [*map(str, range(1, len(cells) + 1))]
 
@@ -449,10 +450,9 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
         names = names_of_records[place]
         next_widths = [*map(len, names_of_records[place + 1 : place + 2])]  # one, or none
         has_row_names = next_widths == [len(names) + 1]
-        cells = names
-        if delimiter == " ":  # names may have spaces, numbers have none
-            cells = [*filter(_NUMBER.fullmatch, names)]
-        fit = n_chosen(names, choice), len(cells)
+        # Names may have spaces, numbers have none.
+        cells = filter(_NUMBER.fullmatch, names) if delimiter == " " else names
+        fit = n_chosen(names, choice), len([*cells])
         layouts.append((fit, (delimiter, place, has_row_names)))
     return max(layouts, key=itemgetter(0))[1]
 
@@ -474,8 +474,7 @@ def header_place(records: Sequence[Texts], choice: Choice) -> int:
     # long as the last one. If this has a number, it is a row of the table.
     rows = [record for record in records if len(record) == len(records[-1])]
     names = max(rows, key=lambda cells: len([*filter(None, cells)]))
-    has_number = any(re.fullmatch(r"[-\d.,]+", cell) for cell in names)
-    return 0 if has_number else records.index(names)
+    return 0 if any(map(_NUMBER.fullmatch, names)) else records.index(names)
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:

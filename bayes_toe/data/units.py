@@ -97,9 +97,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         return study
 
     column = options.name("condition")
-    units = [
-        replace(unit, condition=unit.name.partition(CONDITION_SEPARATOR)[2]) for unit in study
-    ]
+    units = [replace(unit, condition=unit.name.partition(CONDITION_SEPARATOR)[2]) for unit in study]
     unit_levels = [unit.condition for unit in units]
     if not all(unit_levels):
         raise InputError(
@@ -217,11 +215,11 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
         for task in tasks
     }
     order, _ = _level_order([*by_level], options)
-    units = []
-    for level in order:
-        for subject in by_level[level]:
-            unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
-            units.append(replace(subject, name=unit_name, condition=level))
+    units = [
+        replace(subject, name=f"{subject.name}{CONDITION_SEPARATOR}{level}", condition=level)
+        for level in order
+        for subject in by_level[level]
+    ]
 
     joined = [*by_level.values()]
     conditions = Conditions(options.condition or TASK, tuple(order))

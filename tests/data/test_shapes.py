@@ -319,6 +319,10 @@ READ = {
     "units_in_cells.csv --unit g --columns i1=w1,i2=w2": IN_GRAMS.assign(
         w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format)
     ),
+    "names_of_files.csv --unit g --columns s1=w1,s2=w2": IN_GRAMS.assign(
+        w1=TRIALS.w1.map("./pictures/weight-{}g.png".format),
+        w2=TRIALS.w2.map("./pictures/weight-{}g.png".format),
+    ),
     "decadic.csv --unit log10": IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2)),
     "cents.csv --unit cents": IN_LOGS.assign(
         s1=1200 * np.log2(TRIALS.w1), s2=1200 * np.log2(TRIALS.w2)
@@ -533,6 +537,14 @@ REFUSED = {
     "percent_in_cells.csv": (
         "subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
         "error: percent_in_cells.csv: the stimuli have the unit '%'.\ntype:  --unit %  if",
+    ),
+    "dates_of_numbers.csv --columns s1=w1,s2=w2 --unit g": (
+        "subject,w1,w2,response\na,Apr-05,Apr-06,first\na,Apr-06,Apr-05,second\n",
+        "column w1: found 'Apr-05', allowed: a positive finite number",
+    ),
+    "names_of_pictures.csv --columns s1=w1,s2=w2": (
+        "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
+        "found whole numbers from 12 to 14, allowed: natural logs\ntype:  --unit a.u.",
     ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
