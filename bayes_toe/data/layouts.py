@@ -173,9 +173,10 @@ def _ask_order(
     if owner == "comparison":
         meaning = "if it says the interval of the comparison"
         remedies.append(Remedy("comparison_interval", column.name, meaning))
-    for text in texts:
-        meaning = f"if {text} means that the standard was first"
-        remedies.append(Remedy("standard_first_code", text, meaning))
+    remedies += [
+        Remedy("standard_first_code", text, f"if {text} means that the standard was first")
+        for text in texts
+    ]
     table.problems.ask(f"{column}: {problem}", remedies)
     table.problems.refuse()
 
@@ -195,6 +196,14 @@ def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | N
     stimulus = (stimuli or [owner])[0]
     interval = (places or ["first"])[0]
     return (stimulus == "standard") == (interval == "first")
+
+
+#: Of 'stim/tone_7Hz.wav' the text before the number, the unit and '.wav'; of '7' empty texts. It
+#: finds nothing in 'Apr-05', a date that was a number.
+_NUMBER_IN_NAME = (
+    r"(?m)^[+\u2212-]?(?:[.,]?|(?!\w{3}-\d+$)([./]*[^\W\d_](?:\D*[^\d.,])?))(?:\d|\d.*?\d) *"
+    r"(%|[^\W\d_]{0,16})(\.[a-zA-Z]\w*|)$"
+)
 
 
 # --- Numbers of stimuli ---------------------------------------------------------------------------
@@ -230,22 +239,23 @@ def stimulus_logs(table: TextTable, columns: Sequence[Column], options: ReadOpti
 def _without_unit(
     table: TextTable, columns: Sequence[Column], options: ReadOptions
 ) -> Sequence[Column]:
-    """Stimuli without the unit that stands behind every number; the options must give the unit."""
-    texts = "\n".join(chain.from_iterable(column.texts for column in columns))
-    # Of '7.0%' and '7 um' the '%' and 'um', of '7' an empty text.
-    units = {*re.findall(r"(?m)\d *(%|[^\W\d_]{0,16})$", texts)}
-    unit = units.pop() if len(units) == 1 else ""
-    if not unit:
-        return columns
+    """Stimuli without the unit that stands behind every number; the options must give the unit.
 
+    A number may stand in the name of a file, as in 'tone_460Hz.wav', if all names are alike.
+    """
+    texts = "\n".join(chain.from_iterable(column.texts for column in columns))
+    parts = {*re.findall(_NUMBER_IN_NAME, texts)}
+    beginning, unit, ending = parts.pop() if len(parts) == 1 else ("", "", "")
     remedies = unit_remedies(unit_in(f"1 {unit}") or unit)[:-1]  # natural logs have no unit
-    if options.unit not in [remedy.value for remedy in remedies]:
+    if unit and options.unit not in [remedy.value for remedy in remedies]:
         table.problems.ask(f"the stimuli have the unit {quoted(unit)}.", remedies)
         table.problems.refuse()
 
     without_unit = []
     for column in columns:
-        numbers = [text.removesuffix(unit) for text in column.texts]
+        numbers = [
+            text.removeprefix(beginning).removesuffix(unit + ending) for text in column.texts
+        ]
         without_unit.append(Column.from_texts(column.name, numbers, column.codes))
     return without_unit
 
@@ -353,11 +363,9 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     columns = {**table.columns}
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
-        texts = [pair[i] for pair in pairs]
-        columns[name] = Column.from_texts(name, texts, column.codes)
+        columns[name] = Column.from_texts(name, [pair[i] for pair in pairs], column.codes)
 
-    other_names = [name for name in table.names if name != column.name]
-    names = [*other_names, *map(options.name, options.stimuli)]
+    names = [*filter(column.name.__ne__, table.names), *map(options.name, options.stimuli)]
     notes = (*table.notes, f"pairs read from {origin}")
     return replace(table, names=names, columns=columns, notes=notes)
 

@@ -7,7 +7,6 @@ too.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
@@ -74,6 +73,7 @@ from bayes_toe.data.trial_rows import (
     taken_out_doubts,
     trial_rows,
     with_row_for_each_trial,
+    with_subjects_below,
 )
 from bayes_toe.data.units import (
     follows_from_pairs,
@@ -89,7 +89,6 @@ from bayes_toe.data.validation import (
     counts_of_shares,
     empty,
     has_shares,
-    number,
     read_numbers,
     require_numbers,
     require_texts,
@@ -408,6 +407,8 @@ class _Rows:
 
 def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
+    subject_name = with_likely_columns(table.names, options).name("subject")
+    table = with_subjects_below(table, subject_name)
     if options.wide is not None:
         table = with_pairs(table, options)
     _require_header(table, options)
@@ -447,22 +448,28 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
     stimuli = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     stimuli, rounding = merge_rounded(stimuli, columns["subject"], options.stimulus_unit)
+    if options.subject_from and "repeated header" in " ".join(table.notes):
+        rounding.append(
+            "repeated headers may begin other subjects, but all rows are read as one subject. If "
+            "there are several, add a column subject"
+        )
     order = StandardOrder(table, columns.get("standard_interval"), options)
     return _Rows(table, columns, options, stimuli, order, rounding)
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:
-    """Refuse a table without a header, whose names are numbers and not those of the stimuli."""
-    head = table.names
-    if len(head) == 1:  # cells that could not be told apart, as between spaces
-        head = head[0].split()
-    numbers_in_head = [cell for cell in head if math.isfinite(number(cell, True))]
-    if len(numbers_in_head) > 1 and {*map(options.name, options.stimuli)}.isdisjoint(table.names):
-        cells = join_names(map(quoted, head))
-        raise InputError(
-            f"{table.source}: has no header: {table.head} holds {cells}; allowed: the "
-            "names of the columns, such as subject, s1, s2, response"
-        )
+    """Refuse a table whose columns have numbers for names, unless options name some of them."""
+    is_named = not {*options.columns.values()}.isdisjoint(table.names)
+    if is_named or not "".join(table.names[1:]).isdigit():
+        return
+    cells = chain.from_iterable(column.texts[:1] for column in table.columns.values())
+    columns = tuple(dict.fromkeys(("subject", "s1", "s2", "response"), "NAME").items())
+    meaning = "with numbers; without a subject, type --subject-from '{}.*' for the name of the file"
+    raise InputError(
+        f"{table.source}: has no header: row 1 holds {join_names(map(quoted, cells))}. Its columns "
+        "are called by their numbers.",
+        [Remedy("columns", columns, meaning)],
+    )
 
 
 def _columns_of_file(table: TextTable) -> Columns:
@@ -618,9 +625,8 @@ def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts 
         return []
     subject = rows.subject.only(is_dropped)
     finding = f" ({', '.join(cells)})" if cells else ""
-    counts = {}
-    for text, n in zip(subject.texts, np.bincount(subject.codes).tolist(), strict=True):
-        counts[text or "(no subject)"] = n
+    names = [text or "(no subject)" for text in subject.texts]
+    counts = dict(zip(names, np.bincount(subject.codes).tolist(), strict=True))
     trials = (len(subject.codes), "trial")
     return [Note(trials, f" {reason} dropped{finding}: ", named_counts(counts))]
 
@@ -678,9 +684,9 @@ def _count_study(rows: _Rows, task: Task) -> Study:
 def _three_count_study(rows: _Rows) -> Study:
     """The study of counts of three answers, which add up to the trials of a row."""
     task = THREE_ANSWERS
-    counts = {}
-    for answer in task.answers:
-        counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
+    counts = {
+        answer: column_counts(rows.table, rows.columns[f"n_{answer}"]) for answer in task.answers
+    }
     n = np.sum([*counts.values()], axis=0)
     trials = rows.table.columns.get(rows.options.name("n_trials"))
     if trials is not None:

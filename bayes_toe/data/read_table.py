@@ -49,6 +49,7 @@ from bayes_toe.data.text_table import (
     header_place,
     n_chosen,
     name_places,
+    names_or_numbers,
     read_csv,
     require_size,
     value_text,
@@ -82,9 +83,7 @@ _NOT_READ = {
     **dict.fromkeys(
         [".gz", ".zip", ".7z", ".xz", ".tar", ".tgz"], "an archive, allowed: the file in it"
     ),
-    **dict.fromkeys(
-        [".xls", ".ods", ".numbers"], "a spreadsheet, allowed: its copy as .xlsx or CSV"
-    ),
+    **dict.fromkeys([".ods", ".numbers"], "a spreadsheet, allowed: its copy as .xlsx or CSV"),
     **dict.fromkeys([".rdata", ".rda", ".rds"], "R data, allowed: a CSV file that write.csv makes"),
     **dict.fromkeys(
         [".sav", ".dta", ".por", ".psydat", ".edat2", ".edat3"],
@@ -270,12 +269,14 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     if sheet is not None and not sheets:
         raise _no_such_sheet(source, _excel_sheets(source, data))
     heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
-    title = _chosen_sheet(source, sheets, heads, choice) if sheet is None else sheet
+    title = _chosen_sheet(source, sheets, heads, choice)
 
     rows = sheets[title]
-    first, names = heads[title]
+    first, header = heads[title]
+    names = names_or_numbers(header, choice)
     # Rows count from 1, as in the sheet, and indices from 0.
-    filled = [row for row in range(first + 2, len(rows) + 1) if _is_filled(rows[row - 1])]
+    rows_below = range(first + 1 + (names == header), len(rows) + 1)
+    filled = [row for row in rows_below if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():
         values[name] = [rows[row - 1][index] for row in filled]
@@ -448,9 +449,7 @@ def _table_of_records(
     """The table of records, a column for each key and a row for each record."""
     names = list(dict.fromkeys(chain.from_iterable(records)))
     require_size(source, len(names), len(names) * len(records))
-    values = {}
-    for name in names:
-        values[name] = [record.get(name) for record in records]
+    values = {name: [record.get(name) for record in records] for name in names}
     rows = range(1, len(records) + 1)
     return _table_of_values(source, form, head, names, values, rows, choice)
 

@@ -49,6 +49,8 @@ _IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
 _SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
 #: The same for a sheet of an Excel file, as in study.xlsx/S01.
 _SUBJECT_IN_SHEET = ("{}", "{}_*")
+#: The beginning of all lines, up to a sign between words.
+_COMMON_BEGINNING = r"\A((?:.*[_. -])?).*(?:\n\1.*)*\Z"
 
 
 def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
@@ -161,10 +163,8 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
 
 def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
     """One refusal for the errors of several files: problems that are alike are one line."""
-    lines = []
-    for problem in chain.from_iterable(error.problems for error in errors):
-        file, _, text = problem.partition(": ")
-        lines.append((file, text))
+    all_problems = chain.from_iterable(error.problems for error in errors)
+    lines = [problem.partition(": ")[::2] for problem in all_problems]  # the file, and the text
     problems = []
     for alike in _alike(lines):
         several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
@@ -174,10 +174,8 @@ def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
 
     remedies = []
     for remedy in errors[0].remedies:
-        if remedy.option == "subject_from":
-            remedies += _subject_remedies(paths, remedy)
-        else:
-            remedies.append(remedy)
+        is_name = remedy.option == "subject_from"
+        remedies += _subject_remedies(paths, remedy) if is_name else [remedy]
     return InputError(problems, remedies)
 
 
@@ -188,7 +186,10 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     """
     by_subjects = dict[tuple[str, ...], Remedy]()
     are_sheets = all(isinstance(path, StrPath) and is_excel(Path(path).parent) for path in paths)
-    for pattern in _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES:
+    names = "\n".join(map(os.path.basename, map(str, paths)))
+    # Of toe_A_1.csv and toe_B_1.csv it is 'toe_{}_*'.
+    first_pattern = re.sub(_COMMON_BEGINNING, r"\1{}_*", names)
+    for pattern in (first_pattern, *(_SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES)):
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"
@@ -273,11 +274,11 @@ def together(studies: Sequence[Study]) -> Study:
 
 def reading_of_all(studies: Sequence[Study]) -> Reading:
     """The readings of all studies as one, each entry once."""
-    entries = {}
+    lists = []
     for key in ("read", "ignored", "doubts", "pooled", "codes"):
-        all_entries = chain.from_iterable(getattr(study.reading, key) for study in studies)
-        entries[key] = tuple(dict.fromkeys(all_entries))
-    return Reading(**entries)
+        entries = chain.from_iterable(getattr(study.reading, key) for study in studies)
+        lists.append(tuple(dict.fromkeys(entries)))
+    return Reading(*lists)
 
 
 def common_notes(studies: Sequence[Study]) -> list[str]:
@@ -285,11 +286,8 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
 
     Its counts and names are those of all files.
     """
-    lines = []
-    for study in studies:
-        lines += [(study, note) for note in study.notes]
     notes = []
-    for group in _alike(lines):
+    for group in _alike((study, note) for study in studies for note in study.notes):
         first_study, first_note = group[0]
         n_files = len(group)
         note = sum_of_notes([note for _, note in group])

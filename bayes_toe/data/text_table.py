@@ -67,6 +67,9 @@ _SPLIT_ERRORS = {
 }
 
 
+#: A cell that holds a number, and is no name of a column.
+_NUMBER = re.compile(r"[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?")
+
 # pandas' own missing values; they equal nothing, and say so in words that are no truth values
 _MISSING = ("NAType", "NaTType")
 
@@ -189,8 +192,9 @@ class Problems:
         """Add a problem of the whole table, with options that solve it."""
         # Questions come before the problems of rows. A remedy may have one of its own, the last.
         index = sum(row == _HEAD_ROW for row, _ in self._shown)
-        for remedy in remedies:
-            self.remedies.append(remedy._replace(question=max(index, remedy.question)))
+        self.remedies += [
+            remedy._replace(question=max(index, remedy.question)) for remedy in remedies
+        ]
         self.add([(_HEAD_ROW, question)])
 
     def refuse(self) -> None:
@@ -328,8 +332,20 @@ def name_places(names: Texts) -> dict[str, int]:
 
 
 def n_chosen(names: Texts, choice: Choice) -> int:
-    """How many distinct names the choice has among these."""
-    return len(set(names).intersection(choice(names)))
+    """How many distinct names the choice has among these; numbers are no names."""
+    return len({*names}.intersection(choice(names)) - {*filter(_NUMBER.fullmatch, names)})
+
+
+def names_or_numbers(cells: list[str], choice: Choice) -> list[str]:
+    """The names of columns in a record, or their numbers where it is a row of the table.
+
+    A row has several numbers, and at most one of our words, which may be a response. pandas counts
+    columns from 0.
+    """
+    numbers = [*filter(_NUMBER.fullmatch, cells)]
+    if len(numbers) < 2 or n_chosen(cells, choice) > 1 or cells[0] == "0":
+        return cells
+    return [*map(str, range(1, len(cells) + 1))]
 
 
 # --- CSV ------------------------------------------------------------------------------------------
@@ -348,15 +364,16 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # that rows keep their numbers.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
     # The same with remarks above the names, as of Expyriment. One line alone may have the names.
-    remarks = re.match(r"(?:#.*[\r\n]+){2,}", text)
-    if remarks:
-        text = re.sub("[^\r\n]", "", remarks[0]) + text[remarks.end() :]
+    text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
 
     delimiter, place, has_row_names = _layout(text, choice)
     records = itertools.islice(_records(text, delimiter), place, None)
     first_row, head = next(records, (0, []))
-    names = _header_names(source, first_row, head)
-    if has_row_names:
+    header = _header_names(source, first_row, head)
+    names = names_or_numbers(header, choice)
+    if names != header:
+        records = itertools.islice(_records(text, delimiter), place, None)
+    elif has_row_names:
         names = ["", *names]
 
     problems = Problems(source)
@@ -425,21 +442,19 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
     Under this delimiter most names are chosen; of several such ones, it makes most cells. Names of
     rows have no name of their own, so that the next record has one cell more.
     """
-    best = ("", 0, False)
-    best_fit = (-1, -1)
+    layouts = []
     for delimiter in DELIMITERS:
         records = itertools.islice(_records(text, delimiter), MOST_RECORDS + 1)
-        names_of_records = [_names(cells) for _, cells in records]
+        names_of_records = [_names(cells) for _, cells in records] or [[]]
         place = header_place(names_of_records[:MOST_RECORDS], choice)
-        names = names_of_records[place] if names_of_records else []
+        names = names_of_records[place]
         next_widths = [*map(len, names_of_records[place + 1 : place + 2])]  # one, or none
         has_row_names = next_widths == [len(names) + 1]
-        n_cells = 0 if delimiter == " " else len(names)  # names may have spaces
-        fit = n_chosen(names, choice), n_cells
-        if fit > best_fit:
-            best = (delimiter, place, has_row_names)
-            best_fit = fit
-    return best
+        # Names may have spaces, numbers have none.
+        cells = filter(_NUMBER.fullmatch, names) if delimiter == " " else names
+        fit = n_chosen(names, choice), len([*cells])
+        layouts.append((fit, (delimiter, place, has_row_names)))
+    return max(layouts, key=itemgetter(0))[1]
 
 
 def _names(cells: Cells) -> list[str]:
@@ -450,19 +465,16 @@ def _names(cells: Cells) -> list[str]:
 def header_place(records: Sequence[Texts], choice: Choice) -> int:
     """The index of the record with the names: the first one, unless a later one is clearer."""
     counts = [n_chosen(record, choice) for record in records]
-    if not counts or counts[0] > 1:
+    if counts[0] > 1:
         return 0
     if max(counts) >= counts[0] + 2:  # a title may have the word of one column
         return counts.index(max(counts))
 
-    # Below lines of one cell, such as a title, the names are the first record of several cells. If
-    # this has a number, it is a row of the table.
-    for index, record in enumerate(records):
-        filled = [cell for cell in record if cell]
-        if len(filled) > 1:
-            has_number = any(re.fullmatch(r"[-\d.,]+", cell) for cell in filled)
-            return 0 if has_number else index
-    return 0
+    # Below titles and lines such as 'date,1 May', the names are the fullest record, of those as
+    # long as the last one. If this has a number, it is a row of the table.
+    rows = [record for record in records if len(record) == len(records[-1])]
+    names = max(rows, key=lambda cells: len([*filter(None, cells)]))
+    return 0 if any(map(_NUMBER.fullmatch, names)) else records.index(names)
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:

@@ -65,6 +65,22 @@ def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> Tex
     return table
 
 
+def with_subjects_below(table: TextTable, name: str) -> TextTable:
+    """The table whose column of subjects has each name in all rows of the subject.
+
+    In the file each name stands once, with empty cells below it, as merged cells are saved.
+    """
+    column = table.columns.get(name)
+    if column is None or column.texts[1:2] != [""]:
+        return table
+    is_name = column.codes != 1  # codes are in the order of their first rows
+    if not sum(is_name) < min(len(column.texts), 0.5 * len(is_name)):
+        return table
+    filled = replace(column, codes=np.maximum.accumulate(column.codes * is_name))
+    note = f"{column}: {sum(~is_name)} empty cells filled with the name above"
+    return replace(table, columns={**table.columns, name: filled}, notes=(*table.notes, note))
+
+
 def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
     """The rows that have the texts of `options.where`, and the options for them.
 

@@ -162,6 +162,7 @@ GERMAN = pd.DataFrame(
     }
 )
 GERMAN_PAIR = "--columns 's1=Reiz 1,s2=Reiz 2'"
+BY_NUMBER = "--columns subject=1,s1=2,s2=3,response=4"
 LISTS = IN_LOGS.to_dict("list")
 P03 = IN_LOGS[:40]
 WITHOUT_SUBJECT = P03.drop(columns="subject")
@@ -243,6 +244,7 @@ READ = {
     "jitter_and_counter.csv": IN_LOGS.assign(count=np.arange(80) % 20, rt=np.arange(80) / 7.0),
     "comma.csv": IN_LOGS,
     "tab.tsv": csv(IN_LOGS, sep="\t"),
+    "tab.xls": csv(IN_LOGS, sep="\t"),
     "bar.txt": csv(IN_LOGS, sep="|"),
     "aligned.txt": IN_LOGS.to_string(index=False),
     "aligned_left.txt": WITH_LEFT_CELLS,
@@ -251,6 +253,9 @@ READ = {
     "windows.csv": csv(IN_LOGS.assign(note="größer"), "cp1252"),
     "encoding.csv --encoding mac_roman": csv(IN_LOGS.assign(note="größer"), "mac_roman"),
     "lines_above.csv": b"Experiment 1\n\nlab 3\n" + csv(IN_LOGS),
+    f"no_names.csv {BY_NUMBER}": csv(IN_LOGS, header=False),
+    f"no_names.txt {BY_NUMBER}": csv(IN_LOGS, sep=" ", header=False),
+    f"no_names.xlsx {BY_NUMBER}": excel(T=IN_LOGS[1:].set_axis([*IN_LOGS.iloc[0]], axis=1)),
     "expyriment.xpd": b"# -*- coding: UTF-8 -*-\n#e Experiment: A, B\n#s id: 3\n" + csv(IN_LOGS),
     "names_in_two_lines.csv --columns 's1=First (ln)'": labelled(IN_LOGS, s1="First\n(ln)"),
     "names_in_two_lines.xlsx --columns 's1=First (ln)'": excel(
@@ -316,6 +321,10 @@ READ = {
     "units_in_cells.csv --unit g --columns i1=w1,i2=w2": IN_GRAMS.assign(
         w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format)
     ),
+    "names_of_files.csv --unit g --columns s1=w1,s2=w2": IN_GRAMS.assign(
+        w1=TRIALS.w1.map("./pictures/weight-{}g.png".format),
+        w2=TRIALS.w2.map("./pictures/weight-{}g.png".format),
+    ),
     "decadic.csv --unit log10": IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2)),
     "cents.csv --unit cents": IN_LOGS.assign(
         s1=1200 * np.log2(TRIALS.w1), s2=1200 * np.log2(TRIALS.w2)
@@ -340,6 +349,7 @@ READ = {
     "practice_counter.csv": IN_LOGS.assign(practice=range(80)),
     "where.csv --where kind=main": with_practice("kind", "other", "main"),
     "practice.csv": with_practice("phase", "practice", "main"),
+    "merged.csv": IN_LOGS.assign(subject=IN_LOGS.subject.mask(IN_LOGS.subject.duplicated())),
     "units.csv --second-code 1": with_rows(
         CODED, [["", "ln", "ln", "0/1"], ["P03", "null", "NA", '{"age":"23"}']]
     ),
@@ -391,6 +401,7 @@ NOTES = """
     psychopy.csv | 2 rows left out as practice (column practice.thisN: '0', '1')
     units.csv | 2 rows without stimuli and response left out
     questions.csv | 2 rows of questions left out
+    merged.csv | column subject: 78 empty cells filled with the name above
     practice.csv | 8 rows left out as practice (column phase: 'practice')
     unfilled.csv | 20 rows left out as unfilled (stimuli and response are 0 in the last rows): P12
     separators.jsonl | trial rows, JSON, UTF-8, resp
@@ -421,7 +432,11 @@ REFUSED = {
         "column Freq: found '0.5' in 37 rows",
         "a whole number from 0 to 10^12",
     ),
-    "no_names.csv": (csv(IN_LOGS, header=False), "no_names.csv: has no header: row 1 holds 'P0"),
+    "no_names.csv": (
+        csv(IN_LOGS, header=False),
+        "no_names.csv: has no header: row 1 holds 'P0",
+        "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME",
+    ),
     "no_names.txt": (
         "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
         "has no header: row 1 holds 'pair', '0'",
@@ -541,6 +556,14 @@ REFUSED = {
         "\n       --unit dB-power  ",
         "\n       --unit a.u.      ",
     ),
+    "dates_of_numbers.csv --columns s1=w1,s2=w2 --unit g": (
+        "subject,w1,w2,response\na,Apr-05,Apr-06,first\na,Apr-06,Apr-05,second\n",
+        "column w1: found 'Apr-05', allowed: a positive finite number",
+    ),
+    "names_of_pictures.csv --columns s1=w1,s2=w2": (
+        "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
+        "found whole numbers from 12 to 14, allowed: natural logs\ntype:  --unit a.u.",
+    ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
         "the stimuli have the unit 'dB'.\n",
@@ -608,8 +631,13 @@ REFUSED = {
         "Experiment 1\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
         "The columns are vp, dur1, dur2, key.",
     ),
+    "below_names_of_other_things.csv": (
+        "name,date,subject no.\nx,1 May,7\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
+        "row 3: there is no column s1",
+        "The columns are vp, dur1, dur2, key.",
+    ),
     "merged_cells.csv": (
-        "subject,s1,s2,response\na,0,0.3,first\n,0,0.3,second\n,0.3,0,first\n",
+        "subject,s1,s2,response\n,0,0.3,first\n,0,0.3,second\na,0.3,0,first\n",
         "column subject: found '' in 2 rows",
         "repeat the text of merged cells in each row",
     ),
@@ -794,6 +822,11 @@ def test_a_shape_that_may_mislead_is_warned_of(part, tmp_path):
     result = check(tmp_path, "study.csv", WARNED[part])
     assert result.returncode == 0
     assert part in " ".join(result.stdout.split())
+
+
+def test_tables_below_each_other_may_be_of_several_subjects(tmp_path):
+    result = check(tmp_path, "AB.csv --subject-from {}.*", csv(WITHOUT_SUBJECT) * 2)
+    assert ": repeated headers may begin other subjects" in " ".join(result.stdout.split())
 
 
 #: Columns, or cells, that say that a trial does not count: texts of these and of other rows.
@@ -1004,6 +1037,7 @@ def test_a_folder_stands_for_its_tables(tmp_path):
 SUBJECTS_BY_NAME = """
     | VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
     | A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
+    | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
     subject | A/d.csv B/d.csv | one subject, 1. If they are of several, --subject-from '{}/*' | A B
