@@ -147,8 +147,9 @@ def run(
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     request = AnalysisRequest(settings.sampler, EVIDENCE_DRAWS)
     faults = not_interpreted(study)
-    results = _analyse_study(study, settings, request, workers, progress, keep)
-    study, analyses, failed = _survivors(study, results)
+    study, analyses, failed = _survivors(
+        study, _analyse_study(study, settings, request, workers, progress, keep)
+    )
     table = _table(analyses, settings, failed, study.task)
 
     all_draws = []
@@ -160,6 +161,7 @@ def run(
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, analysis.curve_draws))
     summary = tuple(chain.from_iterable(subject.summary for subject in all_draws))
+    del analyses  # they would keep the draws, of which the tree has copies
     tree = subjects_tree(study, all_draws, settings, failed, faults)
 
     differences = None
@@ -207,14 +209,13 @@ def _group(
     """
     chosen = {answer.subject for answer in answers}
     left_out = {unit.subject_name for unit in study if unit.name not in chosen}
-    units = [unit for unit in study if unit.subject_name not in left_out]
-    if len({unit.subject_name for unit in units}) < FEWEST_FOR_GROUP:
+    names = [unit.name for unit in study if unit.subject_name not in left_out]
+    if len({unit.subject_name for unit in study} - left_out) < FEWEST_FOR_GROUP:
         return None
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        group = study.select([unit.name for unit in units])
-        return population(group, seed=settings.seed, hyperprior=settings.prior.group)
+        return population(study.select(names), seed=settings.seed, hyperprior=settings.prior.group)
 
 
 def sample(
@@ -268,16 +269,18 @@ def sample(
     request = AnalysisRequest(settings.sampler)
     faults = not_interpreted(study)
 
-    results = run_stored(
-        partial(_sample_subjects, settings=settings, request=request),
-        study.subjects,
-        study.names,
-        seed=settings.seed,
-        folder=keep,
-        workers=workers,
-        progress=progress,
+    study, finished, failed = _survivors(
+        study,
+        run_stored(
+            partial(_sample_subjects, settings=settings, request=request),
+            study.subjects,
+            study.names,
+            seed=settings.seed,
+            folder=keep,
+            workers=workers,
+            progress=progress,
+        ),
     )
-    study, finished, failed = _survivors(study, results)
     all_draws = Draws(subjects_tree(study, finished, settings, failed, faults))
 
     for problem, reasons in (

@@ -153,8 +153,8 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 def subject_evidence(result: SubjectResult, answer: OrderEffect) -> SubjectEvidence:
     """The row of one subject in the evidence table, from the fit of H1."""
     estimate = cast(Evidence, result.evidence)
-    subject = result.subject
     fitted = result.fitted
+    subject = fitted.target.subject
     # H1 and H0 both have this part, which H1 says nothing of.
     of_direction = direction_evidence(subject)
     _, laplace_evidence = laplace(fitted.target.array, [fitted.maxima])

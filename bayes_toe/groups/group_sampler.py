@@ -15,8 +15,8 @@ rejected and counted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -150,20 +150,31 @@ class Hamiltonian:
             self._metric.learn(late_draws.reshape(-1, draws.shape[-1]))
         self._adapt_step(_ROUNDS[0])
 
-    def advance(self, n_draws: int) -> tuple[FloatArray, int]:
-        """More draws of every chain, (draws, chains, coordinates), and how often one diverged.
+    def advance(
+        self,
+        parts: Sequence[FloatArray],
+        parameters: Callable[[FloatArray], Sequence[FloatArray]],
+    ) -> int:
+        """Write more draws; return how often a trajectory diverged.
 
         One in eight trajectories has shorter steps, so that a chain can leave a region in which the
         common step is too long.
+
+        Parameters
+        ----------
+        parts : sequence of ndarray, shape (chains, draws, ...)
+            Arrays that are filled.
+        parameters : callable
+            Points, (chains, coordinates) -> what is written of a draw, an array for each part.
         """
-        x = []
+        is_careful = self._rng.uniform(size=parts[0].shape[1]) < 0.125
         n_divergent = 0
-        is_careful = self._rng.uniform(size=n_draws) < 0.125
-        for factor in np.where(is_careful, 0.2, 1.0).tolist():
+        for t, factor in enumerate(np.where(is_careful, 0.2, 1.0).tolist()):
             _, is_divergent = self._move(factor)
-            x.append(self._x)
             n_divergent += int(is_divergent.sum())
-        return np.stack(x), n_divergent
+            for part, values in zip(parts, parameters(self._x), strict=True):
+                part[:, t] = values
+        return n_divergent
 
     def _adapt_step(
         self,
@@ -212,15 +223,17 @@ class Hamiltonian:
         value = self._value
         gradient = self._gradient
         first_energy = _kinetic(momentum) - value
+        push = 0.5 * step * metric.to_momentum(gradient)
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
             # A leapfrog step. What is not below the limit diverges, a NaN too.
-            momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
+            momentum = momentum + push
             is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST)
             momentum[is_divergent] = 0.0
             x = x + step * metric.to_position(momentum)
             value, gradient = self._density(x)
-            momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
+            push = 0.5 * step * metric.to_momentum(gradient)
+            momentum = momentum + push
             energy_gain = _kinetic(momentum) - value - first_energy
             is_divergent |= ~(energy_gain < _LARGEST)
 
@@ -265,7 +278,7 @@ class GroupDraws:
     sd: FloatArray
     effects: FloatArray
     subjects: FloatArray
-    n_divergent: int = 0
+    n_divergent: int = field(default=0, kw_only=True)
 
     @cached_property
     def convergence(self) -> Mapping[str, Convergence]:
@@ -299,25 +312,22 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     Where these are too few to be reliable, as many again are added to them. Where trajectories
     diverged, twice as many by shorter steps take their place.
     """
-    rows = posterior.rows
-    metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
-    sampler = Hamiltonian(posterior, posterior.start(N_CHAINS, rng), metric, rng)
+    metric = Metric(posterior.n_shared, posterior.rows.n_subjects, posterior.rows.n_coordinates)
+    start = posterior.start(N_CHAINS, rng)
+    sampler = Hamiltonian(posterior, start, metric, rng)
     sampler.warm_up()
-    n_each = math.ceil(n_draws / N_CHAINS)
-    x, n_divergent = sampler.advance(n_each)
-    draws = _group_draws(posterior, x, n_divergent)
+    n_first = math.ceil(n_draws / N_CHAINS)
+    # The second half takes no memory before it is written.
+    parts = [np.empty((N_CHAINS, 2 * n_first, *part.shape[1:])) for part in posterior.points(start)]
+    *of_group, subjects = first_half = [part[:, :n_first] for part in parts]
+    n_divergent = sampler.advance(first_half, posterior.points)
+    # A matrix product may round otherwise where memory has gaps, as it has in the half of an array.
+    first_half = [*map(np.copy, of_group), subjects]
+    draws = GroupDraws(*first_half, n_divergent=n_divergent)
     if not draws.shortfall:
         return draws
     if n_divergent:
         sampler.step *= 0.4
-        return _group_draws(posterior, *sampler.advance(2 * n_each))
-    more_x, n_divergent = sampler.advance(n_each)
-    return _group_draws(posterior, np.concatenate([x, more_x]), n_divergent)
-
-
-def _group_draws(posterior: GroupPosterior, x: FloatArray, n_divergent: int) -> GroupDraws:
-    """The parameters of the draws x, (draws, chains, coordinates)."""
-    # All chains at once would need many times the memory of the draws.
-    by_chain = [posterior.points(x[:, chain]) for chain in range(x.shape[1])]
-    mean, sd, effects, subjects = map(np.stack, zip(*by_chain, strict=True))
-    return GroupDraws(mean, sd, effects, subjects, n_divergent)
+        n_first = 0  # none of them is kept
+    n_divergent = sampler.advance([part[:, n_first:] for part in parts], posterior.points)
+    return GroupDraws(*parts, n_divergent=n_divergent)

@@ -128,13 +128,12 @@ def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.
     tree["observed_data"] = xr.DataTree(observed)
     tree["constant_data"] = xr.DataTree(_by_pair(study, "n_trials"))
 
-    versions = library_versions("xarray") | {"python": platform.python_version()}
     tree.attrs |= {
         "format": FORMAT,
         "seed": seed,
         "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "counts_hash": _counts_hash(study),
-        "versions": json.dumps(versions),
+        "versions": json.dumps(library_versions("xarray") | {"python": platform.python_version()}),
         "study": json.dumps(_study_record(study)),
     }
     return tree

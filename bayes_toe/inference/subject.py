@@ -13,7 +13,6 @@ from typing import TypeAlias, cast
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, NamedArrays
-from bayes_toe.data.study import Subject
 from bayes_toe.inference.diagnostics import (
     Convergence,
     Errors,
@@ -99,11 +98,6 @@ class SubjectResult:
     chains: Chains | None
     fit: GoodnessOfFit | None
 
-    @property
-    def subject(self) -> Subject:
-        """The counts."""
-        return self.fitted.target.subject
-
 
 def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest) -> SubjectResult:
     """The results that a request asks for of one posterior."""
@@ -148,7 +142,6 @@ class SubjectDraws:
 
     Attributes
     ----------
-    subject : Subject
     quantities : dict of ndarray, shape (chains, draws)
         The natural quantities, from which all others follow, and "lp", the log posterior density of
         the unconstrained coordinates.
@@ -159,7 +152,6 @@ class SubjectDraws:
         Rows with the columns of summary.csv; empty where not asked for.
     """
 
-    subject: Subject
     quantities: NamedArrays
     acceptance: FloatArray
     statistics: Mapping[str, float | int | str]
@@ -192,8 +184,8 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         reported = {name: quantities[name] for name in target.names.reported}
         summary = summary_rows(target, reported, chains.diagnostics)
 
-    stored = natural | {"lp": chains.log_posterior}
-    return SubjectDraws(result.subject, stored, chains.acceptance, statistics, summary)
+    natural["lp"] = chains.log_posterior
+    return SubjectDraws(natural, chains.acceptance, statistics, summary)
 
 
 def summary_rows(

@@ -23,12 +23,18 @@ def normal(x):
     return -0.5 * (deviation * (x - CENTRE)).sum(axis=1), -deviation
 
 
+def advanced(sampler, shape):
+    """More draws, (chains, draws, coordinates), and how often a trajectory diverged."""
+    x = np.empty(shape)
+    return x, sampler.advance([x], lambda point: [point])
+
+
 def test_moments_of_a_correlated_normal():
     rng = default_rng(1)
     start = CENTRE + rng.standard_normal((8, 6))
     sampler = Hamiltonian(normal, start, Metric(2, 2, 2), rng)
     sampler.warm_up()
-    x, n_divergent = sampler.advance(1500)
+    x, n_divergent = advanced(sampler, (8, 1500, 6))
     draws = x.reshape(-1, 6)
     sd = np.sqrt(np.diag(COVARIANCE))
     # Of 12,000 draws; .06 is four standard errors of a mean of 4,400 independent ones.
@@ -46,7 +52,7 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
 
     rng = default_rng(2)
     sampler = Hamiltonian(cliff, np.abs(rng.standard_normal((8, 3))), Metric(1, 1, 2), rng)
-    x, n_divergent = sampler.advance(200)
+    x, n_divergent = advanced(sampler, (8, 200, 3))
     assert n_divergent > 0
     assert x[..., 0].min() > 0.0
 
@@ -65,7 +71,7 @@ def test_last_bits_do_not_change_the_draws_of_a_group():
         metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
         sampler = Hamiltonian(density, posterior.start(4, rng), metric, rng)
         sampler.warm_up()
-        return sampler.advance(50)[0]
+        return advanced(sampler, (4, 50, posterior.n_coordinates))[0]
 
     assert warm_trace(1e-14) == pytest.approx(warm_trace(0.0), abs=1e-5)
 
