@@ -18,8 +18,10 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
-from itertools import filterfalse
+from itertools import islice, product
 from typing import Any
+
+import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words
@@ -282,6 +284,8 @@ _LETTERS = {
 }
 #: Roles whose names are proposed only, by role.
 _PROPOSED = {"response": "key", "subject": "id"}
+#: How many commands are proposed that name columns.
+_MOST_PROPOSED = 4
 _PAIRS = "are pairs of stimuli, natural logs without --unit"
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
@@ -466,7 +470,7 @@ def columns_to_read(
         problem += " If one standard was in all trials, add a column standard with its level."
     problems.append(problem)
     fullest_first = sorted(columns, key=lambda column: empty(column).sum())
-    return roles_read, problems, [*_remedies(names, roles_read, options, fullest_first)]
+    return roles_read, problems, [*_remedies(roles_read, options, fullest_first)]
 
 
 def _absent_columns(missing: Texts) -> str:
@@ -694,19 +698,20 @@ def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
 
 
 def _remedies(
-    names: Texts, roles_read: Texts, options: ReadOptions, columns: Sequence[Column]
+    roles_read: Texts, options: ReadOptions, columns: Sequence[Column]
 ) -> Iterator[Remedy]:
     """Options to type if columns are missing; names are proposed in the order of `columns`."""
-    names = [column.name for column in columns] or names
+    names = [column.name for column in columns]
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
-    if not {"s1", "i1"}.isdisjoint(missing):
+    names_read = [*map(options.name, roles_read)]
+    free = [column for column in columns if column.name not in names_read]
+    has_pair = _stimulus_pair(names, _NUMBERS | _LETTERS)
+    if not has_pair and not {"s1", "i1"}.isdisjoint(missing):
         yield from _wide_remedies(names, columns)
     missing_required = [role for role in missing if role in _REQUIRED]
     if missing_required:
-        names_read = [*map(options.name, roles_read)]
-        free_names = [*filterfalse(names_read.__contains__, names)]
-        yield _columns_remedy(free_names, missing_required, options)
+        yield from _columns_remedies(missing_required, free, options)
 
     if missing == ["n_equal"] and options.name("n_trials") in names:
         yield from _count_remedies(names, options)
@@ -716,8 +721,6 @@ def _remedies(
         yield from _score_remedies(scores)
     if "correct" in missing:
         yield Remedy("correct", _first_or_blank(scores), "with the name in your file")
-    if "subject" in missing:
-        yield Remedy("subject_from", "{}.*", "if the name of the file is the subject")
 
 
 def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
@@ -768,20 +771,74 @@ def _score_remedies(names: Texts) -> list[Remedy]:
     return [Remedy("correct", name, f"if {display_name(name)} {meaning}") for name in names]
 
 
-def _columns_remedy(free_names: Texts, roles: Texts, options: ReadOptions) -> Remedy:
-    """The option that names the columns of roles, with likely names among the free ones.
+def _columns_remedies(
+    roles: Texts, columns: Sequence[Column], options: ReadOptions
+) -> list[Remedy]:
+    """The options that name the columns of roles, with likely names among those of `columns`.
+
+    The name of the file has the subject if no column may have it. This is asked after the others.
 
     Examples
     --------
-    >>> _columns_remedy(["stim1", "stim2", "rt"], ["s1", "s2", "response"], ReadOptions()).typed
-    '--columns s1=stim1,s2=stim2,response=NAME'
+    >>> names = ["stim1", "stim2", "rt"]
+    >>> columns = [Column.from_texts(name, ["0.3"]) for name in names]
+    >>> [remedy.typed for remedy in _columns_remedies(["s1", "s2"], columns, ReadOptions())]
+    ['--columns s1=stim1,s2=stim2']
+    >>> [remedy.typed for remedy in _columns_remedies(["subject"], columns, ReadOptions())]
+    ["--subject-from '{}.*'", '--columns subject=NAME']
     """
-    pair = _stimulus_pair(free_names, _NUMBERS | _LETTERS)
-    name_of_stimulus = dict(zip(options.stimuli, pair, strict=False))  # without a pair, none
-    name_by_role = []
-    for role in roles:
-        likely = names_like(free_names, role)
-        likely += names_like(free_names, _PROPOSED.get(role, role))
-        name_by_role.append((role, name_of_stimulus.get(role) or _first_or_blank(likely)))
+    is_in_column = _likely_names(columns, "subject") != ["NAME"]
+    if len(roles) > 1 and not is_in_column:
+        roles = [*filter("subject".__ne__, roles)]
+    names = [column.name for column in columns]
+    signs = _NUMBERS | _LETTERS
+    pair = _stimulus_pair(names, signs) or _stimulus_pair([*filter(unit_in, names)], signs)
+    # By role a tuple of the name; without a pair, none.
+    stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
+    others = [column for column in columns if column.name not in pair]
+    names_by_role = [stimuli.get(role) or _likely_names(others, role) for role in roles]
 
-    return Remedy("columns", tuple(name_by_role), "with the names in your file")
+    remedies = []
+    for chosen in islice(product(*names_by_role), _MOST_PROPOSED):
+        meaning = "with the names in your file" if "NAME" in chosen else ""
+        remedies.append(Remedy("columns", tuple(zip(roles, chosen, strict=True)), meaning))
+    if "subject" in roles:
+        by_file = Remedy("subject_from", "{}.*", "if the name of the file is the subject")
+        remedies.insert(len(remedies) if is_in_column else 0, by_file)
+    return remedies
+
+
+def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
+    """The columns that may have a role: by their names, and by their cells; NAME if there is none.
+
+    Examples
+    --------
+    >>> codes = Column.from_texts("second_was", ["a", "b", "a", "a", "b", "a"])
+    >>> blocks = Column.from_texts("Rat", ["x", "x", "x", "y", "y", "y"])
+    >>> _likely_names([codes, blocks], "response"), _likely_names([codes, blocks], "subject")
+    (['second_was'], ['Rat'])
+    """
+    names = [column.name for column in columns]
+    likely = [*names_like(names, role), *names_like(names, _PROPOSED.get(role, role))]
+    by_cells = [column.name for column in columns if _role_by_cells(column) == role]
+    # A name such as 'second_longer' says more than the cells.
+    answer_words = VOCABULARY["words"]["of_answers"]
+    by_cells.sort(key=lambda name: named_places(name)[2].isdisjoint(answer_words))
+    return list(dict.fromkeys(likely + by_cells)) or ["NAME"]
+
+
+def _role_by_cells(column: Column) -> str:
+    """The role that a column may have by its cells, 'subject' or 'response'; empty if none.
+
+    The name of a subject stands in a block of rows. Responses are two or three codes, and cells
+    without any, that change from trial to trial.
+    """
+    words_of_others = VOCABULARY["words"]["of_others"]
+    if unit_in(column.name) or not named_places(column.name)[2].isdisjoint(words_of_others):
+        return ""
+    n_texts = len(column.texts)
+    n_rows = len(column.codes)
+    n_runs = np.count_nonzero(np.diff(column.codes)) + 1
+    if 1 < n_texts == n_runs < 0.5 * n_rows:
+        return "subject"
+    return "response" if 1 < n_texts < 5 and n_runs > 0.2 * n_rows else ""

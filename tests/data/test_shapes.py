@@ -386,7 +386,7 @@ READ = {
 }
 #: What is read where these are not all trials.
 READ_IN_PART = {
-    **dict.fromkeys(["nested.mat", "nested.json", "7.csv", "7.txt", "7.xlsx"], P03),
+    **dict.fromkeys(["nested.mat", "nested.json", "7.csv", "7.txt", "7.xlsx", "P03.csv"], P03),
     "missed_trials.csv": UNEQUAL[IN_LOGS.columns],
     "right_answers.csv": UNEQUAL[IN_LOGS.columns],
 }
@@ -716,6 +716,33 @@ REFUSED = {
     "two_tasks.csv": (with_rows(IN_LOGS, [["P03", 0, 0, "different"]]), "words of two tasks"),
 }
 
+#: The name of a file, its content, and the first advice, which reads it.
+ADVISED = {
+    "a_code.csv": (
+        labelled(answered(IN_GRAMS, 0, 1), w1="w1_g", w2="w2_g", response="second_was_heavier"),
+        "--columns response=second_was_heavier --second-code 1",
+    ),
+    "words_of_weight.csv": (
+        labelled(answered(IN_LOGS, "heavier", "lighter"), response="first_was").assign(
+            sex=["f"] * 40 + ["m"] * 40, reversal=[0, 1] * 40
+        ),
+        "--columns response=first_was --second-code lighter",
+    ),
+    "two_units.csv": (
+        IN_GRAMS.assign(w1_g=TRIALS.w1, w2_g=TRIALS.w2),
+        "--columns s1=w1_g,s2=w2_g",
+    ),
+    "times.csv": (
+        IN_GRAMS.assign(time=[f"10:{minute}" for minute in range(10, 50)] * 2),
+        "--columns s1=w1,s2=w2 --unit a.u.",
+    ),
+    "rats.csv": (labelled(IN_LOGS, subject="Rat"), "--columns subject=Rat"),
+    "P03.csv": (
+        IN_GRAMS[:40].drop(columns="subject"),
+        "--columns s1=w1,s2=w2 --subject-from '{}.*' --unit a.u.",
+    ),
+}
+
 #: Tables, and what the screen of `check` warns of.
 WARNED = {
     "--condition modality": IN_LOGS.assign(modality=["light", "sound"] * 40),
@@ -815,6 +842,19 @@ def test_a_shape_that_needs_a_word_is_refused_with_it(line, tmp_path):
     result = check(tmp_path, line, content)
     assert result.returncode == 2
     assert all(part in result.stderr for part in parts), result.stderr
+
+
+@pytest.mark.parametrize("name", ADVISED)
+def test_the_first_advice_reads_a_table(name, tmp_path):
+    content, advice = ADVISED[name]
+    write(tmp_path / name, content)
+    with pytest.raises(bt.InputError) as caught:
+        bt.read_study(tmp_path / name)
+    chosen, _ = caught.value.choices[0]
+    assert " ".join(remedy.typed for remedy in chosen) == advice
+    study = bt.read_study(tmp_path / name, typed_options(advice))
+    expected = bt.read_study(READ_IN_PART.get(name, IN_LOGS))
+    pd.testing.assert_frame_equal(comparable(study), comparable(expected))
 
 
 @pytest.mark.parametrize("part", WARNED)
