@@ -363,9 +363,11 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     columns = {**table.columns}
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
-        columns[name] = Column.from_texts(name, [pair[i] for pair in pairs], column.codes)
+        texts = [pair[i] for pair in pairs]
+        columns[name] = Column.from_texts(name, texts, column.codes)
 
-    names = [*filter(column.name.__ne__, table.names), *map(options.name, options.stimuli)]
+    other_names = [name for name in table.names if name != column.name]
+    names = [*other_names, *map(options.name, options.stimuli)]
     notes = (*table.notes, f"pairs read from {origin}")
     return replace(table, names=names, columns=columns, notes=notes)
 

@@ -434,15 +434,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     columns |= _columns_of_file(table)
 
     if options.subject_from is not None:
-        subject = subject_in(path, options.subject_from)
-        if subject is None:
-            raise InputError(
-                f"{table.source}: found no subject in its name, allowed: a file named as "
-                f"--subject-from {options.subject_from}"
-            )
-        columns["subject"] = Column(
-            "name of the file", [subject], np.zeros(len(table.rows), np.int64)
-        )
+        columns["subject"] = _subject_of_file(table, path, options.subject_from)
     else:
         columns["subject"] = bare_names(table, columns["subject"])
     if "condition" in columns:
@@ -457,6 +449,17 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         )
     order = StandardOrder(table, columns.get("standard_interval"), options)
     return _Rows(table, columns, options, stimuli, order, rounding)
+
+
+def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
+    """The subject in the name of a file, which is that of all rows."""
+    subject = subject_in(path, pattern)
+    if subject is None:
+        raise InputError(
+            f"{table.source}: found no subject in its name, allowed: a file named as "
+            f"--subject-from {pattern}"
+        )
+    return Column("name of the file", [subject], np.zeros(len(table.rows), np.int64))
 
 
 def _require_header(table: TextTable, options: ReadOptions) -> None:

@@ -449,7 +449,9 @@ def _table_of_records(
     """The table of records, a column for each key and a row for each record."""
     names = list(dict.fromkeys(chain.from_iterable(records)))
     require_size(source, len(names), len(names) * len(records))
-    values = {name: [record.get(name) for record in records] for name in names}
+    values = {}
+    for name in names:
+        values[name] = [record.get(name) for record in records]
     rows = range(1, len(records) + 1)
     return _table_of_values(source, form, head, names, values, rows, choice)
 

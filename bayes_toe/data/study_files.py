@@ -163,8 +163,10 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
 
 def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
     """One refusal for the errors of several files: problems that are alike are one line."""
-    all_problems = chain.from_iterable(error.problems for error in errors)
-    lines = [problem.partition(": ")[::2] for problem in all_problems]  # the file, and the text
+    lines = []
+    for problem in chain.from_iterable(error.problems for error in errors):
+        file, _, text = problem.partition(": ")
+        lines.append((file, text))
     problems = []
     for alike in _alike(lines):
         several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
@@ -274,11 +276,11 @@ def together(studies: Sequence[Study]) -> Study:
 
 def reading_of_all(studies: Sequence[Study]) -> Reading:
     """The readings of all studies as one, each entry once."""
-    lists = []
+    entries = {}
     for key in ("read", "ignored", "doubts", "pooled", "codes"):
-        entries = chain.from_iterable(getattr(study.reading, key) for study in studies)
-        lists.append(tuple(dict.fromkeys(entries)))
-    return Reading(*lists)
+        all_entries = chain.from_iterable(getattr(study.reading, key) for study in studies)
+        entries[key] = tuple(dict.fromkeys(all_entries))
+    return Reading(**entries)
 
 
 def common_notes(studies: Sequence[Study]) -> list[str]:
@@ -286,8 +288,11 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
 
     Its counts and names are those of all files.
     """
+    lines = []
+    for study in studies:
+        lines += [(study, note) for note in study.notes]
     notes = []
-    for group in _alike((study, note) for study in studies for note in study.notes):
+    for group in _alike(lines):
         first_study, first_note = group[0]
         n_files = len(group)
         note = sum_of_notes([note for _, note in group])

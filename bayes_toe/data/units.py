@@ -97,7 +97,10 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         return study
 
     column = options.name("condition")
-    units = [replace(unit, condition=unit.name.partition(CONDITION_SEPARATOR)[2]) for unit in study]
+    units = []
+    for unit in study:
+        level = unit.name.partition(CONDITION_SEPARATOR)[2]
+        units.append(replace(unit, condition=level))
     unit_levels = [unit.condition for unit in units]
     if not all(unit_levels):
         raise InputError(
@@ -210,16 +213,15 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     if options.condition is None or len(tasks) == 1 or has_conditions:
         return together(studies)  # one task, or conditions that are no tasks
 
-    by_level = {
-        task.short_name: together([study for study in studies if study.task == task])
-        for task in tasks
-    }
+    by_level = {}
+    for task in tasks:
+        by_level[task.short_name] = together([study for study in studies if study.task == task])
     order, _ = _level_order([*by_level], options)
-    units = [
-        replace(subject, name=f"{subject.name}{CONDITION_SEPARATOR}{level}", condition=level)
-        for level in order
-        for subject in by_level[level]
-    ]
+    units = []
+    for level in order:
+        for subject in by_level[level]:
+            unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
+            units.append(replace(subject, name=unit_name, condition=level))
 
     joined = [*by_level.values()]
     conditions = Conditions(options.condition or TASK, tuple(order))

@@ -110,8 +110,8 @@ def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
     goal = DesignGoal("contraction", max_pairs=6, keep=FIXED_PAIRS)
     design, _ = best_design(WIDE, 200, goal, OBSERVERS)
     counts = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
-    kept = dict(zip(FIXED_PAIRS.pairs, FIXED_PAIRS.n_trials, strict=True))
-    assert all(counts[pair] >= n_trials for pair, n_trials in kept.items())
+    n_asked = dict(zip(FIXED_PAIRS.pairs, FIXED_PAIRS.n_trials, strict=True))
+    assert all(counts[pair] >= n_trials for pair, n_trials in n_asked.items())
     assert design.total == 200
     assert design.n_pairs <= 6
 
