@@ -19,7 +19,6 @@ import signal
 import subprocess
 import sys
 import unicodedata
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -118,6 +117,7 @@ class Job:
             "id": self.name,
             **self.record(),
             "run": self.run_state(),
+            "folder": str(self.folder / RESULTS),
             "done": len(stored_files(self.folder / _STORE)),
             "log": log.read_text(encoding="utf-8", errors="replace") if log.exists() else "",
             "command": shlex.join(["bayes-toe", *self.command()]),
@@ -171,15 +171,6 @@ class Job:
                 end_group(process.pid, signal.SIGKILL)
                 raise
         return process
-
-    def write_zip(self, file: IO[bytes]) -> None:
-        """Write the results, the files of the study and the command that repeats the run."""
-        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in self.record()["files"]:
-                archive.write(self.folder / name, name)
-            for path in result_files(self.folder / RESULTS):
-                archive.write(path, path.relative_to(self.folder).as_posix())
-            archive.writestr("command.txt", self.state()["command"])
 
     def _write(self, name: str, content: object) -> None:
         """Write a file of this module as JSON, whole or not at all."""

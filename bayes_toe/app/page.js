@@ -638,7 +638,7 @@ function showRun() {
     const report = `${job.results}report.html`;
     $("#report").src = report;
     $("#open").href = report;
-    $("#zip").href = address("/zip");
+    $("#folder").textContent = job.folder;
     $("#command").textContent = job.command;
   }
 }

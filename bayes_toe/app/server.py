@@ -17,12 +17,11 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
@@ -184,12 +183,6 @@ class Handler(RequestHandler):
         kind, _ = mimetypes.guess_type(name)
         self.set_header("Content-Type", kind or "application/octet-stream")
 
-    async def send(self, file: IO[bytes]) -> None:
-        """Send a file in parts, since draws are large."""
-        while part := file.read(2**16):
-            self.write(part)
-            await self.flush()
-
     def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
         """Log bugs, not errors that :meth:`send_error` explains on the page."""
         if not isinstance(error, InputError | OSError):
@@ -297,22 +290,9 @@ class Results(Handler):
         self.set_header("Content-Security-Policy", _REPORT_POLICY)
         self.set_content_type(path)
         with open(listed[path], "rb") as file:
-            await self.send(file)
-
-
-class Archive(Handler):
-    """The results as a zip archive."""
-
-    async def get(self, name: str) -> None:
-        """Send the results, the files and the command."""
-        job = self.job(name)
-        if job.run_state() != "done":
-            raise HTTPError(404, reason="There are no results yet")
-        with tempfile.TemporaryFile(dir=job.folder) as file:
-            await asyncio.to_thread(job.write_zip, file)
-            file.seek(0)
-            self.set_content_type("results.zip")
-            await self.send(file)
+            while part := file.read(2**16):  # in parts, since draws are large
+                self.write(part)
+                await self.flush()
 
 
 def application(site: Site) -> Application:
@@ -323,7 +303,6 @@ def application(site: Site) -> Application:
             ("/(|page.js|page.css)", Page),
             ("/api/jobs", Jobs),
             (f"/api/jobs/{job}(?:|/(options|run|stop|delete))", OneJob),
-            (f"/api/jobs/{job}/zip", Archive),
             (f"/results/([0-9a-f]+)/{job}/(.+)", Results),
         ],
         default_handler_class=Handler,

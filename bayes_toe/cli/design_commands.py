@@ -329,7 +329,7 @@ def _find_design(
     observers: str | None,
     context: RunContext,
 ) -> None:
-    """Search for a design, and write it with its text, its figure and its power."""
+    """Search for a design, and write it with its figure and its power."""
     from bayes_toe.cli.design_screens import print_power
     from bayes_toe.cli.terminal import repeated_command
     from bayes_toe.data.tables import write_table

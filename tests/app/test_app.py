@@ -1,7 +1,6 @@
 """The web page: who may use it, what it reads and runs, what stays after a restart."""
 
 import asyncio
-import io
 import json
 import os
 import resource
@@ -13,7 +12,6 @@ import stat
 import subprocess
 import sys
 import time
-import zipfile
 from contextlib import closing, contextmanager, suppress
 from email.message import Message
 from http.client import HTTPConnection
@@ -314,7 +312,6 @@ def test_what_is_no_record_of_options_is_a_bad_request(server, job, body):
 def test_unknown_names_of_studies_and_actions_are_not_found(server, job):
     for name in ("0" * 16, "..", f"{job.upper()}x"):
         assert server.study(name).code in (404, 405)
-    assert server.study(job, "/zip").code == 404
 
 
 def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home):
@@ -431,7 +428,7 @@ def test_results_equal_those_of_the_command_to_the_bit(finished, file, tmp_path)
         assert (folder / "results" / name).read_bytes() == content, name
 
 
-def test_the_report_has_an_origin_of_its_own_and_the_archive_repeats_the_run(finished):
+def test_the_report_has_an_origin_of_its_own_and_the_page_names_its_folder(finished):
     server, folder = finished
     results = server.state(folder.name)["results"]
     assert server.ask(f"/{results}methods.md", Cookie=None).code == 200
@@ -439,9 +436,7 @@ def test_the_report_has_an_origin_of_its_own_and_the_archive_repeats_the_run(fin
     policy = report.headers["Content-Security-Policy"]
     assert policy.startswith("sandbox allow-scripts allow-downloads;")
     assert b"my study.csv" in report.body
-    archive = zipfile.ZipFile(io.BytesIO(server.study(folder.name, "/zip").body))
-    assert {"my study.csv", "command.txt", "results/report.html"} <= {*archive.namelist()}
-    assert archive.read("command.txt").startswith(b"bayes-toe run 'my study.csv' -o results")
+    assert server.state(folder.name)["folder"] == str(folder / "results")
 
 
 def test_a_run_is_the_only_one_and_ends_with_its_server_alone(tmp_path, file):
@@ -565,9 +560,7 @@ def test_all_four_parts_are_there_in_another_tab_and_other_options_hide_the_resu
     assert page.locator("#results").is_hidden()
     page.select_option("#decimal", "")
     opened.wait("done")
-    with page.expect_download() as download:
-        page.click("#zip")
-    assert zipfile.is_zipfile(download.value.path())
+    assert page.inner_text("#folder").endswith("results")
     opened.close()
 
 
