@@ -91,7 +91,7 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
     assert order.q50 == pytest.approx(abs(contraction.q50) * spread, rel=0.1)
 
 
-def test_bayes_factors_by_hand():
+def test_a_bayes_factor_is_a_ratio_of_mean_evidences():
     study = bt.read_study(condition_counts(subjects="A", trials=8))
     models = ConditionModels(study.subjects, study.conditions.design())
     evidence, with_lapses = condition_evidences(models, seed=1)

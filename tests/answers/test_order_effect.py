@@ -63,7 +63,7 @@ def evidence():
         ("repulsion", "contraction", "yes (repulsion)", None),
     ],
 )
-def test_words_and_directions(answers, name, question, word, is_overestimated):
+def test_effects_have_their_words_and_directions(answers, name, question, word, is_overestimated):
     assert answers[name].word("order_effect") == "yes"
     assert answers[name].word(question) == word
     assert answers[name].first_is_overestimated is is_overestimated
@@ -101,7 +101,7 @@ LIMITS = """
 
 
 @pytest.mark.parametrize("probability, log_bayes_factor, word", text_table(LIMITS))
-def test_limits_of_the_words(probability, log_bayes_factor, word):
+def test_words_follow_probability_and_bayes_factor(probability, log_bayes_factor, word):
     assert word_for(float(probability), float(log_bayes_factor)) is Word[word]
 
 

@@ -85,14 +85,14 @@ def test_a_prior_in_another_unit_than_the_stimuli():
 @pytest.mark.parametrize(
     "shift, scale, is_raw", [(0, 1, False), (9.0, 1, False), (20.7, 1e-4, False), (0, 10, True)]
 )
-def test_stimuli_that_look_raw(shift, scale, is_raw):
+def test_stimuli_that_look_raw_are_named(shift, scale, is_raw):
     subject = make_subject([(shift + scale * a, shift + scale * b) for a, b in GRID])
     assert ("raw_stimuli" in messages(subject)) == is_raw
     read = messages(subject, reading=Reading(read=("i1", "i2")))
     assert "raw_stimuli" not in read, "what --intensity made is not raw"
 
 
-def test_stimuli_on_two_scales():
+def test_stimuli_on_two_scales_are_named():
     logs = np.log([740, 905, 1.105, 1.350]).tolist()
     texts = messages(make_subject(list(itertools.product(logs, repeat=2))))
     groups = (

@@ -113,7 +113,7 @@ def test_fisher_for_many_trials_and_close_to_what_it_replaces():
     assert equality_test(300, 600, 300, 600)[0] == 1.0
 
 
-def test_holm_by_hand():
+def test_p_values_are_adjusted_as_holm_says():
     # The fewer hypotheses are left, the smaller the factor; no value is below an earlier one.
     assert holm([0.04, 0.01, 0.03, 0.9]) == pytest.approx([0.09, 0.04, 0.09, 0.9])
     assert holm([0.6, 0.7]).tolist() == [1.0, 1.0]

@@ -78,7 +78,7 @@ def test_the_maximum_is_that_of_a_general_optimiser_and_the_parameters_reach_it(
     ],
     ids=str,
 )
-def test_bounds_and_what_answers_leave_open(subject, edge, undetermined):
+def test_a_fit_names_its_bounds_and_what_answers_leave_open(subject, edge, undetermined):
     fit = subject_fit(subject, Prior(), seed=1, replicates=5)
     assert edge in fit.at_edge.split(";")
 

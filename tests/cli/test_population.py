@@ -51,7 +51,7 @@ def finished(folder):
         return good(f"population study.csv -o group.nc {extra} {OPTIONS}", cwd=folder)
 
 
-def test_files_and_answer(finished, folder):
+def test_the_command_writes_four_files_and_answers_with_mean_and_sd(finished, folder):
     files = "group.csv group.nc group.png group_subjects.csv"
     assert sorted(path.name for path in folder.glob("group*")) == files.split()
     text = " ".join(finished.split())

@@ -186,7 +186,7 @@ SYNTHETIC = """
 
 
 @pytest.mark.parametrize("marks, synthetic, noted", text_table(SYNTHETIC))
-def test_synthetic_column(marks, synthetic, noted):
+def test_a_column_marks_synthetic_data(marks, synthetic, noted):
     rows = "a,0,0,equal,{}\na,0,0,equal,{}\n".format(*marks.replace("NA", "").split(" "))
     study = read("subject,s1,s2,response,synthetic\n" + rows)
     assert str(study.synthetic) == synthetic

@@ -23,7 +23,7 @@ def result():
     return bt.population(study, draws=1600, seed=1)
 
 
-def test_a_group_of_known_observers(result):
+def test_the_intervals_of_a_group_hold_the_true_values(result):
     assert result.is_reliable
     assert result.problems == ()
     row = result.table.row

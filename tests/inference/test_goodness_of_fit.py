@@ -25,7 +25,7 @@ counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st
 
 @settings(max_examples=150, deadline=None)
 @given(count=counts, power=st.floats(-12, 0), near=st.booleans())
-def test_deviance_against_fifty_digits(count, power, near):
+def test_the_deviance_agrees_with_fifty_digits(count, power, near):
     """To the rounding of the two log likelihoods of which it is the difference."""
     k, n = count
     q = 0.999 * 10.0**power

@@ -20,7 +20,7 @@ def log_density_of(means, scales, df, x):
 @pytest.mark.parametrize(
     "dim, df", [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)]
 )
-def test_mixture_density_in_any_dimension(dim, df):
+def test_the_density_of_a_mixture_is_that_of_its_definition(dim, df):
     rng = default_rng([dim, df])
     roots, means = rng.normal(size=(3, dim, dim)), rng.normal(size=(3, dim))
     scales = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim)

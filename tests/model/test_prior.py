@@ -143,7 +143,7 @@ def test_files_that_are_refused(read, text, message):
     assert len(line) - len(path) < 320
 
 
-def test_all_problems_at_once(read):
+def test_all_problems_of_a_file_are_reported_at_once(read):
     lines = problems(read, "x = 2\n[paper]\nmu1_sd = 'stimulus'\ngamma_a = 'stimuli'")
     unknown, of_sd, of_gamma = [line.partition("allowed: ")[2] for line in lines]
     assert unknown.startswith("[noise], [q0]")

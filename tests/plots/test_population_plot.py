@@ -108,13 +108,13 @@ def require_effect(result, label, middle):
     )
 
 
-def test_the_effect_of_a_covariate():
+def test_the_figure_shows_the_effect_of_a_covariate():
     result = made_result(*with_ages())
     middle = np.median(result.draws.effects[..., 0, 0])
     require_effect(result, "age, per sd of 7.176 about 29.5", middle)
 
 
-def test_the_effect_of_a_condition():
+def test_the_figure_shows_the_effect_of_a_condition():
     result = made_result(two_conditions(1, n_subjects=3))
     draws, *_ = result.difference("constant_error", ("right", "left"))
     require_effect(result, "hand right − left", np.median(draws))
