@@ -289,10 +289,10 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     """
     beginning, parameters = _example(task)
     names, columns = read_numbers(f"{beginning}_truth.csv", parameters, key="subject")
-    truth = {}
-    for i, name in enumerate(names):
-        truth[name] = {key: float(values[i]) for key, values in columns.items()}
-    return truth
+    return {
+        name: {key: float(values[i]) for key, values in columns.items()}
+        for i, name in enumerate(names)
+    }
 
 
 def _example(given: Task | str) -> tuple[Path, Texts]:
@@ -343,12 +343,11 @@ class _Rows:
         if self.options.correct is None:
             return []
         names_read = {column.name for column in self.columns.values()}
-        signs = []
-        for name, column in self.table.columns.items():
-            may_show = is_response_sign(name) or is_missed_flag(column)
-            if may_show and name not in names_read:
-                signs.append(column)
-        return signs
+        return [
+            column
+            for name, column in self.table.columns.items()
+            if name not in names_read and (is_response_sign(name) or is_missed_flag(column))
+        ]
 
     @property
     def names_not_read(self) -> Texts:
@@ -469,11 +468,11 @@ def _require_header(table: TextTable, options: ReadOptions) -> None:
         return
     cells = chain.from_iterable(column.texts[:1] for column in table.columns.values())
     columns = tuple(dict.fromkeys(("subject", "s1", "s2", "response"), "NAME").items())
-    meaning = "with numbers; without a subject, type --subject-from '{}.*' for the name of the file"
+    remedy = Remedy("columns", columns, "with numbers; or --subject-from '{}.*' for the subject")
     raise InputError(
         f"{table.source}: has no header: row 1 holds {join_names(map(quoted, cells))}. Its columns "
         "are called by their numbers.",
-        [Remedy("columns", columns, meaning)],
+        [remedy],
     )
 
 

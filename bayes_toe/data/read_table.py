@@ -53,6 +53,7 @@ from bayes_toe.data.text_table import (
     read_csv,
     require_size,
     value_text,
+    without_headers,
 )
 from bayes_toe.errors import InputError, Remedy
 
@@ -277,9 +278,9 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     # Rows count from 1, as in the sheet, and indices from 0.
     rows_below = range(first + 1 + (names == header), len(rows) + 1)
     filled = [row for row in rows_below if _is_filled(rows[row - 1])]
-    values = {}
-    for name, index in name_places(names).items():
-        values[name] = [rows[row - 1][index] for row in filled]
+    values = {
+        name: [rows[row - 1][index] for row in filled] for name, index in name_places(names).items()
+    }
 
     notes = []
     other_sheets = [display_name(other) for other in sheets if other != title]
@@ -288,7 +289,8 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
     head = f"row {first + 1}"
-    return _table_of_values(source, EXCEL, head, names, values, filled, choice, notes)
+    table = _table_of_values(source, EXCEL, head, names, values, filled, choice, notes)
+    return without_headers(table)
 
 
 def _chosen_sheet(

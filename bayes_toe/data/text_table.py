@@ -393,8 +393,12 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
     notes = (f"rows above row {first_row} left out",) if place else ()
     table = TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
-    cells = [column.matches([name]) for name, column in columns.items()]
-    is_header = np.all(cells, axis=0)  # as in files that were put one below the other
+    return without_headers(table)
+
+
+def without_headers(table: TextTable) -> TextTable:
+    """The table without rows that repeat its names, as where files stand below each other."""
+    is_header = np.all([column.matches([name]) for name, column in table.columns.items()], axis=0)
     if not is_header.any():
         return table
     return table.only(~is_header, Note((is_header.sum(), "repeated header"), " left out"))

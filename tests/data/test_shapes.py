@@ -370,6 +370,7 @@ READ = {
         padded(answered(IN_GRAMS, 37, 39).assign(rt=512), subject="P12")
     ),
     "rare_code.csv --missed -9 --second-code 2": RARE_CODE,
+    "header_again.xlsx": excel(T=pd.concat([P03, with_rows(IN_LOGS[40:], [IN_LOGS.columns])])),
     "files_below_each_other.csv": csv(IN_LOGS[:30]) + csv(IN_LOGS[30:]),
     "arrays_line_by_line.txt": JATOS,
     "arrays_line_by_line.json": JATOS,
@@ -396,6 +397,7 @@ NOTES = """
     utf16_without_mark.csv | trial rows, comma-separated, UTF-16, resp
     encoding.csv | trial rows, comma-separated, mac_roman, resp
     lines_above.csv | rows above row 4 left out
+    header_again.xlsx | 1 repeated header left out
     files_below_each_other.csv | 1 repeated header left out
     participant.csv | column Participant ID read as subject
     psychopy.csv | 2 rows left out as practice (column practice.thisN: '0', '1')
