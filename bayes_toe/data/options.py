@@ -59,8 +59,9 @@ class ReadOptions:
         Screens and figures show stimuli in this unit, and their differences in dB or per cent.
         The unit may also stand in each cell, such as "7.0%".
     equal_code, different_code, second_code, first_code : str, optional
-        The text that stands for this answer. The options also decide the task: with 'equal' and
-        'second' or 'first', it has three answers. Other texts for the answer are then refused.
+        The text that stands for this answer, or several with commas between them, as of ratings:
+        "4,5,6". The options also decide the task: with 'equal' and 'second' or 'first', it has
+        three answers. Other texts for the answer are then refused.
     correct : str, optional
         A column that says whether the question which stimulus was the stronger was answered
         rightly: 'second' or 'first' then follows from the sign of s2 - s1.

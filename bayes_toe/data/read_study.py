@@ -47,6 +47,7 @@ from bayes_toe.data.responses import (
     require_direction,
     require_task,
     responses,
+    with_joined_codes,
     without_missed,
 )
 from bayes_toe.data.stimulus_unit import ALLOWED_STIMULI, merge_rounded, out_of_range
@@ -431,6 +432,8 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
             # `_count_study` makes counts of 'second' of them.
             columns["n_second"] = columns[role]
     columns |= _columns_of_file(table)
+    if "response" in columns:
+        columns["response"] = with_joined_codes(columns["response"], options)
 
     if options.subject_from is not None:
         columns["subject"] = _subject_of_file(table, path, options.subject_from)

@@ -8,9 +8,9 @@ trials that nobody answered. `require_direction` refuses a study whose answers m
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from itertools import chain, compress, permutations
+from itertools import chain, compress, filterfalse, permutations
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -19,6 +19,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     VOCABULARY,
+    is_flag,
     is_missed_flag,
     is_no_response,
     named_places,
@@ -36,6 +37,7 @@ from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     THREE_ANSWERS,
+    WHICH_STRONGER,
     Task,
     task_named,
     task_with,
@@ -70,7 +72,6 @@ _CODE_MEANINGS = {
     "second_code": "'the second was stronger' (2AFC)",
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
-
 #: Largest share of the trials that are mistakes, and that nobody answered.
 _MOST_MISTAKES = 0.05
 _MOST_MISSED = 0.2
@@ -120,19 +121,17 @@ def responses(
     answer_index = column.map(lambda text: _answer_index(text, codes, words), np.int64)
 
     # What makes an answer likelier, by the option that names its code.
-    trends = {"equal_code": -abs(difference), "second_code": difference}
+    rise = np.where(np.isfinite(difference), difference, 0.0)
+    trends = {"equal_code": -abs(rise), "second_code": rise}
     if options.has_standard:
-        trends["comparison_code"] = np.where(order.is_first, difference, -difference)
+        trends["comparison_code"] = np.where(order.is_first, rise, -rise)
     problem = ""
     remedies = list[Remedy]()
     if stated_task is None and options.comparison_code is None:
-        problem, remedies = _unknown_meaning(column, task_column, trends)
+        problem, remedies = _unknown_meaning(table, column, task_column, trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer_index, codes, names)
-    three_answers = _three_answers(column, answer_index, names, options, trends)
-    remedies = _remedies_of_third(column, answer_index, names, three_answers) or (
-        three_answers + remedies
-    )
+    remedies = _proposals(column, answer_index, names, options, trends, remedies)
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
@@ -217,11 +216,9 @@ def _stated_task(column: Column, task_column: Column | None, options: ReadOption
     if options.task is not None or task_column is None:
         return options.task
 
-    tasks = {task_named(text) for text in task_column.texts}  # None if a text names no task
-    if len(tasks) != 1:
-        return None
-    (task,) = tasks
-    if task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
+    # None if a text names no task
+    task, *others = {task_named(text) for text in task_column.texts} or [None]
+    if others or task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
         return None
     return task
 
@@ -254,6 +251,25 @@ def _english(word: str) -> str:
     if len(places) == 1 and other_words and other_words <= {*VOCABULARY["words"]["answer"]}:
         return places[0]
     return word
+
+
+def with_joined_codes(column: Column, options: ReadOptions) -> Column:
+    """A column in which the texts that a code lists, such as '4' and '5' of '4,5', become the code.
+
+    A text that two codes list stays as it is, and is then unknown.
+
+    Examples
+    --------
+    >>> column = Column.from_texts("response", ["4", "5", "1"])
+    >>> with_joined_codes(column, ReadOptions(second_code="4,5")).texts
+    ['4,5', '1']
+    """
+    lists = [code for code in options.code_by_answer.values() if "," in code]
+    texts = []
+    for text in column.texts:
+        codes = [code for code in lists if f",{_plain(text)}," in f",{code},"]
+        texts.append(codes[0] if len(codes) == 1 else text)
+    return Column.from_texts(column.name, texts, column.codes)
 
 
 def blank_missed(
@@ -289,9 +305,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     declared = {*map(_plain, options.missed)}
     missed = []
     answers = set()
-    is_filled = ~column.map(lambda text: text.lower() in MISSING_WORDS)
-    is_frequent = np.bincount(column.codes, is_filled) > 1 + _MOST_MISSED * is_filled.sum()
-    frequent = {*map(_plain, compress(column.texts, is_frequent))}
+    frequent = {*map(_plain, _frequent(column, _MOST_MISSED, 1.0))}
     for text in column.texts:
         plain = _plain(text)
         if plain in declared or (plain not in codes | frequent and is_no_response(plain)):
@@ -320,10 +334,7 @@ def without_missed(
     is_right = column.map(lambda text: _answer_index(text, (None, None), _RIGHT_WRONG) == _YES)
     causes = []
     for sign in signs:
-        texts = []
-        for text in sign.texts:
-            if text in declared or _shows_missed(sign, text, is_right):
-                texts.append(text)
+        texts = [t for t in sign.texts if t in declared or _shows_missed(sign, t, is_right)]
         causes += cells_of(sign, texts)
         is_valid = ~sign.matches(texts)
         answers = answers._replace(
@@ -393,7 +404,10 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
 
 
 def _unknown_meaning(
-    column: Column, task_column: Column | None, trends: Mapping[str, FloatArray]
+    table: TextTable,
+    column: Column,
+    task_column: Column | None,
+    trends: Mapping[str, FloatArray],
 ) -> Question:
     """The problem of a column whose words tell no task, or two; empty without a problem.
 
@@ -420,9 +434,9 @@ def _unknown_meaning(
     problem = f"the codes are {shares}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares}. The program does not know what it means."
-    remedies = []
+    remedies = _other_responses(table, texts)
     task_answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
-    for remedy in _code_remedies(column, texts, trends):
+    for remedy in _code_remedies(column, _frequent(column) or texts, trends):
         # The other remedies, such as --correct, are about which was stronger.
         answer = "equal" if remedy.option == "equal_code" else "second"
         if not task_answers or answer in task_answers:
@@ -475,102 +489,129 @@ def _unknown_texts(
     shares = join_names(unknown.counts(unknown.texts), 4)
     if not n_answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
-    commonest = unknown.texts[int(np.bincount(unknown.codes).argmax())]
-    remedies = [Remedy(f"{other}_code", commonest, f"if {commonest} is '{other}'")]
+    code = unknown.texts[int(np.bincount(unknown.codes).argmax())]
+    if "," in "".join(filter(None, codes)):  # the other answer has several, too
+        code = ",".join(sorted({*unknown.texts} & {*_frequent(column)}))
+    remedies = [Remedy(f"{other}_code", code, f"if {code} is '{other}'")]
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
 
 
-def _remedies_of_third(
-    column: Column, answer_index: IntArray, names: Texts, three_answers: list[Remedy]
-) -> list[Remedy]:
-    """Options to type if a column has one text too many, and the rarest may be a missed trial.
-
-    They are empty where the column has other questions first.
-    """
-    unknown = column.only(answer_index == _UNKNOWN)
-    counts = np.bincount(unknown.codes)
-    n_answers = len({*answer_index.tolist()} - {_MISSING, _UNKNOWN})
-    most_missed = _MOST_MISSED * np.count_nonzero(answer_index != _MISSING)
-    n_rarest = int(counts.min(initial=len(answer_index)))
-    if n_answers + len(counts) != len(names) + 1 or n_rarest >= most_missed:
-        return []
-
-    text = unknown.texts[counts.argmin()]
-    meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
-    remedies = [*three_answers, Remedy("missed", text, meaning)]
-    # Beside -1, 0 is the middle one of three answers.
-    if text[0] in "-9" or (text == "0" and "-1" not in column.texts):
-        return remedies[::-1]
-    return remedies if len(counts) == 1 else []  # a word is asked about after the answers
+def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0) -> list[str]:
+    """The texts of a column that more rows have than a share of the filled ones and `least`."""
+    is_filled = column.map(lambda text: text.lower() not in MISSING_WORDS)
+    counts = np.bincount(column.codes, is_filled)
+    return [*compress(column.texts, counts > least + share * is_filled.sum())]
 
 
-def _three_answers(
+def _proposals(
     column: Column,
     answer_index: IntArray,
     names: Texts,
     options: ReadOptions,
     trends: Mapping[str, FloatArray],
+    remedies: list[Remedy],
 ) -> list[Remedy]:
-    """Options to type if three frequent texts, not all known, are those of three answers."""
-    words = _words_by_answer(column)
-    is_two_answers = len(names) == 2 and options.correct is None and "different" not in words
-    n_answered = np.count_nonzero(answer_index != _MISSING)
-    is_frequent = np.bincount(column.codes) > _MOST_MISTAKES * n_answered
-    texts = [_plain(text) for text in compress(column.texts, is_frequent) if text]
-    if len(texts) != 3 or not is_two_answers or _UNKNOWN not in answer_index:
-        return []
+    """Options to type if texts are unknown, the likeliest first.
 
-    codes = {**words, **options.code_by_answer}
-    different_code = codes.pop("different", None)  # no answer of three
-    for answer in ("equal", "second"):
-        if answer not in codes:
-            free_texts = [text for text in texts if text not in codes.values()]
-            likeliest, _ = _commonest_with(column, free_texts, trends[f"{answer}_code"])
-            codes[answer] = likeliest or free_texts[0]
+    A rare text that looks like the code of a missed trial comes first: the others are then asked
+    about alone. Three frequent texts, or five, may be three answers. The given `remedies` are about
+    two answers. A rare text beside all answers is at last a missed trial.
+    """
+    unknown = column.only(answer_index == _UNKNOWN)
+    if not unknown.texts or _count_remedies(column, unknown.texts):
+        return remedies
+    given = options.code_by_answer
+    has_lists = "," in "".join(given.values())
+    frequent = _frequent(column)
+    three_answers = []
+    if names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers) and not has_lists:
+        _, equal, second = _sides(column, frequent, trends["second_code"])
+        if equal and "different" not in _words_by_answer(column):
+            meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
+            if "different" in given:
+                meaning += ", in place of --different-code"
+            together = (Remedy("second_code", second),)
+            three_answers = [Remedy("equal_code", equal, meaning, together=together)]
+        if len(frequent) == 2 and not [*remedies, *given]:
+            remedies = _code_remedies(column, frequent, trends)
 
-    equal = codes["equal"]
-    second = codes["second"]
-    meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
-    if different_code is not None:
-        meaning += ", in place of --different-code"
-    return [Remedy("equal_code", equal, meaning, together=(Remedy("second_code", second),))]
+    for missed in _missed_remedies(column, unknown, len(names)):
+        if not has_lists and _looks_missed(str(missed.value), column.texts, len(frequent) > 3):
+            return [missed, *three_answers] if len(frequent) < 4 else [missed]
+        if len(unknown.texts) == 1:
+            remedies = [*remedies, missed]
+    return three_answers + remedies
 
 
-def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
-    """Options to type if these codes tell no task, the likeliest first."""
-    by_word = {text.lower(): text for text in map(_plain, texts)}
-    likely = next(filter(None, map(by_word.get, ("1", "true", "yes"))), texts[0])
-    correlations = dict[Remedy, float]()
-    for option, trend in trends.items():
-        code, correlation = _commonest_with(column, texts, trend)
-        code = code or likely
-        remedy = Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}")
-        correlations[remedy] = correlation
-    remedies = sorted(correlations, key=correlations.__getitem__, reverse=True)
+def _missed_remedies(column: Column, unknown: Column, n_answers: int) -> Iterator[Remedy]:
+    """An option to type if the rarest unknown text is rare, and a text more than the answers."""
+    counts = np.bincount(unknown.codes)
+    n_rarest = int(counts.min())
+    n_answered = column.map(bool).sum()
+    if n_rarest < _MOST_MISSED * n_answered and sum(map(bool, column.texts)) > n_answers:
+        meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
+        yield Remedy("missed", unknown.texts[counts.argmin()], meaning)
 
-    if by_word.keys() <= {*chain(*_RIGHT_WRONG)}:
-        meaning = f"if {likely} is a correct response (2AFC)"
-        remedies.append(Remedy("correct", column.name, meaning))
+
+def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:
+    """Whether a rare text of these looks like the code of a missed trial, and not like an answer.
+
+    Examples
+    --------
+    >>> _looks_missed("-9", ["1", "2", "-9"], False), _looks_missed("x", ["1", "x"], False)
+    (True, False)
+    >>> _looks_missed("0", ["-1", "0", "1"], False), _looks_missed("0", ["0", "1", "2"], True)
+    (False, False)
+    """
+    # The neighbour of a step of a scale; 0 beside -1 is the middle one of three answers.
+    neighbour = {"-": text[1:], "9": "8", "0": "1" if are_ratings else "-1"}.get(text[0], text)
+    return neighbour not in texts or (not are_ratings and text[0] in "-9")
+
+
+def _other_responses(table: TextTable, ratings: Texts) -> list[Remedy]:
+    """Options to type if responses are ratings, and another column has two keys or words."""
+    remedies = []
+    for name, column in table.columns.items():
+        keys = {*filterfalse(is_no_response, column.texts)}
+        if name.startswith("response_") and len(keys) == 2 < len(ratings) and not is_flag(keys):
+            meaning = f"if {column} has the responses"
+            remedies.append(Remedy("columns", (("response", name),), meaning))
     return remedies
 
 
-def _commonest_with(column: Column, texts: Texts, trend: FloatArray) -> tuple[str, float]:
-    """The text with the largest positive correlation with a trend, and this correlation.
+def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str, str]:
+    """The codes between two answers, and those of the answer that is likelier with a trend.
 
-    The text is empty if no correlation is positive, or no stimulus can be read.
+    How far the mean trend rises between the answers comes first. Each has half of the codes, in the
+    order of a rating, or else of their mean trend.
     """
-    is_number = np.isfinite(trend)
-    trend = trend[is_number]
-    best = ""
-    largest = 0.0
-    for text in texts:
-        is_code = column.matches([text])[is_number]
-        if is_code.any() and not is_code.all() and np.ptp(trend):
-            correlation = float(np.corrcoef(is_code, trend)[0, 1])
-            if correlation > largest:
-                best = _plain(text)
-                largest = correlation
-    return best, largest
+    means = {text: trend[column.matches([text])].mean() for text in texts}
+    is_rating = re.fullmatch("(,?[-+]?[0-9]){4,}", ",".join(texts))
+    order = sorted(sorted(texts), key=float if is_rating else means.__getitem__)
+    rise = means[order[-1]] - means[order[0]]
+    half = len(order) // 2 or 1
+    high = order[-half:] if rise >= 0.0 else order[:half]
+    middle, likelier = (",".join(map(_plain, side)) for side in (order[half:-half], high))
+    return abs(rise), middle, likelier
+
+
+def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
+    """Options to type if these codes tell no task, the likeliest first.
+
+    Of more than three codes, each answer has several.
+    """
+    rises = dict[Remedy, float]()
+    for option, trend in trends.items():
+        rise, _, code = _sides(column, texts, trend)
+        meaning = f"if {code.replace(',', ' or ')} is {_CODE_MEANINGS[option]}"
+        rises[Remedy(option, code, meaning)] = rise
+    remedies = sorted(rises, key=rises.__getitem__, reverse=True)
+
+    codes = [_plain(text).lower() for text in texts]
+    if {*codes} <= {*chain(*_RIGHT_WRONG)}:
+        meaning = f"if {max(codes)} is a correct response (2AFC)"
+        remedies.append(Remedy("correct", column.name, meaning))
+    return remedies
 
 
 def _plain(text: str) -> str:
@@ -649,21 +690,20 @@ def require_direction(
     elif "n_trials" in study.reading.read:
         rule += f"; {display_name(options.name('n_second'))} counts those"
 
-    candidates = []  # remedies that are typed together
+    candidates = []
     for code, other in permutations(study.reading.codes, 2):
-        second = Remedy("second_code", code, f"if {code} is 'second'", 0)
-        comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
-        first = Remedy("first_code", other, "", 1, step=1)  # goes with `second` alone
-        candidates += [[second, first], [comparison]]
-    if options.standard_interval is not None:
+        first = Remedy("first_code", other)
+        second = Remedy("second_code", code, f"if {code} is 'second'", together=(first,))
+        candidates += [second, Remedy("comparison_code", code, f"if {code} is 'comparison'")]
+    if options.standard_interval:
         meaning = "if it says the interval of the comparison"
-        candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])
+        candidates.append(Remedy("comparison_interval", options.standard_interval, meaning))
 
     remedies = []
-    for candidate in candidates:
+    for remedy in candidates:
         with suppress(InputError):  # the options may not fit the file
-            if direction(read(with_remedies(options, candidate))) > 0:
-                remedies += candidate
+            if direction(read(with_remedies(options, [remedy, *remedy.together]))) > 0:
+                remedies.append(remedy)
     raise InputError(
         f"{study.source}: found 'second' less often the larger s2 - s1 is, allowed: {rule}.",
         remedies,

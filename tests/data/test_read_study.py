@@ -399,7 +399,7 @@ def test_a_column_of_responses_without_any_is_named():
 REMEDIES = """
     a,0,0.3,z a,0.3,0,m a,0,0.3,z a,0.3,0,m a,0,0.3,m |  | --second-code z, --equal-code z
     a,0,1,9 a,1,0,7 a,0,1,0 a,1,0,0 | --first-code 7 --second-code 9 | --equal-code 0
-    a,0,1,1 a,1,0,-1 a,1,0,0 | --second-code 1 | --equal-code -1, --first-code -1
+    a,0,1,1 a,1,0,-1 a,1,0,0 | --second-code 1 | --equal-code 0, --first-code -1
 """
 
 

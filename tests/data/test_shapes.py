@@ -272,6 +272,7 @@ READ = {
     "true_false.csv --second-code True": answered(IN_LOGS, False, True),
     "interval.csv": answered(IN_LOGS, "interval 1", "Interval 2"),
     "heavier.csv": answered(IN_LOGS, "first heavier", "second was heavier"),
+    "surely.csv": answered(IN_LOGS, "surely first", "vielleicht zweiter"),
     "trials.json": RECORDS,
     "by_person.json": BY_PERSON,
     "pandas.json": IN_LOGS.to_json(),
@@ -476,7 +477,7 @@ REFUSED = {
     "rare_code.csv": (
         RARE_CODE,
         "type:  --missed -9 --second-code 2\n",
-        "\n       --equal-code 1 --second-code 2  if 1 is 'equal' and 2 is 'second' of three",
+        "\n       --equal-code 2 --second-code -9  if 2 is 'equal' and -9 is 'second' of three",
     ),
     "rare_code.csv --second-code 2": (RARE_CODE, "type:  --missed -9  "),
     "three_codes_of_unknown_unit.csv": (
@@ -492,6 +493,13 @@ REFUSED = {
     "two_keys.csv": (
         "subject,s1,s2,k.keys,k_2.keys\na,,,space,\na,0,0.3,,j\na,0.3,0,,f\n",
         "type:  --columns response=k_2.keys --second-code j",
+    ),
+    "ratings_and_keys.csv": (
+        answered(IN_LOGS, "z", "m")
+        .rename(columns={"response": "response_key"})
+        .assign(response=[1, 2, 3, 4] * 20),
+        "type:  --columns response=response_key --second-code m\n",
+        "\n       --second-code ",
     ),
     "a_and_b.csv --columns s1=toneA,s2=toneB": (
         BY_LETTER,
@@ -944,6 +952,37 @@ def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, option
     assert "missed=" not in str(caught.value)
     study = bt.read_study(table, typed_options(advice))
     assert study.frame().equals(bt.read_study(THREE).frame())
+
+
+#: Codes of 'first' and of 'second', the code of other rows, and the first advice.
+SEVERAL_CODES = """
+    1,2 | 3,4 |  | --second-code 3,4 --first-code 1,2
+    5,6 | 3,4 |  | --second-code 3,4 --first-code 5,6
+    -1,-2 | 1,2 |  | --second-code 1,2 --first-code -1,-2
+    a,s | k,l |  | --second-code k,l --first-code a,s
+    1,2 | 3,4 | -9 | --missed -9 --second-code 3,4 --first-code 1,2
+    1,2 | 3,4 | 0 | --second-code 3,4 --first-code 1,2 --missed 0
+    first longer | first shorter |  | --second-code 'first shorter'
+"""
+
+
+@pytest.mark.parametrize("first, second, missed, advice", text_table(SEVERAL_CODES))
+def test_an_answer_may_have_several_codes(first, second, missed, advice):
+    codes = {"first": first.split(",") * 80, "second": second.split(",") * 80}
+    answers = [codes[answer][i] for i, answer in enumerate(IN_LOGS.response)]
+    table = with_rows(IN_LOGS.assign(response=answers), [["P03", 0, 0.3, missed]] * 3)
+    with pytest.raises(bt.InputError) as caught:
+        bt.read_study(table)
+    chosen, _ = caught.value.choices[0]
+    assert " ".join(remedy.typed for remedy in chosen) == advice
+    study = bt.read_study(table, typed_options(advice))
+    assert study.frame().equals(bt.read_study(IN_LOGS).frame())
+
+
+def test_a_code_of_two_answers_is_none():
+    table = IN_LOGS.assign(response=[1, 2, 3, 4] * 20)
+    with pytest.raises(bt.InputError, match="found '2' in 20 rows"):
+        bt.read_study(table, bt.ReadOptions(first_code="1,2", second_code="2,3,4"))
 
 
 def test_counts_of_three_answers_are_known_by_their_names():
