@@ -74,6 +74,7 @@ from bayes_toe.data.trial_rows import (
     taken_out_doubts,
     trial_rows,
     with_row_for_each_trial,
+    with_total,
 )
 from bayes_toe.data.units import (
     follows_from_pairs,
@@ -412,6 +413,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         table = with_pairs(table, options)
     _require_header(table, options)
     table, options = chosen_rows(table, options)
+    given = options
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
     table.require(problems, remedies)
@@ -424,6 +426,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     if frequency is not None:
         columns["n_trials"] = table.columns[frequency.name]
+    table = with_total(table, columns, given)
     for role in ("n_comparison", "n_correct"):
         if role in columns:
             # `_count_study` makes counts of 'second' of them.

@@ -55,6 +55,7 @@ PROPORTIONS = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3
 RIGHT_COUNTS = COUNTS[COUNTS.s1 != COUNTS.s2].assign(
     hits=COUNTS.n_second.where(COUNTS.s2 > COUNTS.s1, COUNTS.n_trials - COUNTS.n_second)
 )
+TALLY = COUNTS.assign(n_first=COUNTS.n_trials - COUNTS.n_second).drop(columns="n_trials")
 STANDARD_FIRST = COUNTS.s1 <= COUNTS.s2
 BY_COMPARISON = pd.DataFrame(
     {
@@ -238,6 +239,17 @@ READ = {
     ),
     "frequencies_in_rooms.csv": IN_ROOMS,
     "weights.csv --columns n_trials=weight": labelled(FREQUENCIES, Freq="weight"),
+    "counts_of_both.csv": TALLY,
+    "counts_of_both.xlsx": excel(
+        T=labelled(TALLY, n_first='"First longer"', n_second='"Second longer"')
+    ),
+    "n_erster_zweiter.csv": labelled(TALLY, n_first="n erster", n_second="n zweiter"),
+    "counts_by_stimulus.csv --standard-interval order": BY_COMPARISON.drop(
+        columns="n_trials"
+    ).assign(
+        standard_heavier=BY_COMPARISON.n_trials - BY_COMPARISON.n_chosen,
+        comparison_heavier=BY_COMPARISON.n_chosen,
+    ),
     "frequencies_by_our_name.csv": labelled(FREQUENCIES, Freq="n_trials"),
     "counter.csv": IN_LOGS.assign(n=np.arange(80) % 20),
     "jitter_and_counter.csv": IN_LOGS.assign(count=np.arange(80) % 20, rt=np.arange(80) / 7.0),
@@ -394,6 +406,7 @@ NOTES = """
     separators.jsonl | trial rows, JSON, UTF-8, resp
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
+    counts_of_both.csv | n_trials is the sum of n_second and n_first
     decibel.csv | column s1_dB read as s1, dB
     grams_by_name.csv | column weight2_g read as i2, intensity in g
     decimal_commas.csv | trial rows, comma-separated, UTF-8, decimal comma, resp
@@ -548,8 +561,9 @@ REFUSED = {
         "--columns n_trials=NAME",
     ),
     "two_of_three_counts.csv": (
-        THREE_COUNTS.replace("same", "tie"),
-        "type:  --columns n_equal=NAME",
+        THREE_COUNTS.replace("same", "tie").replace("4,2,1", "4,1,3"),
+        "type:  --columns n_equal=tie ",
+        "--columns n_second=second,n_first=first  if there were two answers",
     ),
     "proportion_of_others.csv": (
         labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second"),
