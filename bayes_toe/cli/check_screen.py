@@ -118,7 +118,7 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
     run = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         decision = "No subject needs a decision. Type:"
-        if by_subject:
+        if any(finding.subject and finding.code != "few_trials" for finding in findings):
             decision = "Read the problems above. No subject must be excluded. Type:"
         return [*lines, decision], [run]
 

@@ -326,12 +326,7 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     roles = ["standard", "comparison"] if options.has_standard else [*_STIMULI]
     if options.subject_from is None:
         roles.insert(0, "subject")
-    # PsychoPy numbers trials in a column such as trials.thisN.
-    has_trial_numbers = any(name.endswith(".thisN") for name in names)
-    if has_trial_numbers and "trial" not in options.ignore:
-        roles.append("trial")
-
-    likely = _likely(names, options, roles)
+    likely = _likely(names, options, [*roles, "session", "block", "trial"])
     options = _with_unit_in_names(names, replace(options, columns={**likely, **options.columns}))
     if options.correct is None:
         likely |= _likely_answers(names, options)
@@ -491,6 +486,8 @@ def columns_to_read(
 
     column_list = join_names(map(display_name, filter(None, names)))
     problem = f"there is {_absent_columns(missing)}. The columns are {column_list}."
+    if "NAME" in missing:
+        problem += " In the place of NAME, type one of them."
     is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
     has_comparison = names_like(names, "comparison") and not names_like(names, "standard")
     if is_stimulus_missing and has_comparison:

@@ -175,34 +175,6 @@ def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
     return table.only(rows, f"{frequency} read as the number of trials of each row")
 
 
-def with_total(table: TextTable, columns: dict[str, Column], options: ReadOptions) -> TextTable:
-    """The table with a note if `columns` get n_trials, the sum of the counts of two answers.
-
-    A column with which the sum differs less between rows may count a third answer, unless the
-    options name the two columns.
-    """
-    names = {role: column.name for role, column in columns.items() if role.startswith("n_")}
-    if len(names) != 2 or "n_trials" in columns:
-        return table
-
-    n_trials = sum(column_counts(table, columns[role]) for role in names)
-    names_read = {column.name for column in columns.values()}
-    for name in table.columns.keys() - names_read if "n_first" in names else ():
-        column = table.columns[name]
-        n_others = column.map(whole_number, np.int64)
-        is_third = n_others.min() >= 0 and np.ptp(n_trials + n_others) < np.ptp(n_trials)
-        if is_third and "n_first" not in options.columns:
-            remedies = [
-                Remedy("columns", (("n_equal", name),), "if it counts 'equal'"),
-                Remedy("columns", tuple(names.items()), "if there were two answers"),
-            ]
-            table.problems.ask(f"{column} may count a third answer.", remedies)
-    table.problems.refuse()
-    columns["n_trials"] = Column.from_texts("n_trials", map(str, n_trials))
-    note = f"n_trials is the sum of {' and '.join(names.values())}"
-    return replace(table, notes=(*table.notes, note))
-
-
 def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
     """The table without rows that a column marks as practice.
 
@@ -229,7 +201,8 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
             continue
 
         marks = join_names(map(quoted, practice))
-        reason = f"left out as practice ({column}: {marks}); --ignore practice reads them"
+        kind = "catch trials" if "catch" in marks.lower() else "practice"
+        reason = f"left out as {kind} ({column}: {marks}); --ignore practice reads them"
         table = table.only(~is_marked, Note((is_marked.sum(), "row"), f" {reason}"))
     return table
 

@@ -270,6 +270,9 @@ READ = {
     ),
     "decimal_commas.csv": csv(IN_LOGS, decimal=","),
     "last_comma.csv": IN_LOGS.assign(**{"": ""}),
+    "gorilla.csv": csv(IN_LOGS) + b"END OF FILE\n",
+    "remarks_below.csv": csv(IN_LOGS) + b"\n# stopped at 12:30, by hand\n#\n",
+    "names_of_history.csv": IN_LOGS.assign(Trial=[*range(40)] * 2, Block=1, Session="a"),
     "quoted.csv": csv(IN_LOGS.assign(note="two\nlines"), quoting=1),
     f"german_windows.csv {GERMAN_PAIR}": csv(GERMAN, "cp1252", sep=";"),
     "french.csv": labelled(answered(IN_LOGS, "première", "deuxième"), response="réponse"),
@@ -406,9 +409,11 @@ NOTES = """
     separators.jsonl | trial rows, JSON, UTF-8, resp
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
-    counts_of_both.csv | n_trials is the sum of n_second and n_first
+    counts_of_both.csv | grouped rows, comma-separated, UTF-8, 80 trials answered 50 'second', 30
     decibel.csv | column s1_dB read as s1, dB
     grams_by_name.csv | column weight2_g read as i2, intensity in g
+    gorilla.csv | remark below the last row left out
+    names_of_history.csv | column Trial read as trial
     decimal_commas.csv | trial rows, comma-separated, UTF-8, decimal comma, resp
     a_sheet_a_session.xlsx | 1 subject in several files
     german.xlsx | sheet Daten read, not Info
@@ -561,9 +566,8 @@ REFUSED = {
         "--columns n_trials=NAME",
     ),
     "two_of_three_counts.csv": (
-        THREE_COUNTS.replace("same", "tie").replace("4,2,1", "4,1,3"),
-        "type:  --columns n_equal=tie ",
-        "--columns n_second=second,n_first=first  if there were two answers",
+        THREE_COUNTS.replace("same", "alike").replace("4,2,1", "4,1,3"),
+        "column alike may count a third answer: --columns n_equal=alike, or remove it",
     ),
     "proportion_of_others.csv": (
         labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second"),
@@ -771,7 +775,8 @@ def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, 
     table = with_practice(column, practice, main)
     study = bt.read_study(table)
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
-    note = f"8 rows left out as practice (column {column}: '{practice}')"
+    kind = "catch trials" if "catch" in practice else "practice"
+    note = f"8 rows left out as {kind} (column {column}: '{practice}')"
     assert any(line.startswith(note) for line in study.notes), study.notes
     complete = bt.read_study(table, bt.ReadOptions(ignore="practice"))
     assert complete["P03"].total_trials == 40 + 8
@@ -1021,7 +1026,7 @@ def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjec
 #: Files of a folder, and what is asked.
 SEVERAL_SUFFIXES = """
     A/a.csv B/b.tsv | allowed: tables of one suffix, such as data/*/*.csv
-    1.log | data: found no table, allowed: tables of one suffix, such as data/*.csv
+    1.doc | data: found no table, allowed: tables of one suffix, such as data/*.csv
     a.csv b.tsv c.tsv | found 1 .csv file and 2 .tsv files, allowed: tables of one suffix, such as d
 """
 
