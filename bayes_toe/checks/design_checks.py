@@ -21,7 +21,6 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import Finding, Findings, check_answers
 from bayes_toe.checks.identification import CRITERION_NOTES, identify
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.column_roles import looks_like
 from bayes_toe.data.messages import (
     capitalized,
     cli_argument,
@@ -30,7 +29,6 @@ from bayes_toe.data.messages import (
     join_words,
     plural,
 )
-from bayes_toe.data.options import HISTORY_COLUMNS
 from bayes_toe.data.stimulus_unit import StimulusUnit, sign_of_intensities
 from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
@@ -200,12 +198,7 @@ def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
 
 
 def _columns(reading: Reading) -> Findings:
-    """Columns that are ignored or pooled, first those that the program could use."""
-    for ours in HISTORY_COLUMNS:
-        alike = [name for name in reading.ignored if looks_like(name, ours)]
-        if alike and ours not in reading.read:
-            message = f"Column {display_name(alike[0])} looks like {ours}, but it is ignored."
-            yield Finding("", "column_alike", message, Remedy("columns", ((ours, alike[0]),)).typed)
+    """Columns that are pooled or ignored."""
     for name in reading.pooled:
         message = f"Column {display_name(name)} differs within subjects, and its levels are pooled."
         yield Finding("", "pooled_condition", message, Remedy("condition", name).typed)

@@ -113,12 +113,14 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
 
     by_subject = _by_subject(findings)
     options = []  # the first one of each subject
+    codes = set[str]()
     for subject_findings in by_subject.values():
+        codes.update(finding.code for finding in subject_findings)
         options += [finding.option for finding in subject_findings if finding.option][:1]
     run = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         decision = "No subject needs a decision. Type:"
-        if by_subject:
+        if codes - {"few_trials"}:
             decision = "Read the problems above. No subject must be excluded. Type:"
         return [*lines, decision], [run]
 

@@ -44,6 +44,10 @@ FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "n", "falsch", "nein", "non"
 _MEANINGS = dict[str, str]()
 for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
     _MEANINGS |= dict.fromkeys(_words, _meaning)
+#: The answer, or the stimulus called the stronger, that a word means.
+_ANSWERS = dict[str, str]()
+for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["responses"]).items():
+    _ANSWERS |= dict.fromkeys(_words, _meaning)
 # The longest words first, so that 'standardreiz' is not read as 'standard' and more.
 _KNOWN_WORDS = re.compile("|".join(sorted(_MEANINGS, key=len, reverse=True)))
 
@@ -76,6 +80,8 @@ def looks_like(name: str, role: str) -> bool:
     """
     plain = plain_name(name)
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
+        return True
+    if role == f"n_{_counted_answer(name)}":
         return True
 
     # PsychoPy writes columns such as key_resp.keys, also of practice and instructions.
@@ -124,6 +130,22 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     stimuli = [*filter(VOCABULARY["stimuli"].__contains__, meanings)]
     places = [*filter(VOCABULARY["places"].__contains__, meanings)]
     return stimuli, places, {*words} - _MEANINGS.keys()
+
+
+def _counted_answer(name: str) -> str:
+    """The answer that a column counts by the words of its name; empty if it names none.
+
+    Examples
+    --------
+    >>> _counted_answer("First longer"), _counted_answer("n_said_same")
+    ('first', 'equal')
+    >>> _counted_answer("First weight"), _counted_answer("second_stimulus"), _counted_answer("n2")
+    ('', '', '')
+    """
+    # A digit may be the number of a response.
+    words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9]+", without_accents(name))
+    others = {*map(str.lower, words)}.difference(VOCABULARY["words"]["counting"])
+    return _ANSWERS.get(others.pop(), "") if len(others) == 1 < len(words) else ""
 
 
 def is_no_response(text: str) -> bool:
@@ -289,7 +311,9 @@ _MOST_PROPOSED = 4
 _PAIRS = "are pairs of stimuli, natural logs without --unit"
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
-_ALL_COUNTS = ("n_first", *_COUNTS)
+#: Counts of one answer, and of the other one, whose sum is the number of trials.
+_OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
+_ALL_COUNTS = (*_OTHER_COUNTS.values(), *_COUNTS)
 _STIMULI = ("s1", "s2", "i1", "i2")
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
 
@@ -306,15 +330,11 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     roles = ["standard", "comparison"] if options.has_standard else [*_STIMULI]
     if options.subject_from is None:
         roles.insert(0, "subject")
-    # PsychoPy numbers trials in a column such as trials.thisN.
-    has_trial_numbers = any(name.endswith(".thisN") for name in names)
-    if has_trial_numbers and "trial" not in options.ignore:
-        roles.append("trial")
-
-    likely = _likely(names, options, roles)
+    likely = _likely(names, options, [*roles, "session", "block", "trial"])
+    options = _with_unit_in_names(names, replace(options, columns={**likely, **options.columns}))
     if options.correct is None:
         likely |= _likely_answers(names, options)
-    return _with_unit_in_names(names, replace(options, columns={**likely, **options.columns}))
+    return replace(options, columns={**likely, **options.columns})
 
 
 def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
@@ -333,7 +353,11 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     stimuli: Texts = tuple(map(options.name, options.stimuli))
     if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
         other_words = VOCABULARY["words"]["about"]  # a pair of times is not the stimuli
-        candidates = [name for name in names if named_places(name)[2].isdisjoint(other_words)]
+        candidates = [
+            name
+            for name in filterfalse(_counted_answer, names)
+            if named_places(name)[2].isdisjoint(other_words)
+        ]
         stimuli = _stimulus_pair(candidates, _NUMBERS)
 
     units = {*map(unit_in, stimuli)}
@@ -373,6 +397,8 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     {'response': 'answer'}
     >>> _likely_answers(["s1", "s2", "same", "total"], ReadOptions())
     {'n_equal': 'same', 'n_trials': 'total'}
+    >>> _likely_answers(["s1", "s2", "First longer", "Second longer"], ReadOptions())
+    {'n_first': 'First longer', 'n_second': 'Second longer'}
     """
     roles = (*_ALL_COUNTS, "n_correct", "response")
     present = {role for role in roles if options.name(role) in names}
@@ -384,12 +410,15 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     answer_roles = present | counts.keys()
     # Columns 'first' and 'second' may also be the stimuli, if no others are.
     has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
-    may_be_counts = not response and (has_stimuli or "n_first" not in counts)
+    may_be_counts = not response and (has_stimuli or counts.get("n_first", "").lower() != "first")
     if {*_THREE_COUNTS} <= answer_roles:
         counts.pop("n_trials", None)  # their sum
     elif "n_trials" in answer_roles:
         # Trials and one count are not responses, whatever another column is named.
-        may_be_counts = len(answer_roles - {"n_first"}) == 2
+        may_be_counts = len(answer_roles.difference(_OTHER_COUNTS.values())) == 2
+    elif len(answer_roles) == 1:
+        # One column such as 'second_longer' may have responses, yes or no.
+        may_be_counts &= not any(map(_counted_answer, counts.values()))
 
     if may_be_counts:
         return counts
@@ -464,6 +493,8 @@ def columns_to_read(
 
     column_list = join_names(map(display_name, filter(None, names)))
     problem = f"there is {_absent_columns(missing)}. The columns are {column_list}."
+    if "NAME" in missing:
+        problem += " In the place of NAME, type one of them."
     is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
     has_comparison = names_like(names, "comparison") and not names_like(names, "standard")
     if is_stimulus_missing and has_comparison:
@@ -572,8 +603,10 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     --------
     >>> _answer_roles(["n_second"], ReadOptions()), _answer_roles(["rt"], ReadOptions())
     (['n_second', 'n_trials'], ['response'])
-    >>> _answer_roles(["n_first", "n_second"], ReadOptions())
+    >>> _answer_roles(["n_first", "n_equal"], ReadOptions())
     ['n_first', 'n_equal', 'n_second']
+    >>> _answer_roles(["n_first", "n_second"], ReadOptions())
+    ['n_second', 'n_first']
     """
     if options.correct is not None:
         return ["correct"]
@@ -583,9 +616,13 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     if options.name("response") in names or not counts:
         return ["response", *counts]
 
-    # Two of three counts without their sum: the third one is missing.
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
-    if n_of_three == 3 or (n_of_three == 2 and "n_trials" not in counts):
+    if n_of_three == 3:
+        return [*_THREE_COUNTS]
+    other = _OTHER_COUNTS.get(counts[0])
+    if len(counts) == 1 and other and options.name(other) in names:
+        return [*counts, other]
+    if n_of_three == 2 and "n_trials" not in counts:  # the third one is missing
         return [*_THREE_COUNTS]
     if counts == ["n_trials"]:
         return ["n_equal", "n_trials"]

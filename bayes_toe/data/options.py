@@ -25,7 +25,8 @@ from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
     "subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response",
-    "n_first", "n_equal", "n_second", "n_comparison", "n_correct", "n_trials",
+    "n_first", "n_equal", "n_different", "n_second", "n_comparison", "n_standard", "n_correct",
+    "n_trials",
     "session", "block", "trial", "iti", "condition",
 )  # fmt: skip
 #: Columns that say which trial came after which. They change no count: checks before answers are

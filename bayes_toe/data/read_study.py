@@ -427,10 +427,10 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     if frequency is not None:
         columns["n_trials"] = table.columns[frequency.name]
-    for role in ("n_comparison", "n_correct"):
+    for role in ("n_comparison", "n_correct", "n_standard"):
         if role in columns:
-            # `_count_study` makes counts of 'second' of them.
-            columns["n_second"] = columns[role]
+            # `_count_study` makes counts of 'second' or 'first' of them.
+            columns["n_first" if role == "n_standard" else "n_second"] = columns[role]
     columns |= _columns_of_file(table)
     if "response" in columns:
         columns["response"] = with_joined_codes(columns["response"], options)
@@ -642,12 +642,12 @@ def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts 
 
 
 def _count_study(rows: _Rows, task: Task) -> Study:
-    """The study of a table of counts of one answer, or of three.
+    """The study of a table of counts of one answer, or of all.
 
     Of each row, `n` are its trials, and `k` those with the answer; -1 where a cell has no number.
     """
-    if task == THREE_ANSWERS:
-        return _three_count_study(rows)
+    if not {"n_first", "n_different"}.isdisjoint(rows.columns):
+        return _full_count_study(rows, task)
     table = rows.table
     trials = rows.columns["n_trials"]
     column = rows.columns[task.count]
@@ -688,17 +688,22 @@ def _count_study(rows: _Rows, task: Task) -> Study:
     return _study(rows, notes, {"n_yes": k, "n_trials": n}, task)
 
 
-def _three_count_study(rows: _Rows) -> Study:
-    """The study of counts of three answers, which add up to the trials of a row."""
-    task = THREE_ANSWERS
-    counts = {
-        answer: column_counts(rows.table, rows.columns[f"n_{answer}"]) for answer in task.answers
-    }
+def _full_count_study(rows: _Rows, task: Task) -> Study:
+    """The study of counts of all answers, which add up to the trials of a row."""
+    counts = {}
+    for answer in task.answers:
+        counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
     n = np.sum([*counts.values()], axis=0)
     trials = rows.table.columns.get(rows.options.name("n_trials"))
     if trials is not None:
         is_other = column_counts(rows.table, trials) != n
         rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
+    # If another column makes the sums more alike, it may count a third answer.
+    for name in rows.names_not_read if task != THREE_ANSWERS else ():
+        n_others = rows.table.columns[name].map(whole_number, np.int64)
+        if n_others.min() >= 0 and np.ptp(n + n_others) < np.ptp(n):
+            problem = f"column {display_name(name)} may count a third answer"
+            rows.table.problems.ask(f"{problem}: --columns n_equal={name}, or remove it", ())
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
     answered: list[object] = [n.sum(), " trials answered"]
@@ -707,7 +712,10 @@ def _three_count_study(rows: _Rows) -> Study:
         answered += [separator, count.sum(), f" '{answer}'"]
         separator = ", "
     notes = rows.layout("grouped", answered)
-    by_name = {"n_yes": counts["equal"], "n_trials": n, "n_second": counts["second"]}
+    n_yes = counts[task.yes]
+    if "n_comparison" in rows.columns:
+        n_yes = np.where(rows.order.is_first, n_yes, n - n_yes)
+    by_name = dict(zip(task.counts, (n_yes, n, counts.get("second")), strict=False))
     return _study(rows, notes, by_name, task)
 
 

@@ -85,7 +85,8 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
         if tables:
             break
     else:
-        pattern = "*"
+        pattern = "*"  # logs, beside which other programs write tables
+        tables = sorted(file.relative_to(folder) for file in folder.glob("*.log"))
 
     counts = Counter(file.suffix.lower() for file in tables)
     finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])

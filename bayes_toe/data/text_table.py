@@ -48,7 +48,8 @@ _MOST_CELLS = 5 * 10**7
 #: How logs begin in which trials are no rows, by the program and what is read of it.
 _LOGS = {
     "E-Prime, allowed: its trials as CSV, which E-DataAid exports": "*** Header Start ***",
-    "Presentation, allowed: its trials as CSV": "Scenario - ",
+    "Presentation, allowed: its trials as CSV, such as those that a scenario prints to an "
+    "output_file, since the rows of a log are events": "Scenario - ",
 }
 #: Records among which the names are looked for.
 MOST_RECORDS = 10
@@ -59,6 +60,7 @@ _MOST_TEXTS = 2**14
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")
 
 _TEXT_ALLOWED = "text in UTF-8 or UTF-16, or the encoding that --encoding names"
+_LAST_REMARKS = r"(?i)(?:(?<=[\r\n])(?:#[^\r\n]*|\W*(?:end of|eof)\b[^,;\t\r\n]*)\s*)+\Z"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
     "end of data": "a quote that is never closed",
@@ -366,6 +368,9 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # The same with remarks above the names, as of Expyriment. One line alone may have the names.
     text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
 
+    # Remarks below the last row, such as 'END OF FILE' of Gorilla.
+    text, n_remarks = re.subn(_LAST_REMARKS, "", text)
+
     delimiter, place, has_row_names = _layout(text, choice)
     records = itertools.islice(_records(text, delimiter), place, None)
     first_row, head = next(records, (0, []))
@@ -391,7 +396,9 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         if name in chosen or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
 
-    notes = (f"rows above row {first_row} left out",) if place else ()
+    notes = ("remark below the last row left out",) * n_remarks
+    if place:
+        notes = (f"rows above row {first_row} left out", *notes)
     table = TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
     return without_headers(table)
 

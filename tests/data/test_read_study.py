@@ -326,8 +326,8 @@ def test_counts_have_answers_where_they_have_blocks():
 
 
 def test_columns_that_nobody_reads_are_told_by_name():
-    reading = read("rt,subject,s1,s2,i1,,response,rt,Block\n1,a,0,1,5,,same,2,3\n").reading
-    assert reading.ignored == ("rt", "i1", "Block")
+    reading = read("rt,subject,s1,s2,i1,,response,rt,Notes\n1,a,0,1,5,,same,2,3\n").reading
+    assert reading.ignored == ("rt", "i1", "Notes")
     assert reading.read == ("subject", "s1", "s2", "response")
     # Which of two is meant cannot be told, and no result depends on it.
     twice = read("subject,s1,s2,response,block,block\na,0,1,same,1,2\n")

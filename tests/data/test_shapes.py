@@ -55,6 +55,7 @@ PROPORTIONS = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3
 RIGHT_COUNTS = COUNTS[COUNTS.s1 != COUNTS.s2].assign(
     hits=COUNTS.n_second.where(COUNTS.s2 > COUNTS.s1, COUNTS.n_trials - COUNTS.n_second)
 )
+TALLY = COUNTS.assign(n_first=COUNTS.n_trials - COUNTS.n_second).drop(columns="n_trials")
 STANDARD_FIRST = COUNTS.s1 <= COUNTS.s2
 BY_COMPARISON = pd.DataFrame(
     {
@@ -239,6 +240,17 @@ READ = {
     ),
     "frequencies_in_rooms.csv": IN_ROOMS,
     "weights.csv --columns n_trials=weight": labelled(FREQUENCIES, Freq="weight"),
+    "counts_of_both.csv": TALLY,
+    "counts_of_both.xlsx": excel(
+        T=labelled(TALLY, n_first='"First longer"', n_second='"Second longer"')
+    ),
+    "n_erster_zweiter.csv": labelled(TALLY, n_first="n erster", n_second="n zweiter"),
+    "counts_by_stimulus.csv --standard-interval order": BY_COMPARISON.drop(
+        columns="n_trials"
+    ).assign(
+        standard_heavier=BY_COMPARISON.n_trials - BY_COMPARISON.n_chosen,
+        comparison_heavier=BY_COMPARISON.n_chosen,
+    ),
     "frequencies_by_our_name.csv": labelled(FREQUENCIES, Freq="n_trials"),
     "counter.csv": IN_LOGS.assign(n=np.arange(80) % 20),
     "jitter_and_counter.csv": IN_LOGS.assign(count=np.arange(80) % 20, rt=np.arange(80) / 7.0),
@@ -265,6 +277,9 @@ READ = {
     "logs_from_0.csv --columns s1=x1,s2=x2": IN_LOGS.rename(columns={"s1": "x1", "s2": "x2"}),
     "decimal_commas.csv": csv(IN_LOGS, decimal=","),
     "last_comma.csv": IN_LOGS.assign(**{"": ""}),
+    "gorilla.csv": csv(IN_LOGS) + b"END OF FILE\n",
+    "remarks_below.csv": csv(IN_LOGS) + b"\n# stopped at 12:30, by hand\n#\n",
+    "names_of_history.csv": IN_LOGS.assign(Trial=[*range(40)] * 2, Block=1, Session="a"),
     "quoted.csv": csv(IN_LOGS.assign(note="two\nlines"), quoting=1),
     f"german_windows.csv {GERMAN_PAIR}": csv(GERMAN, "cp1252", sep=";"),
     "french.csv": labelled(answered(IN_LOGS, "première", "deuxième"), response="réponse"),
@@ -410,8 +425,11 @@ NOTES = """
     separators.jsonl | trial rows, JSON, UTF-8, resp
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
+    counts_of_both.csv | grouped rows, comma-separated, UTF-8, 80 trials answered 50 'second', 30
     decibel.csv | column s1_dB read as s1, dB
     grams_by_name.csv | column weight2_g read as i2, intensity in g
+    gorilla.csv | remark below the last row left out
+    names_of_history.csv | column Trial read as trial
     decimal_commas.csv | trial rows, comma-separated, UTF-8, decimal comma, resp
     a_sheet_a_session.xlsx | 1 subject in several files
     german.xlsx | sheet Daten read, not Info
@@ -599,8 +617,8 @@ REFUSED = {
         "--columns n_trials=NAME",
     ),
     "two_of_three_counts.csv": (
-        THREE_COUNTS.replace("same", "tie"),
-        "type:  --columns n_equal=NAME",
+        THREE_COUNTS.replace("same", "alike").replace("4,2,1", "4,1,3"),
+        "column alike may count a third answer: --columns n_equal=alike, or remove it",
     ),
     "proportion_of_others.csv": (
         labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second"),
@@ -840,7 +858,8 @@ def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, 
     table = with_practice(column, practice, main)
     study = bt.read_study(table)
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
-    note = f"8 rows left out as practice (column {column}: '{practice}')"
+    kind = "catch trials" if "catch" in practice else "practice"
+    note = f"8 rows left out as {kind} (column {column}: '{practice}')"
     assert any(line.startswith(note) for line in study.notes), study.notes
     complete = bt.read_study(table, bt.ReadOptions(ignore="practice"))
     assert complete["P03"].total_trials == 40 + 8
@@ -1140,7 +1159,7 @@ def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjec
 #: Files of a folder, and what is asked.
 SEVERAL_SUFFIXES = """
     A/a.csv B/b.tsv | allowed: tables of one suffix, such as data/*/*.csv
-    1.log | data: found no table, allowed: tables of one suffix, such as data/*.csv
+    1.doc | data: found no table, allowed: tables of one suffix, such as data/*.csv
     a.csv b.tsv c.tsv | found 1 .csv file and 2 .tsv files, allowed: tables of one suffix, such as d
 """
 
