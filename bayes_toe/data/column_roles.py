@@ -18,12 +18,10 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
-from itertools import islice, product
+from itertools import filterfalse, product
 from typing import Any
 
-import numpy as np
-
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, run_starts
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT
@@ -306,8 +304,6 @@ _LETTERS = {
 }
 #: Roles whose names are proposed only, by role.
 _PROPOSED = {"response": "key", "subject": "id"}
-#: How many commands are proposed that name columns.
-_MOST_PROPOSED = 4
 _PAIRS = "are pairs of stimuli, natural logs without --unit"
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
@@ -651,12 +647,8 @@ def _unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
     """The columns of two codes that may say which stimulus came first, by their names."""
-    names = []
-    for column in columns:
-        n_codes = sum(not is_no_response(text) for text in column.texts)
-        if n_codes <= 2 and looks_like(column.name, "standard_interval"):
-            names.append(column.name)
-    return names
+    of_two = [c.name for c in columns if len([*filterfalse(is_no_response, c.texts)]) <= 2]
+    return names_like(of_two, "standard_interval")
 
 
 def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
@@ -680,14 +672,9 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
 
 def unit_remedies(unit: str) -> list[Remedy]:
     """Options to type if stimuli seem to be in this unit; natural logs are the last choice."""
-    choices = dict.fromkeys((unit, "ln"))
-    if unit == "dB":
-        choices = dict.fromkeys(("dB", "dB-power", "ln"))
-    remedies = []
-    for choice in choices:
-        meaning = _UNIT_MEANINGS.get(choice, f"they are intensities in {choice}")
-        remedies.append(Remedy("unit", choice, f"if {meaning}"))
-    return remedies
+    choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
+    meanings = {choice: f"they are intensities in {choice}" for choice in choices} | _UNIT_MEANINGS
+    return [Remedy("unit", choice, f"if {meanings[choice]}") for choice in choices]
 
 
 def suggested_unit(name: str) -> str:
@@ -725,11 +712,8 @@ def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
     (('toneA', 'toneB'), ())
     """
     for sign, second_sign in signs.items():
-        pairs = []
-        for name in names:
-            second_name = re.sub(sign, second_sign, name)
-            if second_name != name and second_name in names:
-                pairs.append((name, second_name))
+        pairs = [(name, re.sub(sign, second_sign, name)) for name in names]
+        pairs = [pair for pair in pairs if pair[0] != pair[1] in names]
         if len(pairs) == 1:
             return pairs[0]
     return ()
@@ -743,13 +727,15 @@ def _remedies(
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
     names_read = [*map(options.name, roles_read)]
-    free = [column for column in columns if column.name not in names_read]
-    has_pair = _stimulus_pair(names, _NUMBERS | _LETTERS)
-    if not has_pair and not {"s1", "i1"}.isdisjoint(missing):
+    free = [*filterfalse(names_read.__contains__, names)]
+    signs = _NUMBERS | _LETTERS
+    pair = _stimulus_pair(free, signs) or _stimulus_pair([*filter(unit_in, free)], signs)
+    if not pair and not {"s1", "i1"}.isdisjoint(missing):
         yield from _wide_remedies(names, columns)
-    missing_required = [role for role in missing if role in _REQUIRED]
-    if missing_required:
-        yield from _columns_remedies(missing_required, free, options)
+    # A tuple of a name for each role; without a pair, none.
+    stimuli = dict(zip(options.stimuli, zip(pair), strict=False))
+    others = [column for column in columns if column.name not in (*names_read, *pair)]
+    yield from _columns_remedies([*filter(_REQUIRED.__contains__, missing)], stimuli, others)
 
     if missing == ["n_equal"] and options.name("n_trials") in names:
         yield from _count_remedies(names, options)
@@ -758,23 +744,18 @@ def _remedies(
     if "response" in missing:
         yield from _score_remedies(scores)
     if "correct" in missing:
-        yield Remedy("correct", _first_or_blank(scores), "with the name in your file")
+        yield Remedy("correct", [*scores, "NAME"][0], "with the name in your file")
 
 
 def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
     """Options to type if a table has the trials of each pair, and other names of what it counts."""
-    n_correct = _first_or_blank(names_like(names, "n_correct"))
+    n_correct = [*names_like(names, "n_correct"), "NAME"][0]
     meaning = "if it counts 'the second was stronger' (2AFC)"
     yield Remedy("columns", (("n_second", "NAME"),), meaning)
     yield Remedy("columns", (("n_correct", n_correct),), "if it counts right responses (2AFC)")
     if options.has_standard:
         meaning = "if it counts 'the comparison was stronger' (2AFC)"
         yield Remedy("columns", (("n_comparison", "NAME"),), meaning)
-
-
-def _first_or_blank(names: Texts) -> str:
-    """The first name; without names NAME, which the user replaces."""
-    return names[0] if names else "NAME"
 
 
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
@@ -810,36 +791,31 @@ def _score_remedies(names: Texts) -> list[Remedy]:
 
 
 def _columns_remedies(
-    roles: Texts, columns: Sequence[Column], options: ReadOptions
+    roles: Texts, stimuli: Mapping[str, Texts], columns: Sequence[Column]
 ) -> list[Remedy]:
-    """The options that name the columns of roles, with likely names among those of `columns`.
+    """The options that name the columns of roles: those of stimuli, and likely ones of `columns`.
 
     The name of the file has the subject if no column may have it. This is asked after the others.
 
     Examples
     --------
-    >>> names = ["stim1", "stim2", "rt"]
-    >>> columns = [Column.from_texts(name, ["0.3"]) for name in names]
-    >>> [remedy.typed for remedy in _columns_remedies(["s1", "s2"], columns, ReadOptions())]
-    ['--columns s1=stim1,s2=stim2']
-    >>> [remedy.typed for remedy in _columns_remedies(["subject"], columns, ReadOptions())]
+    >>> stimuli = {"s1": ["stim1"], "s2": ["stim2"]}
+    >>> _columns_remedies(["subject", "s1", "s2"], stimuli, [])[0].typed
+    '--columns s1=stim1,s2=stim2'
+    >>> [remedy.typed for remedy in _columns_remedies(["subject"], stimuli, [])]
     ["--subject-from '{}.*'", '--columns subject=NAME']
     """
+    if not roles:
+        return []
     is_in_column = _likely_names(columns, "subject") != ["NAME"]
     if len(roles) > 1 and not is_in_column:
         roles = [*filter("subject".__ne__, roles)]
-    names = [column.name for column in columns]
-    signs = _NUMBERS | _LETTERS
-    pair = _stimulus_pair(names, signs) or _stimulus_pair([*filter(unit_in, names)], signs)
-    # By role a tuple of the name; without a pair, none.
-    stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
-    others = [column for column in columns if column.name not in pair]
-    names_by_role = [stimuli.get(role) or _likely_names(others, role) for role in roles]
+    names_by_role = [stimuli.get(role) or _likely_names(columns, role) for role in roles]
 
     remedies = []
-    for chosen in islice(product(*names_by_role), _MOST_PROPOSED):
-        meaning = "with the names in your file" if "NAME" in chosen else ""
-        remedies.append(Remedy("columns", tuple(zip(roles, chosen, strict=True)), meaning))
+    for names in product(*names_by_role):
+        meaning = "with the names in your file" if "NAME" in names else ""
+        remedies.append(Remedy("columns", tuple(zip(roles, names, strict=True)), meaning))
     if "subject" in roles:
         by_file = Remedy("subject_from", "{}.*", "if the name of the file is the subject")
         remedies.insert(len(remedies) if is_in_column else 0, by_file)
@@ -847,7 +823,7 @@ def _columns_remedies(
 
 
 def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
-    """The columns that may have a role: by their names, and by their cells; NAME if there is none.
+    """Three columns that may have a role, by their names or by their cells; NAME if there is none.
 
     Examples
     --------
@@ -856,13 +832,13 @@ def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
     >>> _likely_names([codes, blocks], "response"), _likely_names([codes, blocks], "subject")
     (['second_was'], ['Rat'])
     """
-    names = [column.name for column in columns]
-    likely = [*names_like(names, role), *names_like(names, _PROPOSED.get(role, role))]
     by_cells = [column.name for column in columns if _role_by_cells(column) == role]
     # A name such as 'second_longer' says more than the cells.
-    answer_words = VOCABULARY["words"]["of_answers"]
-    by_cells.sort(key=lambda name: named_places(name)[2].isdisjoint(answer_words))
-    return list(dict.fromkeys(likely + by_cells)) or ["NAME"]
+    words = VOCABULARY["words"]["of_answers"]
+    by_cells.sort(key=lambda name: named_places(name)[2].isdisjoint(words))
+    names = [column.name for column in columns]
+    likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
+    return [*dict.fromkeys(likely)][:3] or ["NAME"]
 
 
 def _role_by_cells(column: Column) -> str:
@@ -872,11 +848,11 @@ def _role_by_cells(column: Column) -> str:
     without any, that change from trial to trial.
     """
     words_of_others = VOCABULARY["words"]["of_others"]
-    if unit_in(column.name) or not named_places(column.name)[2].isdisjoint(words_of_others):
-        return ""
     n_texts = len(column.texts)
     n_rows = len(column.codes)
-    n_runs = np.count_nonzero(np.diff(column.codes)) + 1
-    if 1 < n_texts == n_runs < 0.5 * n_rows:
+    n_runs = len(run_starts(column.codes))
+    if n_texts < 2 or not named_places(column.name)[2].isdisjoint(words_of_others):
+        return ""
+    if n_texts == n_runs < 0.5 * n_rows:
         return "subject"
-    return "response" if 1 < n_texts < 5 and n_runs > 0.2 * n_rows else ""
+    return "response" if n_texts < 5 and n_runs > 0.2 * n_rows else ""

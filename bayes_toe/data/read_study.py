@@ -415,8 +415,8 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     table, options = chosen_rows(table, options)
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
-    if not isinstance(path, StrPath):  # a frame has no name
-        remedies = [remedy for remedy in remedies if remedy.option != "subject_from"]
+    has_name = isinstance(path, StrPath)  # a frame has none
+    remedies = [remedy for remedy in remedies if has_name or remedy.option != "subject_from"]
     table.require(problems, remedies)
 
     table = trial_rows(table, options, roles_read)
