@@ -6,7 +6,6 @@ differ between conditions, miss trials, and carry an expectation over to the nex
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +29,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
 from bayes_toe.design.observers import (
     KINDS,
-    PRIOR,
     REQUIRED,
     Observer,
     assume_observers,
@@ -58,7 +56,7 @@ from bayes_toe.seeds import generator, root_seed
 
 #: The population of observers of the paper's kinds.
 PAPER = "paper"
-POPULATIONS = (PAPER, *KINDS, PRIOR)
+POPULATIONS = (PAPER, *KINDS)
 #: What may differ between conditions: sizes are differences, of the noise those of its logarithm.
 DIFFERING = ("constant_error", "contraction", "noise")
 _ALLOWED_DIFFERENCE = (
@@ -409,7 +407,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         paper's model, mu1, sigma_p, sigma_l and q0 (lapse_rate of 'which is stronger').
     population : str
         "paper", of the paper's model; "none", "small constant error", "large constant error",
-        "contraction", "repulsion", "both", or "prior", of the four models; or a CSV file of
+        "contraction", "repulsion" or "both", of the four models; or a CSV file of
         parameters.
     design : {"reference", "full"} or StudyDesign
         The paper's pairs, all ordered pairs of its stimuli, or pairs of your own.
@@ -495,18 +493,9 @@ def draw_population(
     if population not in POPULATIONS:
         return read_observers(population, task)
 
-    study_design = replace(design, task=task)
-    if population != PRIOR:
-        drawn = [*assume_observers(population, size, seed, [study_design])]
-    else:
-        # So many observers of the first model, then of the next one; here the models take turns.
-        n_each = math.ceil(size / 4)
-        by_model = assume_observers(PRIOR, n_each, seed, [study_design])
-        drawn = []
-        for i in range(n_each):
-            drawn += by_model[i::n_each]
-    pairs = zip(subject_names(size), drawn, strict=False)  # up to three observers are left over
-    return [replace(observer, name=name) for name, observer in pairs]
+    observers = assume_observers(population, size, seed, [replace(design, task=task)])
+    names = subject_names(size)
+    return [replace(observer, name=name) for name, observer in zip(names, observers, strict=True)]
 
 
 def read_observers(path: str, task: Task) -> list[SimulatedObserver]:

@@ -117,11 +117,6 @@ def test_conditions_differ_by_what_is_asked():
 def test_named_populations():
     _, truth = bt.simulate(3, population="repulsion", batches=2, seed=1)
     assert all(-0.35 <= values["contraction"] <= -0.2 for values in truth.values())
-    _, truth = bt.simulate(8, population="prior", batches=2, seed=1, task="2afc")
-    effects = [
-        (values["constant_error"] != 0, values["contraction"] != 0) for values in truth.values()
-    ]
-    assert effects == [(False, False), (True, False), (False, True), (True, True)] * 2
 
 
 def test_populations_of_files(tmp_path):
