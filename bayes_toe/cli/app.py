@@ -47,25 +47,12 @@ COMMANDS = {
     ),
 }
 
-#: Former names of options.
-FORMER_OPTIONS = {
-    "--turn": "--swap",
-    "--leave-out": "--exclude",
-    "--pictures": "--figures",
-    "--data-sets": "--simulated",
-    "--population": "--observers",
-    "--coordinates": "--parameters",
-}
-
 
 class Commands(TyperGroup):
     """The group of all commands; it stores in `TYPED` the words that were typed."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command that the first argument names, with today's names of options."""
-        for i, word in enumerate(args):
-            option, sign, value = word.partition("=")  # '--turn=A08:2' or '--turn'
-            args[i] = f"{FORMER_OPTIONS.get(option, option)}{sign}{value}"
+        """Find the command that the first argument names."""
         TYPED[:] = args
         return super().resolve_command(ctx, args)
 

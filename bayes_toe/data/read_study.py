@@ -105,7 +105,7 @@ from bayes_toe.errors import (
 #: What made the bundled files: the default example, and the study in the paper's design.
 COMMANDS = (
     "bayes-toe simulate -o example_study.csv --task 2afc --design example_pairs.csv "
-    "--population example_truth.csv --batches 40 --seed 2602",
+    "--observers example_truth.csv --batches 40 --seed 2602",
     "bayes-toe simulate -o example_same_different_study.csv "
     "--truth example_same_different_truth.csv --task same/different --subjects 16 --batches 50 "
     "--seed 2604",

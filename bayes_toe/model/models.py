@@ -201,8 +201,7 @@ def require_model(name: str) -> str:
     ('constant error', 'predictive update')
     """
     require_kind("model", name, str, f"one of: {', '.join(MODEL_NAMES)}")
-    # The last three are former names of the paper's model.
-    if name in ("paper", "update", "predictive update", "predictive-update"):
+    if name in ("paper", PAPER_MODEL):
         return PAPER_MODEL
     spaced = name.replace("-", " ")
     if spaced in ORDER_MODELS:

@@ -107,7 +107,7 @@ def test_an_unknown_order_is_refused_in_a_line(study):
 
 
 def test_the_command_writes_the_table_and_the_figure(tmp_path):
-    trials = "-o trials.csv --task 2afc --population contraction --subjects 1 --batches 50"
+    trials = "-o trials.csv --task 2afc --observers contraction --subjects 1 --batches 50"
     good(f"simulate {trials} --carry-over 0.9 --seed 1", cwd=tmp_path)
     screen = good("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
     assert "Previous response: " in screen

@@ -137,9 +137,9 @@ COMMANDS = {
     "population": "trials.csv --draws 1600 -o group.nc --seed 1",
     "contrast": "trials.csv --condition hand -o hands.csv --seed 1",
     "history": "trials.csv -o history.csv --seed 1",
-    "power": "--trials 130 --data-sets 1 --observers none --seed 1",
+    "power": "--trials 130 --simulated 1 --observers none --seed 1",
     "design": (
-        "--lowest 0 --highest 1 --step 0.25 --observers both --data-sets 1 --trials 100 --seed 1"
+        "--lowest 0 --highest 1 --step 0.25 --observers both --simulated 1 --trials 100 --seed 1"
     ),
     "design design.csv": "--list list.csv --seed 1",
     "simulate": "-o made.csv --subjects 2 --batches 2 --seed 1",

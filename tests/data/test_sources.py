@@ -281,7 +281,7 @@ COMMANDS = """
     check LONG.mat
     check example.csv LONG.csv
     simulate -o out.csv --design LONG
-    simulate -o out.csv --population LONG.csv
+    simulate -o out.csv --observers LONG.csv
     corner LONG
 """
 
