@@ -155,7 +155,8 @@ class InputError(BayesToeError, ValueError):
             first_answers.setdefault(remedy.question, remedy)
         first_choice = [*first_answers.values()]
 
-        choices = [(first_choice, _meanings_together(first_choice))]
+        meanings = [remedy.meaning for remedy in first_choice if remedy.meaning]
+        choices = [(first_choice, meanings)]
         for remedy in self.remedies:
             if remedy is first_answers[remedy.question]:
                 continue
@@ -172,19 +173,6 @@ class InputError(BayesToeError, ValueError):
     def __reduce__(self) -> tuple[Any, ...]:
         # Errors cross process borders when subjects run in parallel.
         return type(self), (self.problems, self.remedies)
-
-
-def _meanings_together(remedies: Sequence[Remedy]) -> list[str]:
-    """When remedies are right that are typed together.
-
-    'for intensities add --unit um' is no news where --unit is typed too.
-    """
-    options = [f"--{remedy.option} " for remedy in remedies]
-    meanings = []
-    for remedy in remedies:
-        if remedy.meaning and not any(option in remedy.meaning for option in options):
-            meanings.append(remedy.meaning)
-    return meanings
 
 
 def with_next_questions(

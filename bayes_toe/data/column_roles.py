@@ -304,7 +304,6 @@ _LETTERS = {
 }
 #: Roles whose names are proposed only, by role.
 _PROPOSED = {"response": "key", "subject": "id"}
-_PAIRS = "are pairs of stimuli, natural logs without --unit"
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 #: Counts of one answer, and of the other one, whose sum is the number of trials.
@@ -762,11 +761,11 @@ def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
     """Options to type if names of columns, or all cells of one, are pairs such as 100_112."""
     pattern, n_names = _pair_pattern(names)
     if n_names > 1:
-        yield Remedy("wide", pattern, f"if the names of {n_names} columns {_PAIRS}")
+        yield Remedy("wide", pattern, f"if the names of {n_names} columns are pairs of stimuli")
     for column in columns:
         pattern, n_texts = _pair_pattern(column.texts)
         if n_texts == len(column.texts) > 1:
-            yield Remedy("wide", pattern, f"if the cells of {column} {_PAIRS}")
+            yield Remedy("wide", pattern, f"if the cells of {column} are pairs of stimuli")
 
 
 def _pair_pattern(texts: Texts) -> tuple[str, int]:
