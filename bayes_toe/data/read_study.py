@@ -356,9 +356,8 @@ class _Rows:
         columns = (*self.columns.values(), *self.response_signs)
         names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
         for ours in self.options.ignore:
-            names_to_skip.add(self.options.name(ours))
-            names_to_skip.update(names_like(self.table.names, ours))
-        return [name for name in dict.fromkeys(self.table.names) if name not in names_to_skip]
+            names_to_skip |= {self.options.name(ours), *names_like(self.table.names, ours)}
+        return [*filterfalse(names_to_skip.__contains__, dict.fromkeys(self.table.names))]
 
     def require_pairs(self, rows: BoolArray) -> None:
         """Note what is wrong with subjects, conditions and stimuli in these rows."""
@@ -400,8 +399,10 @@ class _Rows:
         if unit:
             for column in self.stimulus_columns:
                 read_as.setdefault(column.name, []).append(unit)
-        for name, meanings in read_as.items():
-            notes.append(f"column {display_name(name)} read as {', '.join(meanings)}")
+        notes += [
+            f"column {display_name(name)} read as {', '.join(meanings)}"
+            for name, meanings in read_as.items()
+        ]
         return notes
 
 

@@ -177,8 +177,9 @@ def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
 
     remedies = []
     for remedy in errors[0].remedies:
-        is_name = remedy.option == "subject_from"
-        remedies += _subject_remedies(paths, remedy) if is_name else [remedy]
+        remedies += (
+            _subject_remedies(paths, remedy) if remedy.option == "subject_from" else [remedy]
+        )
     return InputError(problems, remedies)
 
 
@@ -189,10 +190,13 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     """
     by_subjects = dict[tuple[str, ...], Remedy]()
     are_sheets = all(isinstance(path, StrPath) and is_excel(Path(path).parent) for path in paths)
-    names = "\n".join(map(os.path.basename, map(str, paths)))
-    # Of toe_A_1.csv and toe_B_1.csv it is 'toe_{}_*'.
-    first_pattern = re.sub(_COMMON_BEGINNING, r"\1{}_*", names)
-    for pattern in (first_pattern, *(_SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES)):
+    names = [*map(os.path.basename, map(str, paths))]
+    # Of toe_A_1.csv and toe_B_1.csv the first pattern is 'toe_{}_*'.
+    patterns = [re.sub(_COMMON_BEGINNING, r"\1{}_*", "\n".join(names))]
+    patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
+    if len({*names}) < len(names):  # a name in several folders is no subject
+        patterns.reverse()
+    for pattern in patterns:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"
@@ -270,9 +274,13 @@ def together(studies: Sequence[Study]) -> Study:
             f"they are of several, --subject-from '{{}}{ending}' tells them from each other"
         )
     reading = replace(reading, doubts=tuple(doubts))
-    source = f"{len(studies)} files, {first.source} to {studies[-1].source}"
-    is_synthetic = all(study.synthetic for study in studies)
-    return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+    return Study(
+        tuple(subjects),
+        f"{len(studies)} files, {first.source} to {studies[-1].source}",
+        all(study.synthetic for study in studies),
+        tuple(notes),
+        reading,
+    )
 
 
 def reading_of_all(studies: Sequence[Study]) -> Reading:

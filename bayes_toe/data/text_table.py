@@ -262,8 +262,7 @@ class TextTable:
     def only(self, rows: BoolArray | IndexArray, *notes: str) -> TextTable:
         """The table of these rows, with more notes; a row may come more than once."""
         columns = {name: column.only(rows) for name, column in self.columns.items()}
-        all_notes = (*self.notes, *notes)
-        return replace(self, rows=self.rows[rows], columns=columns, notes=all_notes)
+        return replace(self, rows=self.rows[rows], columns=columns, notes=(*self.notes, *notes))
 
     def require(self, lines: Texts, remedies: Iterable[Remedy] = ()) -> None:
         """Refuse a head with problems, a table without rows, and cells without a value.

@@ -144,7 +144,7 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
         # Frequencies may be those of other columns, too, such as days.
-        all_others = [name for name in table.columns if name != column.name]
+        all_others = [*filter(column.name.__ne__, table.columns)]
         keys = (names_read, all_others)
         if has_counts and any(_is_cross_table(table, key, answers) for key in keys):
             return column

@@ -1137,6 +1137,7 @@ def test_a_folder_stands_for_its_tables(tmp_path):
 SUBJECTS_BY_NAME = """
     | VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
     | A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
+    | V/a.csv V/b.csv W/a.csv | --subject-from '{}/*' if the subjects are V, W --subj | V W
     | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
