@@ -495,7 +495,7 @@ def columns_to_read(
     if is_stimulus_missing and has_comparison:
         problem += " If one standard was in all trials, add a column standard with its level."
     problems.append(problem)
-    # Of columns as full, those of ratings come last.
+    # Of columns that are as full, those of ratings come last.
     likeliest = sorted(columns, key=lambda column: (empty(column).sum(), len(column.texts) > 3))
     return roles_read, problems, [*_remedies(roles_read, options, likeliest)]
 

@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -222,15 +223,13 @@ class ReadOptions:
 
     def _code_problems(self) -> Iterator[str]:
         """Problems of the codes of responses: one code of two answers, and codes of two tasks."""
-        options = []
-        answer_of_code = dict[str, str]()
-        for answer, code in self.code_by_answer.items():
-            options.append(f"--{answer}-code")
-            other = answer_of_code.setdefault(code, answer)
-            if other != answer:
+        codes = self.code_by_answer
+        options = [f"--{answer}-code" for answer in codes]
+        for other, answer in combinations(codes, 2):
+            if codes[other] == codes[answer]:
                 yield (
-                    f"--{answer}-code: found {quoted(code)} as --{other}-code, allowed: different "
-                    "texts"
+                    f"--{answer}-code: found {quoted(codes[answer])} as --{other}-code, allowed: "
+                    "different texts"
                 )
 
         if self.correct is not None:

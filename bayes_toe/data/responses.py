@@ -121,7 +121,7 @@ def responses(
     answer_index = column.map(lambda text: _answer_index(text, codes, words), np.int64)
 
     # What makes an answer likelier, by the option that names its code.
-    rise = np.where(np.isfinite(difference), difference, 0.0)
+    rise = np.nan_to_num(difference)
     trends = {"equal_code": -abs(rise), "second_code": rise}
     if options.has_standard:
         trends["comparison_code"] = np.where(order.is_first, rise, -rise)
@@ -131,7 +131,8 @@ def responses(
         problem, remedies = _unknown_meaning(table, column, task_column, trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer_index, codes, names)
-    remedies = _proposals(column, answer_index, names, options, trends, remedies)
+    if _UNKNOWN in answer_index:
+        remedies = _proposals(column, answer_index, names, options, trends, remedies)
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
@@ -169,8 +170,9 @@ def _require_two_answers(
         problem = (
             f"{column}: found {n_right} right and {len(is_right) - n_right} wrong answers to equal "
             "stimuli, allowed: answers to which was stronger, of which none is right there. If "
-            "participants said whether stimuli were equal, add a column response with 'equal' or "
-            "'different', and leave --correct out; if not, remove these rows"
+            "participants said whether stimuli were equal, add a column response and leave "
+            "--correct out: 'equal' for right answers to equal stimuli and wrong ones to others, "
+            "'different' for the rest; if not, remove these rows"
         )
         table.problems.ask(problem, [])
 
@@ -203,7 +205,8 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
 
     A text that names none, such as that of an experiment, is ignored.
     """
-    for text, other_task in _tasks_in(column).items():
+    texts = [] if column is None else column.texts
+    for text, other_task in tasks_named(texts).items():
         if other_task != task:
             raise InputError(
                 f"{table.source}: {column}: found {quoted(text)}, allowed: {task.name!r}, which "
@@ -413,7 +416,7 @@ def _unknown_meaning(
 
     The trends are by option.
     """
-    tasks_by_text = _tasks_in(task_column)
+    tasks_by_text = {} if task_column is None else tasks_named(task_column.texts)
     texts = list(filter(None, column.texts))
     shares = join_names(column.counts(texts), 4)
     words_by_answer = _words_by_answer(column)
@@ -436,7 +439,8 @@ def _unknown_meaning(
         problem = f"the only code is {shares}. The program does not know what it means."
     remedies = _other_responses(table, texts)
     task_answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
-    for remedy in _code_remedies(column, _frequent(column) or texts, trends):
+    frequent = _frequent(column)  # none of many numbers, such as those of a slider
+    for remedy in _code_remedies(column, frequent, trends) if frequent else []:
         # The other remedies, such as --correct, are about which was stronger.
         answer = "equal" if remedy.option == "equal_code" else "second"
         if not task_answers or answer in task_answers:
@@ -468,11 +472,6 @@ def _two_tasks(finding: str, task_column: Column | None) -> Question:
     return problem, remedies
 
 
-def _tasks_in(column: Column | None) -> dict[str, Task]:
-    """The tasks that a column `task` names, by its texts."""
-    return {} if column is None else tasks_named(column.texts)
-
-
 def _unknown_texts(
     column: Column,
     answer_index: IntArray,
@@ -491,16 +490,15 @@ def _unknown_texts(
         return f"the codes are {shares}. None of them is the code that was given.", []
     code = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     if "," in "".join(filter(None, codes)):  # the other answer has several, too
-        code = ",".join(sorted({*unknown.texts} & {*_frequent(column)}))
+        code = ",".join(sorted(map(_plain, {*unknown.texts} & {*_frequent(column)})))
     remedies = [Remedy(f"{other}_code", code, f"if {code} is '{other}'")]
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
 
 
 def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0) -> list[str]:
     """The texts of a column that more rows have than a share of the filled ones and `least`."""
-    is_filled = column.map(lambda text: text.lower() not in MISSING_WORDS)
-    counts = np.bincount(column.codes, is_filled)
-    return [*compress(column.texts, counts > least + share * is_filled.sum())]
+    counts = np.bincount(column.codes, column.map(lambda text: text.lower() not in MISSING_WORDS))
+    return [*compress(column.texts, counts > least + share * counts.sum())]
 
 
 def _proposals(
@@ -518,37 +516,36 @@ def _proposals(
     two answers. A rare text beside all answers is at last a missed trial.
     """
     unknown = column.only(answer_index == _UNKNOWN)
-    if not unknown.texts or _count_remedies(column, unknown.texts):
+    if _count_remedies(column, unknown.texts):
         return remedies
     given = options.code_by_answer
     has_lists = "," in "".join(given.values())
     frequent = _frequent(column)
-    three_answers = []
-    if names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers) and not has_lists:
+    if frequent and names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers) and not has_lists:
+        if len(frequent) == 2 and not [*remedies, *given]:
+            remedies = _code_remedies(column, frequent, trends)
         _, equal, second = _sides(column, frequent, trends["second_code"])
         if equal and "different" not in _words_by_answer(column):
             meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
             if "different" in given:
                 meaning += ", in place of --different-code"
             together = (Remedy("second_code", second),)
-            three_answers = [Remedy("equal_code", equal, meaning, together=together)]
-        if len(frequent) == 2 and not [*remedies, *given]:
-            remedies = _code_remedies(column, frequent, trends)
+            remedies = [Remedy("equal_code", equal, meaning, together=together), *remedies]
 
     for missed in _missed_remedies(column, unknown, len(names)):
         if not has_lists and _looks_missed(str(missed.value), column.texts, len(frequent) > 3):
-            return [missed, *three_answers] if len(frequent) < 4 else [missed]
+            return [missed, *remedies[:1]]
         if len(unknown.texts) == 1:
             remedies = [*remedies, missed]
-    return three_answers + remedies
+    return remedies
 
 
 def _missed_remedies(column: Column, unknown: Column, n_answers: int) -> Iterator[Remedy]:
     """An option to type if the rarest unknown text is rare, and a text more than the answers."""
     counts = np.bincount(unknown.codes)
-    n_rarest = int(counts.min())
-    n_answered = column.map(bool).sum()
-    if n_rarest < _MOST_MISSED * n_answered and sum(map(bool, column.texts)) > n_answers:
+    n_rarest = counts.min()
+    is_rare = n_rarest < _MOST_MISSED * column.map(bool).sum()
+    if is_rare and sum(map(bool, column.texts)) > n_answers:
         meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
         yield Remedy("missed", unknown.texts[counts.argmin()], meaning)
 
@@ -572,10 +569,11 @@ def _other_responses(table: TextTable, ratings: Texts) -> list[Remedy]:
     """Options to type if responses are ratings, and another column has two keys or words."""
     remedies = []
     for name, column in table.columns.items():
-        keys = {*filterfalse(is_no_response, column.texts)}
+        keys = [*filterfalse(is_no_response, column.texts)]
         if name.startswith("response_") and len(keys) == 2 < len(ratings) and not is_flag(keys):
-            meaning = f"if {column} has the responses"
-            remedies.append(Remedy("columns", (("response", name),), meaning))
+            remedies.append(
+                Remedy("columns", (("response", name),), f"if {column} has the responses")
+            )
     return remedies
 
 
@@ -586,13 +584,13 @@ def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str,
     order of a rating, or else of their mean trend.
     """
     means = {text: trend[column.matches([text])].mean() for text in texts}
-    is_rating = re.fullmatch("(,?[-+]?[0-9]){4,}", ",".join(texts))
-    order = sorted(sorted(texts), key=float if is_rating else means.__getitem__)
-    rise = means[order[-1]] - means[order[0]]
+    order = sorted(sorted(texts), key=means.__getitem__)
+    if re.fullmatch("(,?[-+]?(10|[0-9])){4,}", ",".join(map(_plain, texts))):
+        order.sort(key=float, reverse=float(order[0]) > float(order[-1]))
     half = len(order) // 2 or 1
-    high = order[-half:] if rise >= 0.0 else order[:half]
-    middle, likelier = (",".join(map(_plain, side)) for side in (order[half:-half], high))
-    return abs(rise), middle, likelier
+    sides = (order[half:-half], order[-half:])
+    middle, likelier = (",".join(sorted(map(_plain, side))) for side in sides)
+    return means[order[-1]] - means[order[0]], middle, likelier
 
 
 def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
@@ -603,12 +601,11 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
     rises = dict[Remedy, float]()
     for option, trend in trends.items():
         rise, _, code = _sides(column, texts, trend)
-        meaning = f"if {code.replace(',', ' or ')} is {_CODE_MEANINGS[option]}"
-        rises[Remedy(option, code, meaning)] = rise
+        rises[Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}")] = rise
     remedies = sorted(rises, key=rises.__getitem__, reverse=True)
 
-    codes = [_plain(text).lower() for text in texts]
-    if {*codes} <= {*chain(*_RIGHT_WRONG)}:
+    codes = [*map(_plain, texts)]
+    if {*map(str.lower, codes)} <= {*chain(*_RIGHT_WRONG)}:
         meaning = f"if {max(codes)} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
     return remedies

@@ -164,14 +164,7 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
 
 def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
     """One refusal for the errors of several files: problems that are alike are one line."""
-    lines = []
-    for problem in chain.from_iterable(error.problems for error in errors):
-        file, _, text = problem.partition(": ")
-        lines.append((file, text))
-    problems = []
-    for alike in _alike(lines):
-        several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
-        problems.append(several + ": ".join(filter(None, alike[0])))  # the text may be empty
+    problems = _one_line_each(chain.from_iterable(error.problems for error in errors))
     if len(errors) > 1 and len(problems) > MAX_LINES:
         problems[MAX_LINES:] = ["... and more problems"]
 
@@ -181,6 +174,25 @@ def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
             _subject_remedies(paths, remedy) if remedy.option == "subject_from" else [remedy]
         )
     return InputError(problems, remedies)
+
+
+def _one_line_each(problems: Iterable[str]) -> list[str]:
+    """Problems that begin with the name of their file, of which those that are alike are one line.
+
+    Examples
+    --------
+    >>> _one_line_each(["a.csv: row 1 is empty", "b.csv: row 3 is empty", "c.csv: no rows"])
+    ['2 files, such as a.csv: row 1 is empty', 'c.csv: no rows']
+    """
+    lines = []
+    for problem in problems:
+        file, _, text = problem.partition(": ")
+        lines.append((file, text))
+    one_line_each = []
+    for alike in _alike(lines):
+        several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
+        one_line_each.append(several + ": ".join(filter(None, alike[0])))  # the text may be empty
+    return one_line_each
 
 
 def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
@@ -252,7 +264,7 @@ def together(studies: Sequence[Study]) -> Study:
                 "allowed: files of one task; contrast compares tasks with --condition task"
             )
     reading = reading_of_all(studies)
-    doubts = [*reading.doubts]
+    doubts = _one_line_each(reading.doubts)
     subjects = []
     n_files = {}
     for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):

@@ -928,6 +928,15 @@ def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(
     assert " 64 trials" in inside(f"check study.csv {option}", cwd=tmp_path).stdout
 
 
+def test_a_remark_that_several_files_share_is_one_line(tmp_path):
+    for name, n_marked in (("a.csv", 3), ("b.csv", 3), ("c.csv", 5)):
+        marks = ["x"] * n_marked + [""] * (40 - n_marked)
+        write(tmp_path / name, P03.assign(subject=name, excluded=marks, trial=range(40)))
+    (doubt,) = bt.read_study(tmp_path).reading.doubts
+    remark = "3 files, such as a.csv: 3 rows with 'x' in column excluded are counted; "
+    assert doubt == f"{remark}--where excluded= leaves them out"
+
+
 def test_a_file_without_columns_of_trials_is_named(tmp_path):
     write(tmp_path / "stopped.csv", "subject,date\nP99,1\n")
     for table in (IN_GRAMS, answered(IN_GRAMS, "f", "j")):
