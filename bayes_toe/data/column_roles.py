@@ -781,8 +781,9 @@ def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
     """
     by_cells = [column.name for column in columns if _role_by_cells(column) == role]
     # A name such as 'second_longer' says more than the cells.
-    words = VOCABULARY["words"]["of_answers"]
-    by_cells.sort(key=lambda name: named_places(name)[2].isdisjoint(words))
+    by_cells.sort(
+        key=lambda name: named_places(name)[2].isdisjoint(VOCABULARY["words"]["of_answers"])
+    )
     names = [column.name for column in columns]
     likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
     return [*dict.fromkeys(likely)][:3] or ["NAME"]
@@ -798,7 +799,8 @@ def _role_by_cells(column: Column) -> str:
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))
-    if n_texts < 2 or not words.isdisjoint(VOCABULARY["words"]["of_others"]):
+    # A name without words of its own, such as 'target' or 'comparison', is that of a stimulus.
+    if n_texts < 2 or not words or not words.isdisjoint(VOCABULARY["words"]["of_others"]):
         return ""
     if n_texts == n_runs < 0.5 * n_rows:
         return "subject"
