@@ -711,8 +711,11 @@ def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
     (('toneA', 'toneB'), ())
     """
     for sign, second_sign in signs.items():
-        pairs = [(name, re.sub(sign, second_sign, name)) for name in names]
-        pairs = [pair for pair in pairs if pair[0] != pair[1] in names]
+        pairs = []
+        for name in names:
+            second_name = re.sub(sign, second_sign, name)
+            if second_name != name and second_name in names:
+                pairs.append((name, second_name))
         if len(pairs) == 1:
             return pairs[0]
     return ()
@@ -785,8 +788,10 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
 
 def _score_remedies(names: Texts) -> list[Remedy]:
     """Options to type if these columns say right or wrong."""
-    meaning = "says right or wrong (2AFC)"
-    return [Remedy("correct", name, f"if {display_name(name)} {meaning}") for name in names]
+    return [
+        Remedy("correct", name, f"if {display_name(name)} says right or wrong (2AFC)")
+        for name in names
+    ]
 
 
 def _columns_remedies(
@@ -833,8 +838,9 @@ def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
     """
     by_cells = [column.name for column in columns if _role_by_cells(column) == role]
     # A name such as 'second_longer' says more than the cells.
-    words = VOCABULARY["words"]["of_answers"]
-    by_cells.sort(key=lambda name: named_places(name)[2].isdisjoint(words))
+    by_cells.sort(
+        key=lambda name: named_places(name)[2].isdisjoint(VOCABULARY["words"]["of_answers"])
+    )
     names = [column.name for column in columns]
     likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
     return [*dict.fromkeys(likely)][:3] or ["NAME"]
@@ -846,11 +852,12 @@ def _role_by_cells(column: Column) -> str:
     The name of a subject stands in a block of rows. Responses are two or three codes, and cells
     without any, that change from trial to trial.
     """
-    words_of_others = VOCABULARY["words"]["of_others"]
+    words = named_places(column.name)[2]
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))
-    if n_texts < 2 or not named_places(column.name)[2].isdisjoint(words_of_others):
+    # A name without words of its own, such as 'target' or 'comparison', is that of a stimulus.
+    if n_texts < 2 or not words or not words.isdisjoint(VOCABULARY["words"]["of_others"]):
         return ""
     if n_texts == n_runs < 0.5 * n_rows:
         return "subject"

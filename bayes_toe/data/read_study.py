@@ -344,11 +344,12 @@ class _Rows:
         if self.options.correct is None:
             return []
         names_read = {column.name for column in self.columns.values()}
-        return [
-            column
-            for name, column in self.table.columns.items()
-            if name not in names_read and (is_response_sign(name) or is_missed_flag(column))
-        ]
+        signs = []
+        for name, column in self.table.columns.items():
+            may_show = is_response_sign(name) or is_missed_flag(column)
+            if may_show and name not in names_read:
+                signs.append(column)
+        return signs
 
     @property
     def names_not_read(self) -> Texts:
@@ -416,8 +417,8 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     table, options = chosen_rows(table, options)
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
-    has_name = isinstance(path, StrPath)  # a frame has none
-    remedies = [remedy for remedy in remedies if has_name or remedy.option != "subject_from"]
+    # A frame has no name that may have the subject.
+    remedies = [r for r in remedies if isinstance(path, StrPath) or r.option != "subject_from"]
     table.require(problems, remedies)
 
     table = trial_rows(table, options, roles_read)
@@ -592,10 +593,8 @@ def _trial_study(rows: _Rows) -> Study:
     table.problems.refuse()
     require_task(table, answers.task, task_column)
     if not answers.is_answered.any():
-        remedies = []
-        if options.correct is None:
-            meaning = "if another column has the responses"
-            remedies.append(Remedy("columns", (("response", "NAME"),), meaning))
+        remedy = Remedy("columns", (("response", "NAME"),), "if another column has the responses")
+        remedies = [remedy] if options.correct is None else []
         raise InputError(
             f"{table.source}: {column}: found no response in any of {len(table.rows)} rows, "
             "allowed: at least one answered trial",

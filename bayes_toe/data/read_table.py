@@ -307,8 +307,8 @@ def _chosen_sheet(
     if len(tables) > 1 and n_chosen(heads[tables[0]][1], choice):
         titles = join_words(list(map(display_name, tables)))
         remedies = [
-            Remedy("sheet", "{}", "if each sheet is a subject"),
             Remedy("sheet", "*", "if the sheets have a column of subjects"),
+            Remedy("sheet", "{}", "if each sheet is a subject"),
         ]
         remedies += [Remedy("sheet", title) for title in tables]
         raise InputError(f"{source}: the sheets {titles} have tables.", remedies)

@@ -765,6 +765,11 @@ ADVISED = {
         "--columns s1=w1,s2=w2 --unit a.u.",
     ),
     "rats.csv": (labelled(IN_LOGS, subject="Rat"), "--columns subject=Rat"),
+    "sessions.xlsx": (excel(A=IN_LOGS[:30], B=IN_LOGS[30:]), "--sheet '*'"),
+    "subjects.xlsx": (
+        excel(P03=WITHOUT_SUBJECT, P12=IN_LOGS[40:].drop(columns="subject")),
+        "--sheet '*' --subject-from '{}'",
+    ),
     "P03.csv": (
         IN_GRAMS[:40].drop(columns="subject"),
         "--columns s1=w1,s2=w2 --subject-from '{}.*' --unit a.u.",
