@@ -140,8 +140,8 @@ def _counted_answer(name: str) -> str:
     >>> _counted_answer("First weight"), _counted_answer("second_stimulus"), _counted_answer("n2")
     ('', '', '')
     """
-    # A digit may be the number of a response.
-    words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9]+", without_accents(name))
+    # A digit may be the number of a response, and a comma stands in a row that is no header.
+    words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9;,]", without_accents(name))
     others = {*map(str.lower, words)}.difference(VOCABULARY["words"]["counting"])
     return _ANSWERS.get(others.pop(), "") if len(others) == 1 < len(words) else ""
 

@@ -401,10 +401,10 @@ NOTES = """
     lines_above.csv | rows above row 4 left out
     files_below_each_other.csv | 1 repeated header left out
     participant.csv | column Participant ID read as subject
-    psychopy.csv | 2 rows left out as practice (column practice.thisN: '0', '1')
+    psychopy.csv | 2 rows left out as practice or catch trials (column practice.thisN: '0', '1')
     units.csv | 2 rows without stimuli and response left out
     questions.csv | 2 rows of questions left out
-    practice.csv | 8 rows left out as practice (column phase: 'practice')
+    practice.csv | 8 rows left out as practice or catch trials (column phase: 'practice')
     unfilled.csv | 20 rows left out as unfilled (stimuli and response are 0 in the last rows): P12
     separators.jsonl | trial rows, JSON, UTF-8, resp
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
@@ -589,6 +589,10 @@ REFUSED = {
         WIDE_COUNTS.replace(",n", "").replace(",40", ""),
         "--columns n_second=cell --columns n_trials=NAME",
         "if they count 'second'",
+    ),
+    "blank.csv --columns response=NAME": (
+        labelled(IN_LOGS, response="x"),
+        "no column NAME. The columns are subject, s1, s2, x. In the place of NAME, type one of t",
     ),
     "counts_of_what.csv --standard-interval order": (
         BY_COMPARISON,
@@ -775,8 +779,7 @@ def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, 
     table = with_practice(column, practice, main)
     study = bt.read_study(table)
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
-    kind = "catch trials" if "catch" in practice else "practice"
-    note = f"8 rows left out as {kind} (column {column}: '{practice}')"
+    note = f"8 rows left out as practice or catch trials (column {column}: '{practice}')"
     assert any(line.startswith(note) for line in study.notes), study.notes
     complete = bt.read_study(table, bt.ReadOptions(ignore="practice"))
     assert complete["P03"].total_trials == 40 + 8
@@ -986,7 +989,8 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
     assert bt.read_study(files).notes == (
         "trial rows, comma-separated, UTF-8, responses 'second' (36) / 'first' (36), "
         "stimuli as natural logs",
-        "10 rows left out as practice (column part: 'practice'); --ignore practice reads them",
+        "10 rows left out as practice or catch trials (column part: 'practice'); --ignore practice "
+        "reads them",
         "anna.csv: 1 row without stimuli and response left out",
         "2 trials without a response dropped: anna 1, ben 1",
     )
