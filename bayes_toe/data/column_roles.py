@@ -604,7 +604,8 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     if "n_correct" in options.columns:  # only by the option: it may count a same-different task
         return ["n_correct", "n_trials"]
     counts = [role for role in _COUNTS if options.name(role) in names]
-    if options.name("response") in names or not counts:
+    response = options.name("response")
+    if not counts or (response in names and response not in map(options.name, counts)):
         return ["response", *counts]
 
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)

@@ -244,6 +244,9 @@ READ = {
         T=labelled(TALLY, n_first='"First longer"', n_second='"Second longer"')
     ),
     "n_erster_zweiter.csv": labelled(TALLY, n_first="n erster", n_second="n zweiter"),
+    "counts_of_unclear_answers.csv --columns n_first=lighter,n_second=heavier,response=heavier": (
+        labelled(TALLY, n_first="lighter", n_second="heavier")
+    ),
     "counts_by_stimulus.csv --standard-interval order": BY_COMPARISON.drop(
         columns="n_trials"
     ).assign(
@@ -589,6 +592,17 @@ REFUSED = {
         WIDE_COUNTS.replace(",n", "").replace(",40", ""),
         "--columns n_second=cell --columns n_trials=NAME",
         "if they count 'second'",
+    ),
+    "counts_of_unclear_answers.csv --standard-interval order": (
+        BY_COMPARISON.assign(
+            heavier=BY_COMPARISON.n_chosen, lighter=9 - BY_COMPARISON.n_chosen
+        ).drop(columns=["n_chosen", "n_trials"]),
+        "What do they count?\ntype:  --columns response=heavier "
+        "--columns n_comparison=heavier,n_standard=lighter\n",
+    ),
+    "counts_of_unclear_answers.csv --columns response=a": (
+        labelled(COUNTS, n_second="a", n_trials="b"),
+        "type:  --columns n_second=a --columns n_trials=NAME\n",
     ),
     "blank.csv --columns response=NAME": (
         labelled(IN_LOGS, response="x"),
