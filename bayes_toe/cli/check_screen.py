@@ -113,15 +113,13 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
 
     by_subject = _by_subject(findings)
     options = []  # the first one of each subject
-    codes = set[str]()
     for subject_findings in by_subject.values():
-        codes.update(finding.code for finding in subject_findings)
         options += [finding.option for finding in subject_findings if finding.option][:1]
     run = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         decision = "No subject needs a decision. Type:"
-        if codes - {"few_trials"}:
-            decision = "Read the problems above. No subject must be excluded. Type:"
+        if by_subject:
+            decision = "No subject must be excluded; the table says what to keep in mind. Type:"
         return [*lines, decision], [run]
 
     # Blocks that look swapped may be swapped or excluded: two commands.

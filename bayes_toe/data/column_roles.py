@@ -140,8 +140,8 @@ def _counted_answer(name: str) -> str:
     >>> _counted_answer("First weight"), _counted_answer("second_stimulus"), _counted_answer("n2")
     ('', '', '')
     """
-    # A digit may be the number of a response.
-    words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9]+", without_accents(name))
+    # A digit may be the number of a response, and a comma stands in a row that is no header.
+    words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9;,]", without_accents(name))
     others = {*map(str.lower, words)}.difference(VOCABULARY["words"]["counting"])
     return _ANSWERS.get(others.pop(), "") if len(others) == 1 < len(words) else ""
 
@@ -608,7 +608,8 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     if "n_correct" in options.columns:  # only by the option: it may count a same-different task
         return ["n_correct", "n_trials"]
     counts = [role for role in _COUNTS if options.name(role) in names]
-    if options.name("response") in names or not counts:
+    response = options.name("response")
+    if not counts or (response in names and response not in map(options.name, counts)):
         return ["response", *counts]
 
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)

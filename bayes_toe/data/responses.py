@@ -8,7 +8,7 @@ trials that nobody answered. `require_direction` refuses a study whose answers m
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain, compress, filterfalse, permutations
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -43,8 +43,8 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import CELL, Column, TextTable
-from bayes_toe.data.validation import MISSING_WORDS, number
+from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.validation import MISSING_WORDS, number, whole_number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
 if TYPE_CHECKING:
@@ -431,7 +431,7 @@ def _unknown_meaning(
     if not texts:
         return "", []
 
-    counts = _count_remedies(column, texts)
+    counts = _count_remedies(table, column, texts, trends)
     if counts:
         return f"found numbers: {shares}. What do they count?", counts
     problem = f"the codes are {shares}. The program does not know what they mean."
@@ -448,13 +448,28 @@ def _unknown_meaning(
     return problem, remedies
 
 
-def _count_remedies(column: Column, texts: Texts) -> list[Remedy]:
-    """Options to type if the cells of a wide table are counts or proportions."""
+def _count_remedies(
+    table: TextTable, column: Column, texts: Texts, trends: Container[str]
+) -> list[Remedy]:
+    """Options to type if cells are counts or proportions: many numbers, none of them rare.
+
+    A column with which the counts add up to one number has those of the other answer.
+    """
     remedies = []
-    if column.name == CELL and len(texts) > 3 and all(text[0].isdecimal() for text in texts):
-        for answer in ("second", "equal"):
+    n_rarer = np.sort(np.bincount(column.codes))[:-3].sum()
+    may_be_codes = n_rarer <= _MOST_MISSED * len(column.codes)
+    if not may_be_codes and all(text[0].isdecimal() for text in texts):
+        counts = column.map(whole_number, np.int64)
+        answers = {"second": "first", "equal": "different"}
+        if "comparison_code" in trends:  # a standard and a comparison
+            answers = {"comparison": "standard", "equal": "different"}
+        for answer, other_answer in answers.items():
+            names = [(f"n_{answer}", column.name)]
+            for name, other in table.columns.items():
+                if np.ptp(counts + other.map(whole_number, np.int64)) == 0:
+                    names = [*names[:1], (f"n_{other_answer}", name)]
             meaning = f"if they count '{answer}' or are its proportions"
-            remedies.append(Remedy("columns", ((f"n_{answer}", CELL),), meaning))
+            remedies.append(Remedy("columns", tuple(names), meaning))
     return remedies
 
 

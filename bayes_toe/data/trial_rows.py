@@ -219,8 +219,10 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
             continue
 
         marks = join_names(map(quoted, practice))
-        kind = "catch trials" if "catch" in marks.lower() else "practice"
-        reason = f"left out as {kind} ({column}: {marks}); --ignore practice reads them"
+        reason = (
+            f"left out as practice or catch trials ({column}: {marks}); --ignore practice reads "
+            "them"
+        )
         table = table.only(~is_marked, Note((is_marked.sum(), "row"), f" {reason}"))
     return table
 

@@ -245,6 +245,9 @@ READ = {
         T=labelled(TALLY, n_first='"First longer"', n_second='"Second longer"')
     ),
     "n_erster_zweiter.csv": labelled(TALLY, n_first="n erster", n_second="n zweiter"),
+    "counts_of_unclear_answers.csv --columns n_first=lighter,n_second=heavier,response=heavier": (
+        labelled(TALLY, n_first="lighter", n_second="heavier")
+    ),
     "counts_by_stimulus.csv --standard-interval order": BY_COMPARISON.drop(
         columns="n_trials"
     ).assign(
@@ -416,11 +419,11 @@ NOTES = """
     header_again.xlsx | 1 repeated header left out
     files_below_each_other.csv | 1 repeated header left out
     participant.csv | column Participant ID read as subject
-    psychopy.csv | 2 rows left out as practice (column practice.thisN: '0', '1')
+    psychopy.csv | 2 rows left out as practice or catch trials (column practice.thisN: '0', '1')
     units.csv | 2 rows without stimuli and response left out
     questions.csv | 2 rows of questions left out
     merged.csv | column subject: 78 empty cells filled with the name above
-    practice.csv | 8 rows left out as practice (column phase: 'practice')
+    practice.csv | 8 rows left out as practice or catch trials (column phase: 'practice')
     unfilled.csv | 20 rows left out as unfilled (stimuli and response are 0 in the last rows): P12
     separators.jsonl | trial rows, JSON, UTF-8, resp
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
@@ -640,6 +643,21 @@ REFUSED = {
         WIDE_COUNTS.replace(",n", "").replace(",40", ""),
         "--columns n_second=cell --columns n_trials=NAME",
         "if they count 'second'",
+    ),
+    "counts_of_unclear_answers.csv --standard-interval order": (
+        BY_COMPARISON.assign(
+            heavier=BY_COMPARISON.n_chosen, lighter=9 - BY_COMPARISON.n_chosen
+        ).drop(columns=["n_chosen", "n_trials"]),
+        "What do they count?\ntype:  --columns response=heavier "
+        "--columns n_comparison=heavier,n_standard=lighter\n",
+    ),
+    "counts_of_unclear_answers.csv --columns response=a": (
+        labelled(COUNTS, n_second="a", n_trials="b"),
+        "type:  --columns n_second=a --columns n_trials=NAME\n",
+    ),
+    "blank.csv --columns response=NAME": (
+        labelled(IN_LOGS, response="x"),
+        "no column NAME. The columns are subject, s1, s2, x. In the place of NAME, type one of t",
     ),
     "counts_of_what.csv --standard-interval order": (
         BY_COMPARISON,
@@ -863,8 +881,7 @@ def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, 
     table = with_practice(column, practice, main)
     study = bt.read_study(table)
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
-    kind = "catch trials" if "catch" in practice else "practice"
-    note = f"8 rows left out as {kind} (column {column}: '{practice}')"
+    note = f"8 rows left out as practice or catch trials (column {column}: '{practice}')"
     assert any(line.startswith(note) for line in study.notes), study.notes
     complete = bt.read_study(table, bt.ReadOptions(ignore="practice"))
     assert complete["P03"].total_trials == 40 + 8
@@ -1132,7 +1149,8 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
     assert bt.read_study(files).notes == (
         "trial rows, comma-separated, UTF-8, responses 'second' (36) / 'first' (36), "
         "stimuli as natural logs",
-        "10 rows left out as practice (column part: 'practice'); --ignore practice reads them",
+        "10 rows left out as practice or catch trials (column part: 'practice'); --ignore practice "
+        "reads them",
         "anna.csv: 1 row without stimuli and response left out",
         "2 trials without a response dropped: anna 1, ben 1",
     )
