@@ -35,6 +35,7 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.layouts import (
     ALLOWED_INTERVALS,
     StandardOrder,
+    known_order,
     pair_regex,
     require_logs,
     stimulus_logs,
@@ -413,6 +414,8 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     _require_header(table, options)
     table, options = chosen_rows(table, options)
     options = with_likely_columns(table.names, options)
+    options, order_notes = known_order(table, options)
+    table = replace(table, notes=(*table.notes, *order_notes))
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
     table.require(problems, remedies)
 
