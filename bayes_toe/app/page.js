@@ -179,10 +179,14 @@ function stimuliKind(options) {
 const hasStandard = (stimuli) => stimuli.startsWith("standard");
 const hasIntensities = (stimuli) => stimuli.endsWith("intensity");
 
+// Options, with a column that says itself which stimulus came first.
+const withOrder = (options) => ({ ...job.reading.table?.order, ...options });
+
 // What says when the standard was first.
 function orderOf(options) {
   if (options.standard_first) return "*always";
-  return options.comparison_interval ? "*comparison" : options.standard_interval ?? "";
+  const { comparison_interval, standard_interval } = withOrder(options);
+  return comparison_interval ? "*comparison" : standard_interval ?? "";
 }
 
 // Columns with two values may say when the standard was first, and so may those that are always 1 or 2.
@@ -242,7 +246,7 @@ function showForm() {
   choose($("#scale"), unitOf(options));
   if (document.activeElement !== $("#intensity")) $("#intensity").value = options.intensity ?? "1";
   $("#order-label").hidden = !hasStandard(stimuli);
-  fillOrder(options);
+  fillOrder(withOrder(options));
   choose($("#decimal"), options.decimal);
 
   const responses = responsesKind(options, roles);
@@ -329,7 +333,7 @@ function collect() {
   if (isRaw && (!unit || reference !== "1")) options.intensity = reference;
   const order = hasStandard(stimuli) ? $("#standard-order").value : "";
   if (order === "*always") options.standard_first = true;
-  else if (order === "*comparison") options.comparison_interval = job.options.comparison_interval;
+  else if (order === "*comparison") options.comparison_interval = withOrder(job.options).comparison_interval;
   else if (order) options.standard_interval = order;
   if ($("#decimal").value) options.decimal = $("#decimal").value;
 

@@ -19,6 +19,7 @@ from bayes_toe.app.job import Job
 from bayes_toe.arrays import Record
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.data.column_roles import with_likely_columns
+from bayes_toe.data.layouts import known_order
 from bayes_toe.data.messages import display_name
 from bayes_toe.data.options import COLUMNS, changed, parse_columns
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
@@ -106,12 +107,17 @@ def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     """The column of each role, such as {'s1': 'first'}.
 
     `roles` has those of the options, and `automatic` those if the page names no columns. `unit` is
-    that in the names of the stimuli.
+    that in the names of the stimuli, and `order` has the column that says which of them came first.
     """
+    options, _ = known_order(table, options)
     without_unit = replace(options, unit=None, intensity=None)
     return {
         "roles": _roles(table.names, options),
         "automatic": _roles(table.names, replace(options, columns={})),
+        "order": {
+            "standard_interval": options.standard_interval,
+            "comparison_interval": options.comparison_interval,
+        },
         "unit": with_likely_columns(table.names, without_unit).unit,
     }
 

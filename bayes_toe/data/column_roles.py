@@ -468,7 +468,7 @@ def columns_to_read(
         return roles_read, problems, _score_remedies([response])
 
     interval_names = _interval_names(columns)
-    unordered = _unordered_stimuli(names, options, interval_names)
+    unordered = unordered_stimuli(names, options, interval_names)
     if unordered:
         problems.append(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
@@ -530,6 +530,8 @@ def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
             roles = " and as ".join(role for role in roles_read if options.name(role) == name)
             yield f"column {display_name(name)}: found as {roles}, allowed: one meaning per column"
 
+    if options.comparison_code is not None and not options.has_standard:
+        yield "--comparison-code: found alone, allowed: with --standard-interval COLUMN"
     if options.subject_from is not None and "subject" in options.columns:
         yield "--columns subject: found together with --subject-from, allowed: one of them"
 
@@ -625,7 +627,7 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     return list(dict.fromkeys([*counts, "n_trials"]))
 
 
-def _unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts) -> str:
+def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts = ()) -> str:
     """The columns of a standard and a comparison, where nothing says which came first.
 
     So may be stimuli A and B beside a column of their order. The text names both columns; it is

@@ -31,9 +31,11 @@ from bayes_toe.data.column_roles import (
     suggested_unit,
     unit_in,
     unit_remedies,
+    unordered_stimuli,
+    with_likely_columns,
 )
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words, quoted
-from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.options import COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
 from bayes_toe.data.validation import (
@@ -53,6 +55,11 @@ ALLOWED_INTERVALS = (
 #: What :func:`named_places` finds in a cell that names one stimulus and nothing else.
 _STANDARD = named_places("standard")
 _COMPARISON = named_places("comparison")
+#: Words in the name of a column that may say which stimulus came first.
+_WORDS_OF_ORDER = VOCABULARY["words"]["of_order"]
+#: Parts of names that may mean something else: the interval of the right answer, the order of
+#: blocks of a test, or a stimulus such as `std1`.
+_UNCLEAR = re.compile("target|signal|probe|1|(comp|cmp|test|var).*order|order.*(comp|cmp|test|var)")
 
 
 class StandardOrder:
@@ -115,31 +122,86 @@ class StandardOrder:
         return Column.from_texts(column.name, words)
 
 
-def _standard_first_by_text(
-    table: TextTable, column: Column, options: ReadOptions
-) -> Mapping[str, bool | None]:
+def known_order(table: TextTable, options: ReadOptions) -> tuple[ReadOptions, Texts]:
+    """The options with a column that says itself which stimulus came first, and a note on it.
+
+    Without a note they stay as they are: if they say the order, if there is no standard and no
+    comparison, or if columns contradict each other.
+    """
+    if not unordered_stimuli(table.names, options):
+        return options, ()
+    names_in_use = {*map(options.name, COLUMNS)}
+    found = {}  # by the order of all rows
+    for name, column in table.columns.items():
+        by_text = _certain_order(column)
+        if by_text and name not in names_in_use:
+            found[tuple(column.map(by_text.get, object))] = name, by_text
+    if len(found) != 1:
+        return options, ()
+
+    ((name, by_text),) = found.values()
+    first = join_names([quoted(text) for text, is_first in by_text.items() if is_first])
+    note = f"column {display_name(name)} read as the order: standard first at {first or 'none'}"
+    if named_places(name)[:2] == (["comparison"], []):  # '1' is the interval of the comparison
+        options = replace(options, comparison_interval=name)
+    else:
+        options = replace(options, standard_interval=name)
+    return with_likely_columns(table.names, options), [note]
+
+
+def _certain_order(column: Column) -> Mapping[str, bool | None]:
+    """Whether the standard came first, by the texts of a column whose name and cells say so.
+
+    A column `std_position` has '1' or '2', `ref_first` has 'yes' or 'no', `first_stimulus` has
+    'standard' or 'comparison', and another one has 'SC' or 'CS'. The result is empty for other
+    columns: '1' in a column `order`, or in `target_interval`, may be another stimulus.
+    """
+    stimuli, places, other_words = named_places(column.name)
+    if _UNCLEAR.search(column.name.lower()) or other_words.difference(_WORDS_OF_ORDER):
+        stimuli, places = [], []
+
+    by_text = _order_by_text(column, (stimuli or ["standard"])[0])
+    if stimuli and places and is_flag(by_text):
+        return by_text
+    for text, is_first in by_text.items():
+        stimuli_of_cell, places_of_cell, _ = named_places(text)
+        is_certain = len(stimuli) == 1 and not places
+        if stimuli_of_cell:
+            is_certain = bool(stimuli_of_cell[1:] or places_of_cell or places)
+        if is_first is None or not is_certain:
+            return {}
+    return by_text
+
+
+def _order_by_text(column: Column, owner: str) -> dict[str, bool | None]:
     """Whether the standard came first, by the texts of a column; None where it is not said.
 
-    The code that the options give decides first. A column such as `standard_first` has words for
-    true and false. All other texts must say it themselves, such as 'first' or '1'.
+    A column such as `standard_first` has words for true and false. All other texts must say it
+    themselves, such as 'SC', or '1', which is the interval of `owner`.
     """
     texts = [*filterfalse(is_no_response, column.texts)]
     stimuli, places, _ = named_places(column.name)
-    owner = "comparison" if options.comparison_interval else "standard"
-    is_first: dict[str, bool | None] = {
-        text: _is_standard_first(text, owner, places) for text in texts
-    }
+    if stimuli and places and is_flag(texts):
+        is_first_if_true = (stimuli[0] == "standard") == (places[0] == "first")
+        return {text: (text.lower() in TRUE_WORDS) == is_first_if_true for text in texts}
+    return {text: _is_standard_first(text, owner, places) for text in texts}
 
+
+def _standard_first_by_text(
+    table: TextTable, column: Column, options: ReadOptions
+) -> Mapping[str, bool | None]:
+    """Whether the standard came first, by the texts of the column that options name.
+
+    The code that the options give decides first.
+    """
+    owner = "comparison" if options.comparison_interval else "standard"
+    is_first = _order_by_text(column, owner)
     code = options.standard_first_code
     # A single text that is not the code means that the comparison was always first.
-    if code in texts or (code is not None and len(texts) == 1):
-        if len(texts) <= 2:  # the other text needs no meaning of its own
-            is_first = dict.fromkeys(texts, False)
+    if code in is_first or (code is not None and len(is_first) == 1):
+        if len(is_first) <= 2:  # the other text needs no meaning of its own
+            is_first = dict.fromkeys(is_first, False)
         return {**is_first, str(code): True}
-
-    if stimuli and places and is_flag(texts):
-        is_first_if_true = _is_standard_first(column.name, "", ())
-        return {text: (text.lower() in TRUE_WORDS) == is_first_if_true for text in texts}
 
     _require_certain(table, column, is_first, owner)
     return is_first
@@ -156,8 +218,9 @@ def _require_certain(
 
     # Texts such as '1' or 'first' say the interval, but not of which stimulus.
     intervals = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
-    stimuli, _, _ = named_places(column.name)
-    if intervals and len(stimuli) == 1 and owner not in stimuli:
+    stimuli, places, _ = named_places(column.name)
+    has_flags = places and is_flag(is_first)
+    if intervals and len(stimuli) == 1 and owner not in stimuli and not has_flags:
         problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
         _ask_order(table, column, problem, intervals[:1], stimuli[0])
 

@@ -214,12 +214,8 @@ class ReadOptions:
                 "--standard-first, --standard-interval, --comparison-interval: found together, "
                 "allowed: one of them"
             )
-        for option, code, needed in (
-            ("--comparison-code", self.comparison_code, self.has_standard),
-            ("--standard-first-code", self.standard_first_code, interval_columns),
-        ):
-            if code is not None and not needed:
-                yield f"{option}: found alone, allowed: with --standard-interval COLUMN"
+        if self.standard_first_code is not None and not interval_columns:
+            yield "--standard-first-code: found alone, allowed: with --standard-interval COLUMN"
 
     def _code_problems(self) -> Iterator[str]:
         """Problems of the codes of responses: one code of two answers, and codes of two tasks."""

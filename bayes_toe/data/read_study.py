@@ -34,6 +34,7 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.layouts import (
     ALLOWED_INTERVALS,
     StandardOrder,
+    known_order,
     pair_regex,
     require_unit,
     stimulus_logs,
@@ -416,6 +417,8 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     _require_header(table, options)
     table, options = chosen_rows(table, options)
     options = with_likely_columns(table.names, options)
+    options, order_notes = known_order(table, options)
+    table = replace(table, notes=(*table.notes, *order_notes))
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
     # A frame has no name that may have the subject.
     remedies = [r for r in remedies if isinstance(path, StrPath) or r.option != "subject_from"]

@@ -67,13 +67,9 @@ def is_intended(table, options):
     return bt.read_study(table, typed_options(options)).frame().equals(INTENDED.frame())
 
 
-#: Name of the column, its cell where the standard was first, and where the comparison was.
-CERTAIN = """
-    interval | 1 | 2
-    interval | 1.0 | 2.0
-    interval | first | Second
-    interval | 1st | 2nd
-    interval | interval 1 | interval 2
+#: Name of the column, its cell where the standard was first, and where the comparison was: the name
+#: and the cells say which of them came first.
+SAID = """
     order | standard_first | comparison_first
     order | Standard first | Test first
     order | standardFirst | comparisonFirst
@@ -83,27 +79,66 @@ CERTAIN = """
     order | SC | CS
     order | st | ts
     order | S-C | C-S
-    order | standard-comparison | comparison-standard
+    kind | standard-comparison | comparison-standard
     order | std/cmp | cmp/std
     order | standard then test | test then standard
     order | Standard zuerst | Vergleich zuerst
     first_stimulus | standard | comparison
-    first_stimulus | ref | test
+    whichFirst | ref | test
+    first | reference | comp
     second_stimulus | comparison | standard
     standard_first | True | False
-    standard_first | 1 | 0
+    Standard First | 1 | 0
     std_first | yes | no
     isStandardFirst | TRUE | FALSE
+    standard_was_shown_first | TRUE | FALSE
     comparison_first | False | True
-    test_first | 0 | 1
+    compFirst | 0 | 1
     standard_second | 0 | 1
+    std_interval | 1 | 2
+    StdPos | first | second
+    interval_std | 1.0 | 2.0
+    std_order | 1 | 2
+    reference_position | 1st | 2nd
+    comparison_interval | 2 | 1
+    testPosition | second | first
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison", text_table(CERTAIN))
-def test_an_order_whose_meaning_is_certain_is_read(column, standard, comparison):
+@pytest.mark.parametrize("column, standard, comparison", text_table(SAID))
+def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(column, standard, comparison):
     table = with_order(column, standard, comparison)
-    assert is_intended(table, f"--standard-interval {column}")
+    assert is_intended(table, "")
+    _, note, *_ = bt.read_study(table).notes
+    assert note == f"column {column} read as the order: standard first at '{standard}'"
+
+
+#: The same of columns that may say something else, and the first options that are proposed.
+ASKED = """
+    interval | 1 | 2 | --standard-interval interval
+    interval | 1.0 | 2.0 | --standard-interval interval
+    interval | first | Second | --standard-interval interval
+    interval | 1st | 2nd | --standard-interval interval
+    interval | interval 1 | interval 2 | --standard-interval interval
+    target_interval | 2 | 1 | --comparison-interval target_interval
+    signal_position | second | first | --comparison-interval signal_position
+    test_order | 2 | 1 | --comparison-interval test_order
+"""
+
+
+@pytest.mark.parametrize("column, standard, comparison, options", text_table(ASKED))
+def test_an_order_that_may_be_another_is_asked_for(column, standard, comparison, options, tmp_path):
+    table = with_order(column, standard, comparison)
+    first, *_ = typed_lines(checked(tmp_path, table).stderr)
+    assert first == options
+    assert is_intended(table, options)
+
+
+def test_two_columns_of_the_order_are_read_if_they_agree(tmp_path):
+    table = with_order("std_interval", "1", "2").assign(order=np.where(IS_FIRST, "SC", "CS"))
+    assert is_intended(table, "")
+    reversed_order = table.assign(order=np.where(IS_FIRST, "CS", "SC"))
+    assert typed_lines(checked(tmp_path, reversed_order).stderr)
 
 
 #: The same with options: a column may hold the interval of the comparison, or the order of blocks.
@@ -389,7 +424,7 @@ def test_two_columns_of_keys_are_proposed(tmp_path):
 
 def test_all_that_is_missing_is_asked_at_once(tmp_path):
     """Columns, order and codes; the first line answers all of them."""
-    table = with_order("Reihenfolge", "SC", "CS", coded("second=j first=f")).rename(
+    table = with_order("Reihenfolge", "1", "2", coded("second=j first=f")).rename(
         columns={"standard": "amp_std", "comparison": "amp_cmp", "response": "Taste"}
     )
     result = checked(tmp_path, table)
