@@ -431,9 +431,9 @@ def _unknown_meaning(
     if not texts:
         return "", []
 
-    counts = _count_remedies(table, column, texts, trends)
-    if counts:
-        return f"found numbers: {shares}. What do they count?", counts
+    if _are_counts(column):
+        problem = f"found numbers: {shares}. What do they count?"
+        return problem, _count_remedies(table, column, trends)
     problem = f"the codes are {shares}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares}. The program does not know what it means."
@@ -448,28 +448,30 @@ def _unknown_meaning(
     return problem, remedies
 
 
-def _count_remedies(
-    table: TextTable, column: Column, texts: Texts, trends: Container[str]
-) -> list[Remedy]:
-    """Options to type if cells are counts or proportions: many numbers, none of them rare.
+def _are_counts(column: Column) -> bool:
+    """Whether cells are counts or proportions: many numbers, none of them rare."""
+    n_rarer = np.sort(np.bincount(column.codes))[:-3].sum()
+    may_be_codes = n_rarer <= _MOST_MISSED * len(column.codes)
+    return not may_be_codes and all(text[0].isdecimal() for text in filter(None, column.texts))
+
+
+def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> list[Remedy]:
+    """Options to type if cells are counts or proportions.
 
     A column with which the counts add up to one number has those of the other answer.
     """
     remedies = []
-    n_rarer = np.sort(np.bincount(column.codes))[:-3].sum()
-    may_be_codes = n_rarer <= _MOST_MISSED * len(column.codes)
-    if not may_be_codes and all(text[0].isdecimal() for text in texts):
-        counts = column.map(whole_number, np.int64)
-        answers = {"second": "first", "equal": "different"}
-        if "comparison_code" in trends:  # a standard and a comparison
-            answers = {"comparison": "standard", "equal": "different"}
-        for answer, other_answer in answers.items():
-            names = [(f"n_{answer}", column.name)]
-            for name, other in table.columns.items():
-                if np.ptp(counts + other.map(whole_number, np.int64)) == 0:
-                    names = [*names[:1], (f"n_{other_answer}", name)]
-            meaning = f"if they count '{answer}' or are its proportions"
-            remedies.append(Remedy("columns", tuple(names), meaning))
+    counts = column.map(whole_number, np.int64)
+    answers = {"second": "first", "equal": "different"}
+    if "comparison_code" in trends:  # a standard and a comparison
+        answers = {"comparison": "standard", "equal": "different"}
+    for answer, other_answer in answers.items():
+        names = [(f"n_{answer}", column.name)]
+        for name, other in table.columns.items():
+            if np.ptp(counts + other.map(whole_number, np.int64)) == 0:
+                names = [*names[:1], (f"n_{other_answer}", name)]
+        meaning = f"if they count '{answer}' or are its proportions"
+        remedies.append(Remedy("columns", tuple(names), meaning))
     return remedies
 
 
@@ -531,7 +533,7 @@ def _proposals(
     two answers. A rare text beside all answers is at last a missed trial.
     """
     unknown = column.only(answer_index == _UNKNOWN)
-    if _count_remedies(column, unknown.texts):
+    if _are_counts(column):
         return remedies
     given = options.code_by_answer
     has_lists = "," in "".join(given.values())
