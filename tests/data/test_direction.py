@@ -69,7 +69,7 @@ def is_intended(table, options):
 
 #: Name of the column, its cell where the standard was first, and where the comparison was: the name
 #: and the cells say which of them came first.
-SAID = """
+CELLS_OF_ORDER = """
     order | standard_first | comparison_first
     order | Standard first | Test first
     order | standardFirst | comparisonFirst
@@ -105,7 +105,7 @@ SAID = """
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison", text_table(SAID))
+@pytest.mark.parametrize("column, standard, comparison", text_table(CELLS_OF_ORDER))
 def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(column, standard, comparison):
     table = with_order(column, standard, comparison)
     assert is_intended(table, "")
@@ -114,7 +114,7 @@ def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(column, sta
 
 
 #: The same of columns that may say something else, and the first options that are proposed.
-ASKED = """
+COLUMNS_ASKED = """
     interval | 1 | 2 | --standard-interval interval
     interval | 1.0 | 2.0 | --standard-interval interval
     interval | first | Second | --standard-interval interval
@@ -126,7 +126,7 @@ ASKED = """
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison, options", text_table(ASKED))
+@pytest.mark.parametrize("column, standard, comparison, options", text_table(COLUMNS_ASKED))
 def test_an_order_that_may_be_another_is_asked_for(column, standard, comparison, options, tmp_path):
     table = with_order(column, standard, comparison)
     first, *_ = typed_lines(checked(tmp_path, table).stderr)
