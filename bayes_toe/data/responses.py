@@ -507,7 +507,7 @@ def _unknown_texts(
         return f"the codes are {shares}. None of them is the code that was given.", []
     code = unknown.texts[int(np.bincount(unknown.codes).argmax())]
     if "," in "".join(filter(None, codes)):  # the other answer has several, too
-        code = ",".join(sorted(map(_plain, {*unknown.texts} & {*_frequent(column)})))
+        code = ",".join(sorted(map(_plain, unknown.texts)))
     remedies = [Remedy(f"{other}_code", code, f"if {code} is '{other}'")]
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
 
@@ -546,8 +546,10 @@ def _proposals(
             meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
             if "different" in given:
                 meaning += ", in place of --different-code"
-            together = (Remedy("second_code", second),)
-            remedies = [Remedy("equal_code", equal, meaning, together=together), *remedies]
+            remedies = [
+                Remedy("equal_code", equal, meaning, together=(Remedy("second_code", second),)),
+                *remedies,
+            ]
 
     for missed in _missed_remedies(column, unknown, len(names)):
         if not has_lists and _looks_missed(str(missed.value), column.texts, len(frequent) > 3):
@@ -561,8 +563,8 @@ def _missed_remedies(column: Column, unknown: Column, n_answers: int) -> Iterato
     """An option to type if the rarest unknown text is rare, and a text more than the answers."""
     counts = np.bincount(unknown.codes)
     n_rarest = counts.min()
-    is_rare = n_rarest < _MOST_MISSED * column.map(bool).sum()
-    if is_rare and sum(map(bool, column.texts)) > n_answers:
+    n_answered = column.map(bool).sum()
+    if n_rarest < _MOST_MISSED * n_answered and sum(map(bool, column.texts)) > n_answers:
         meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
         yield Remedy("missed", unknown.texts[counts.argmin()], meaning)
 
@@ -572,26 +574,25 @@ def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:
 
     Examples
     --------
-    >>> _looks_missed("-9", ["1", "2", "-9"], False), _looks_missed("x", ["1", "x"], False)
+    >>> _looks_missed("-9", ["1", "2", "-9"], False), _looks_missed("01", ["01", "02"], False)
     (True, False)
-    >>> _looks_missed("0", ["-1", "0", "1"], False), _looks_missed("0", ["0", "1", "2"], True)
+    >>> _looks_missed("0", ["-1", "0", "1"], False), _looks_missed("-1", ["-1", "0", "1"], True)
     (False, False)
     """
     # The neighbour of a step of a scale; 0 beside -1 is the middle one of three answers.
-    neighbour = {"-": text[1:], "9": "8", "0": "1" if are_ratings else "-1"}.get(text[0], text)
+    neighbour = {"-": text[1:], "9": "8", "0": "-1"}.get(text.lstrip("0")[:1] or "0", text)
     return neighbour not in texts or (not are_ratings and text[0] in "-9")
 
 
 def _other_responses(table: TextTable, ratings: Texts) -> list[Remedy]:
     """Options to type if responses are ratings, and another column has two keys or words."""
-    remedies = []
-    for name, column in table.columns.items():
-        keys = [*filterfalse(is_no_response, column.texts)]
-        if name.startswith("response_") and len(keys) == 2 < len(ratings) and not is_flag(keys):
-            remedies.append(
-                Remedy("columns", (("response", name),), f"if {column} has the responses")
-            )
-    return remedies
+    return [
+        Remedy("columns", (("response", name),), f"if {column} has the responses")
+        for name, column in table.columns.items()
+        if name.startswith("response_")
+        and len([*filterfalse(is_no_response, column.texts)]) == 2 < len(ratings)
+        and not is_flag(column.texts)
+    ]
 
 
 def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str, str]:
@@ -600,10 +601,11 @@ def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str,
     How far the mean trend rises between the answers comes first. Each has half of the codes, in the
     order of a rating, or else of their mean trend.
     """
-    means = {text: trend[column.matches([text])].mean() for text in texts}
+    means = {text: trend[column.matches([text])].mean() for text in column.texts}
     order = sorted(sorted(texts), key=means.__getitem__)
-    if re.fullmatch("(,?[-+]?(10|[0-9])){4,}", ",".join(map(_plain, texts))):
-        order.sort(key=float, reverse=float(order[0]) > float(order[-1]))
+    ratings = [*filter(None, column.texts)]  # also rare ones, such as the highest
+    if len(texts) > 3 and re.fullmatch("(,?[-+]?(10|[0-9]))+", ",".join(map(_plain, ratings))):
+        order = sorted(ratings, key=float, reverse=float(order[0]) > float(order[-1]))
     half = len(order) // 2 or 1
     sides = (order[half:-half], order[-half:])
     middle, likelier = (",".join(sorted(map(_plain, side))) for side in sides)

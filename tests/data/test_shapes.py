@@ -1011,7 +1011,7 @@ SEVERAL_CODES = """
     -1,-2 | 1,2 |  | --second-code 1,2 --first-code -1,-2
     a,s | k,l |  | --second-code k,l --first-code a,s
     1,2 | 3,4 | -9 | --missed -9 --second-code 3,4 --first-code 1,2
-    1,2 | 3,4 | 0 | --second-code 3,4 --first-code 1,2 --missed 0
+    1,2 | 3,4 | 0 | --missed 0 --second-code 3,4 --first-code 1,2
     first longer | first shorter |  | --second-code 'first shorter'
 """
 
