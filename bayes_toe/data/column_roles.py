@@ -24,7 +24,7 @@ from typing import Any
 from bayes_toe.arrays import FloatArray, run_starts
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
-from bayes_toe.data.stimulus_unit import ANY_UNIT
+from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
 from bayes_toe.data.text_table import Column, repeated_columns
 from bayes_toe.data.validation import MISSING_WORDS, empty
 from bayes_toe.errors import Remedy
@@ -364,21 +364,22 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
 
 
 def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
-    """Options that read s1 and s2 as intensities if a unit is given and there are no i1 and i2.
+    """Options that read s1 and s2 as intensities if there are no i1 and i2, or the other way round.
+
+    The unit that is given says which are asked for; without a unit, it is asked about i1 and i2.
 
     Examples
     --------
     >>> _with_intensities(["s1", "s2"], ReadOptions(unit="um")).columns
     {'i1': 's1', 'i2': 's2'}
     """
-    if options.unit is None or options.stimuli != ("i1", "i2"):
+    stimuli = options.stimuli
+    others = [options.name(role) for role in _STIMULI if role not in stimuli]
+    is_there = not {*names}.isdisjoint(map(options.name, stimuli))
+    is_alone = options.intensity is not None and options.unit is None  # it needs i1 and i2
+    if options.has_standard or is_alone or is_there or not {*others} <= {*names}:
         return options
-    s1 = options.name("s1")
-    s2 = options.name("s2")
-    has_intensities = not {*names}.isdisjoint(map(options.name, ("i1", "i2")))
-    if has_intensities or not {s1, s2} <= {*names}:
-        return options
-    return replace(options, columns={**options.columns, "i1": s1, "i2": s2})
+    return replace(options, columns={**options.columns, **dict(zip(stimuli, others, strict=True))})
 
 
 def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
@@ -476,10 +477,6 @@ def columns_to_read(
         )
         return roles_read, problems, [*_order_remedies(interval_names)]
 
-    problem, unit = _unit_by_name(names, options)
-    if problem:
-        return roles_read, [*problems, problem], unit_remedies(unit)
-
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)
     missing = [name for name in required if name not in names]
@@ -534,36 +531,6 @@ def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
         yield "--comparison-code: found alone, allowed: with --standard-interval COLUMN"
     if options.subject_from is not None and "subject" in options.columns:
         yield "--columns subject: found together with --subject-from, allowed: one of them"
-
-
-def _unit_by_name(names: Texts, options: ReadOptions) -> tuple[str, str]:
-    """The problem of stimuli whose names have a unit that no option gives, and that unit.
-
-    Both are empty if there is no problem.
-
-    Examples
-    --------
-    >>> _unit_by_name(["s1_dB", "s2_dB"], ReadOptions(columns={"s1": "s1_dB", "s2": "s2_dB"}))
-    ('column s1_dB seems to be in dB.', 'dB')
-    >>> _unit_by_name(["i1", "i2"], ReadOptions())
-    ('columns i1 and i2 seem to be intensities.', 'a.u.')
-    """
-    if options.unit is not None:
-        return "", ""
-
-    stimulus_names = list(map(options.name, options.stimuli))
-    for name in stimulus_names:
-        unit = unit_in(name)
-        is_intensity = options.has_intensities and unit not in _UNIT_MEANINGS
-        if name in names and unit not in ("", "ln") and not is_intensity:
-            return f"column {display_name(name)} seems to be in {unit}.", unit
-
-    i1 = options.name("i1")
-    i2 = options.name("i2")
-    if not options.has_standard and {*stimulus_names}.isdisjoint(names) and {i1, i2} <= {*names}:
-        columns = f"columns {display_name(i1)} and {display_name(i2)}"
-        return f"{columns} seem to be intensities.", unit_in(i1) or ANY_UNIT
-    return "", ""
 
 
 def _required(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterable[str]:
@@ -680,13 +647,16 @@ def unit_remedies(unit: str) -> list[Remedy]:
 
 
 def suggested_unit(name: str) -> str:
-    """The unit that the name of a column of stimuli suggests without saying it; empty if none.
+    """The unit of logarithms that the name of a column of stimuli suggests; empty if none.
 
     Examples
     --------
     >>> suggested_unit("standardLevel"), suggested_unit("logContrast"), suggested_unit("catalog")
     ('dB', 'log10', '')
     """
+    unit = unit_in(name)
+    if unit in LOG_UNITS and unit != "ln":
+        return unit
     for word in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", without_accents(name)):
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
             if word.lower().startswith(tuple(beginnings)):

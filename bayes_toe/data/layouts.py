@@ -365,7 +365,9 @@ def require_unit(
         return
 
     unit = suggested_unit(columns[0].name)
-    finding, index = sign_of_intensities(*stimuli[rows].T)
+    finding, index = "", None
+    if not options.has_intensities:
+        finding, index = sign_of_intensities(*stimuli[rows].T)
     names = join_words([display_name(column.name) for column in columns])
     low = stimuli[rows].min()
     if finding:
@@ -378,10 +380,10 @@ def require_unit(
             )
     else:
         has_our_name = any(column.name in ("s1", "s2") for column in columns)
-        if (has_our_name and options.wide is None) or (low <= 0.0 and not unit):
+        is_known = options.has_intensities or (has_our_name and options.wide is None)
+        if not unit and (is_known or low <= 0.0):
             return
-        problem = f"columns {names}: found numbers from {low:g} to {stimuli[rows].max():g}. "
-        problem += "What is their unit?"
+        problem = f"columns {names} may be {f'in {unit}' if unit else 'intensities'}."
     table.problems.ask(problem, intensity_remedies(stimuli[rows], unit))
 
 

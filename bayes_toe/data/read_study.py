@@ -372,7 +372,7 @@ class _Rows:
             kind = "a positive finite number" if self.options.has_intensities else "a finite number"
             require_numbers(self.table, column, rows & np.isnan(values), kind)
             self.table.fault(column, rows & out_of_range(values), ALLOWED_STIMULI)
-        if self.options.unit is None and not self.options.has_intensities:
+        if self.options.unit is None:
             require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
 
     def layout(self, form: str, answers: Iterable[object]) -> list[str]:

@@ -567,7 +567,7 @@ REFUSED_FILES = {
     "subject,s1,s2,n_trials\na,0,1,5\n": (
         "row 1: there is no column n_equal or n_second. The columns are subject, s1, s2, n_trials."
     ),
-    "subject,i1,i2,response\na,1,2,equal\n": "row 1, columns i1 and i2 seem to be intensities.",
+    "subject,i1,i2,response\na,1,2,equal\n": "columns i1 and i2 may be intensities.",
     "subject,s1,s2,response,n_equal\n": (
         f"row 1, column response: found together with n_equal, {ALONE}"
     ),

@@ -503,8 +503,8 @@ REFUSED = {
     "rare_code.csv --second-code 2": (RARE_CODE, "type:  --missed -9  "),
     "three_codes_of_unknown_unit.csv": (
         "subject,i1,i2,response\na,1,2,x\na,2,1,y\na,2,2,z\n",
-        "type:  --unit a.u. --equal-code z --second-code x\n",
-        "\n       --unit a.u. --second-code x  ",
+        "type:  --equal-code z --unit a.u. --second-code x\n",
+        "\n       --second-code x --unit a.u.  ",
     ),
     "missing_cell.txt": (
         IN_LOGS.replace({"subject": {"P03": ""}}).to_string(index=False),
@@ -573,13 +573,12 @@ REFUSED = {
     ),
     "seconds.csv --columns s1=dur1,s2=dur2": (
         "subject,dur1,dur2,response\na,0.4,0.6,first\na,0.6,0.4,second\n",
-        "columns dur1 and dur2: found numbers from 0.4 to 0.6. What is their unit?\n"
-        "type:  --unit a.u.  if they are intensities",
+        "columns dur1 and dur2 may be intensities.\ntype:  --unit a.u.  if they are intensities",
         "\n       --unit ln    if the numbers are natural logs",
     ),
     "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
         "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",
-        "found numbers from -1.2 to -0.8. What is their unit?\ntype:  --unit log10  if they are",
+        "columns logStd and logComp may be in log10.\ntype:  --unit log10  if they are",
     ),
     "levels.csv --columns s1=level1,s2=level2": (
         "subject,level1,level2,response\na,60,63,second\na,63,60,first\n",
@@ -603,7 +602,7 @@ REFUSED = {
     ),
     "decibel_as_intensity.csv --intensity 1 --columns i1=s1_dB,i2=s2_dB": (
         DECIBEL,
-        "column s1_dB seems to be in dB",
+        "columns s1_dB and s2_dB may be in dB.",
     ),
     "zero_grams.csv": (
         labelled(with_rows(IN_GRAMS, [["P03", 0, 905, "second"]]), w1="s1", w2="s2"),
