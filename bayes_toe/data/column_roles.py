@@ -79,7 +79,7 @@ def looks_like(name: str, role: str) -> bool:
     plain = plain_name(name)
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
-    if role == f"n_{_counted_answer(name)}":
+    if role.startswith("n_") and role == f"n_{_counted_answer(name)}":
         return True
 
     # PsychoPy writes columns such as key_resp.keys, also of practice and instructions.

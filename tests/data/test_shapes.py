@@ -570,7 +570,7 @@ REFUSED = {
     ),
     "two_of_three_counts.csv": (
         THREE_COUNTS.replace("same", "alike").replace("4,2,1", "4,1,3"),
-        "column alike may count a third answer: --columns n_equal=alike, or remove it",
+        "column alike may count a third answer: name it n_equal by --columns, or remove it",
     ),
     "proportion_of_others.csv": (
         labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second"),
