@@ -633,7 +633,7 @@ def _count_study(rows: _Rows, task: Task) -> Study:
 
     Of each row, `n` are its trials, and `k` those with the answer; -1 where a cell has no number.
     """
-    if not {"n_first", "n_different"}.isdisjoint(rows.columns):
+    if "n_trials" not in rows.columns:
         return _full_count_study(rows, task)
     table = rows.table
     trials = rows.columns["n_trials"]
