@@ -41,7 +41,7 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.text_table import CELL, Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number, whole_number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -436,23 +436,26 @@ def _unknown_meaning(
 def _count_remedies(
     table: TextTable, column: Column, texts: Texts, trends: Container[str]
 ) -> list[Remedy]:
-    """Options to type if cells are counts or proportions: many numbers, none of them rare.
+    """Options to type if cells are counts, or proportions in a wide table.
 
-    A column with which the counts add up to one number has those of the other answer.
+    Another column with which counts always add up to one number has those of the other answer.
     """
+    counts = column.map(whole_number, np.int64)
+    others = []
+    for name, other in table.columns.items():
+        if np.ptp(counts + other.map(whole_number, np.int64)) == 0 < np.ptp(counts):
+            others = [name]
+    may_be_counts = len(texts) > 3 and all(text[0].isdecimal() for text in texts)
     remedies = []
-    n_rarer = np.sort(np.bincount(column.codes))[:-3].sum()
-    may_be_codes = n_rarer <= _MOST_MISSED * len(column.codes)
-    if not may_be_codes and all(text[0].isdecimal() for text in texts):
-        counts = column.map(whole_number, np.int64)
+    if may_be_counts and (others or column.name == CELL):
         answers = {"second": "first", "equal": "different"}
         if "comparison_code" in trends:  # a standard and a comparison
             answers = {"comparison": "standard", "equal": "different"}
         for answer, other_answer in answers.items():
-            names = [(f"n_{answer}", column.name)]
-            for name, other in table.columns.items():
-                if np.ptp(counts + other.map(whole_number, np.int64)) == 0:
-                    names = [*names[:1], (f"n_{other_answer}", name)]
+            names = [
+                (f"n_{answer}", column.name),
+                *((f"n_{other_answer}", name) for name in others),
+            ]
             meaning = f"if they count '{answer}' or are its proportions"
             remedies.append(Remedy("columns", tuple(names), meaning))
     return remedies

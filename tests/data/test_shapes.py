@@ -600,10 +600,6 @@ REFUSED = {
         "What do they count?\ntype:  --columns response=heavier "
         "--columns n_comparison=heavier,n_standard=lighter\n",
     ),
-    "counts_of_unclear_answers.csv --columns response=a": (
-        labelled(COUNTS, n_second="a", n_trials="b"),
-        "type:  --columns n_second=a --columns n_trials=NAME\n",
-    ),
     "blank.csv --columns response=NAME": (
         labelled(IN_LOGS, response="x"),
         "no column NAME. The columns are subject, s1, s2, x. In the place of NAME, type one of t",
