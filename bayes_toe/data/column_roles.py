@@ -79,7 +79,7 @@ def looks_like(name: str, role: str) -> bool:
     plain = plain_name(name)
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
-    if role == f"n_{_counted_answer(name)}":
+    if role.startswith("n_") and role == f"n_{_counted_answer(name)}":
         return True
 
     # PsychoPy writes columns such as key_resp.keys, also of practice and instructions.
@@ -490,7 +490,10 @@ def columns_to_read(
     is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
     has_comparison = names_like(names, "comparison") and not names_like(names, "standard")
     if is_stimulus_missing and has_comparison:
-        problem += " If one standard was in all trials, add a column standard with its level."
+        problem += (
+            " If one standard was in all trials, add a column standard with its level. Type "
+            "--standard-first if it always came first."
+        )
     problems.append(problem)
     # Of columns that are as full, those of ratings come last.
     likeliest = sorted(columns, key=lambda column: (empty(column).sum(), len(column.texts) > 3))
@@ -584,13 +587,13 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
     if n_of_three == 3:
         return [*_THREE_COUNTS]
-    other = _OTHER_COUNTS.get(counts[0])
-    if len(counts) == 1 and other and options.name(other) in names:
+    if counts == ["n_trials"]:
+        return ["n_equal", "n_trials"]
+    other = _OTHER_COUNTS[counts[0]]
+    if len(counts) == 1 and options.name(other) in names:
         return [*counts, other]
     if n_of_three == 2 and "n_trials" not in counts:  # the third one is missing
         return [*_THREE_COUNTS]
-    if counts == ["n_trials"]:
-        return ["n_equal", "n_trials"]
     return list(dict.fromkeys([*counts, "n_trials"]))
 
 

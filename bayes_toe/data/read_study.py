@@ -649,7 +649,7 @@ def _count_study(rows: _Rows, task: Task) -> Study:
 
     Of each row, `n` are its trials, and `k` those with the answer; -1 where a cell has no number.
     """
-    if not {"n_first", "n_different"}.isdisjoint(rows.columns):
+    if "n_trials" not in rows.columns:
         return _full_count_study(rows, task)
     table = rows.table
     trials = rows.columns["n_trials"]
@@ -693,32 +693,33 @@ def _count_study(rows: _Rows, task: Task) -> Study:
 
 def _full_count_study(rows: _Rows, task: Task) -> Study:
     """The study of counts of all answers, which add up to the trials of a row."""
-    counts = {}
-    for answer in task.answers:
-        counts[answer] = column_counts(rows.table, rows.columns[f"n_{answer}"])
-    n = np.sum([*counts.values()], axis=0)
+    columns = [rows.columns[f"n_{answer}"] for answer in task.answers]
+    counts = np.array([column_counts(rows.table, column) for column in columns])
+    if "n_comparison" in rows.columns:
+        counts = np.where(rows.order.is_first, counts, counts[::-1])
+    n = counts.sum(axis=0)
     trials = rows.table.columns.get(rows.options.name("n_trials"))
     if trials is not None:
         is_other = column_counts(rows.table, trials) != n
         rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
     # If another column makes the sums more alike, it may count a third answer.
-    for name in rows.names_not_read if task != THREE_ANSWERS else ():
-        n_others = rows.table.columns[name].map(whole_number, np.int64)
+    names = [] if task == THREE_ANSWERS else rows.names_not_read
+    for column in filter(None, map(rows.table.columns.get, names)):
+        n_others = column.map(whole_number, np.int64)
         if n_others.min() >= 0 and np.ptp(n + n_others) < np.ptp(n):
-            problem = f"column {display_name(name)} may count a third answer"
-            rows.table.problems.ask(f"{problem}: --columns n_equal={name}, or remove it", ())
+            problem = (
+                f"{column} may count a third answer: name it n_equal by --columns, or remove it"
+            )
+            rows.table.problems.ask(problem, ())
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
     answered: list[object] = [n.sum(), " trials answered"]
     separator = " "
-    for answer, count in counts.items():
+    for answer, count in zip(task.answers, counts, strict=True):
         answered += [separator, count.sum(), f" '{answer}'"]
         separator = ", "
     notes = rows.layout("grouped", answered)
-    n_yes = counts[task.yes]
-    if "n_comparison" in rows.columns:
-        n_yes = np.where(rows.order.is_first, n_yes, n - n_yes)
-    by_name = dict(zip(task.counts, (n_yes, n, counts.get("second")), strict=False))
+    by_name = dict(zip(task.counts, (counts[0], n, counts[1]), strict=False))
     return _study(rows, notes, by_name, task)
 
 

@@ -43,7 +43,7 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.text_table import CELL, Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number, whole_number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -131,7 +131,7 @@ def responses(
         problem, remedies = _unknown_meaning(table, column, task_column, trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer_index, codes, names)
-    if _UNKNOWN in answer_index:
+    if _UNKNOWN in answer_index and not _are_counts(table, column):
         remedies = _proposals(column, answer_index, names, options, trends, remedies)
 
     if problem:
@@ -431,7 +431,7 @@ def _unknown_meaning(
     if not texts:
         return "", []
 
-    if _are_counts(column):
+    if _are_counts(table, column):
         problem = f"found numbers: {shares}. What do they count?"
         return problem, _count_remedies(table, column, trends)
     problem = f"the codes are {shares}. The program does not know what they mean."
@@ -448,28 +448,33 @@ def _unknown_meaning(
     return problem, remedies
 
 
-def _are_counts(column: Column) -> bool:
-    """Whether cells are counts or proportions: many numbers, none of them rare."""
-    n_rarer = np.sort(np.bincount(column.codes))[:-3].sum()
-    may_be_codes = n_rarer <= _MOST_MISSED * len(column.codes)
-    return not may_be_codes and all(text[0].isdecimal() for text in filter(None, column.texts))
+def _complement(table: TextTable, column: Column) -> str:
+    """The column with which whole numbers add up to one number in all rows; empty if none does."""
+    counts = column.map(whole_number, np.int64)
+    for name, other in table.columns.items():
+        if np.ptp(counts + other.map(whole_number, np.int64)) == 0 < np.ptp(counts):
+            return name
+    return ""
+
+
+def _are_counts(table: TextTable, column: Column) -> bool:
+    """Whether cells are counts, or proportions in a wide table."""
+    texts = [*filter(None, column.texts)]
+    may_be_counts = len(texts) > 3 and all(text[0].isdecimal() for text in texts)
+    return may_be_counts and (column.name == CELL or _complement(table, column) != "")
 
 
 def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> list[Remedy]:
-    """Options to type if cells are counts or proportions.
-
-    A column with which the counts add up to one number has those of the other answer.
-    """
-    remedies = []
-    counts = column.map(whole_number, np.int64)
+    """Options to type if cells are counts or proportions of an answer."""
     answers = {"second": "first", "equal": "different"}
     if "comparison_code" in trends:  # a standard and a comparison
         answers = {"comparison": "standard", "equal": "different"}
+    other_column = _complement(table, column)
+    remedies = []
     for answer, other_answer in answers.items():
         names = [(f"n_{answer}", column.name)]
-        for name, other in table.columns.items():
-            if np.ptp(counts + other.map(whole_number, np.int64)) == 0:
-                names = [*names[:1], (f"n_{other_answer}", name)]
+        if other_column:
+            names.append((f"n_{other_answer}", other_column))
         meaning = f"if they count '{answer}' or are its proportions"
         remedies.append(Remedy("columns", tuple(names), meaning))
     return remedies
@@ -533,8 +538,6 @@ def _proposals(
     two answers. A rare text beside all answers is at last a missed trial.
     """
     unknown = column.only(answer_index == _UNKNOWN)
-    if _are_counts(column):
-        return remedies
     given = options.code_by_answer
     has_lists = "," in "".join(given.values())
     frequent = _frequent(column)

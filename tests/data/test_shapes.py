@@ -620,7 +620,7 @@ REFUSED = {
     ),
     "two_of_three_counts.csv": (
         THREE_COUNTS.replace("same", "alike").replace("4,2,1", "4,1,3"),
-        "column alike may count a third answer: --columns n_equal=alike, or remove it",
+        "column alike may count a third answer: name it n_equal by --columns, or remove it",
     ),
     "proportion_of_others.csv": (
         labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second"),
@@ -649,10 +649,6 @@ REFUSED = {
         ).drop(columns=["n_chosen", "n_trials"]),
         "What do they count?\ntype:  --columns response=heavier "
         "--columns n_comparison=heavier,n_standard=lighter\n",
-    ),
-    "counts_of_unclear_answers.csv --columns response=a": (
-        labelled(COUNTS, n_second="a", n_trials="b"),
-        "type:  --columns n_second=a --columns n_trials=NAME\n",
     ),
     "blank.csv --columns response=NAME": (
         labelled(IN_LOGS, response="x"),
