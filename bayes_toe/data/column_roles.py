@@ -72,11 +72,11 @@ def looks_like(name: str, role: str) -> bool:
     >>> looks_like("key_resp.keys", "response"), looks_like("amp_standard", "standard")
     (True, True)
     """
-    plain = plain_name(name)
+    plain = plain_name(name.removeprefix("values."))  # as Inquisit writes it
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
 
-    # PsychoPy writes columns such as key_resp.keys, also of practice and instructions.
+    # PsychoPy and E-Prime write columns such as key_resp.keys, also of practice and instructions.
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(role, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
@@ -107,7 +107,9 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     """
     plain = without_accents(re.sub("(?<=[a-z])(?=[A-Z])", " ", text)).lower()  # 'testInterval'
     words = list[str]()
-    for word in re.findall("[a-z]+|-?[0-9.,]+(?:st|nd)?", plain):  # 'test', '1st' or '-1.0'
+    for word in re.findall(
+        "[a-z]+|-?[.,]?[0-9][0-9.,]*(?:st|nd)?", plain
+    ):  # 'test', '1st' or '-1.0'
         word = re.sub("[.,]0*$", "", word)  # '1.0' is '1'
         parts = _KNOWN_WORDS.findall(word)
         # A word such as 'testinterval' is several words if they are all of it.
@@ -602,6 +604,10 @@ def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts 
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
     if not interval_names or _stimulus_pair(candidates, _NUMBERS):
         return ""
+    if standards:
+        others = [name for name in candidates if name not in standards]
+        other = others[0] if len(others) == 1 else "NAME"  # of s1 and s2, or of all columns
+        return f"{display_name(standards[0])} and {display_name(other)}"
     return " and ".join(map(display_name, _stimulus_pair(candidates, _LETTERS)))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import chain, compress, permutations
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -649,21 +650,27 @@ def require_direction(
     elif "n_trials" in study.reading.read:
         rule += f"; {display_name(options.name('n_second'))} counts those"
 
-    candidates = []  # remedies that are typed together
-    for code, other in permutations(study.reading.codes, 2):
-        second = Remedy("second_code", code, f"if {code} is 'second'", 0)
-        comparison = Remedy("comparison_code", code, f"if {code} is 'comparison'", 0)
-        first = Remedy("first_code", other, "", 1, step=1)  # goes with `second` alone
-        candidates += [[second, first], [comparison]]
-    if options.standard_interval is not None:
+    candidates = []
+    if options.interval_column is not None:
+        owner = "comparison"
         meaning = "if it says the interval of the comparison"
-        candidates.append([Remedy("comparison_interval", options.standard_interval, meaning, 0)])
+        if options.comparison_interval is not None:
+            owner = "standard"
+            meaning = "if it says that of the standard, in place of --comparison-interval"
+        candidates.append(Remedy(f"{owner}_interval", options.interval_column, meaning))
+    for code, other in permutations(study.reading.codes, 2):
+        first = Remedy("first_code", other)
+        second = Remedy("second_code", code, f"if {code} is 'second'", together=(first,))
+        candidates += [second, Remedy("comparison_code", code, f"if {code} is 'comparison'")]
 
     remedies = []
-    for candidate in candidates:
+    for remedy in candidates:
+        before = options
+        if remedy.option == "standard_interval":
+            before = replace(options, comparison_interval=None)
         with suppress(InputError):  # the options may not fit the file
-            if direction(read(with_remedies(options, candidate))) > 0:
-                remedies += candidate
+            if direction(read(with_remedies(before, [remedy, *remedy.together]))) > 0:
+                remedies.append(remedy)
     raise InputError(
         f"{study.source}: found 'second' less often the larger s2 - s1 is, allowed: {rule}.",
         remedies,
