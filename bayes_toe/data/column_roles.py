@@ -605,9 +605,7 @@ def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts 
     if not interval_names or _stimulus_pair(candidates, _NUMBERS):
         return ""
     if standards:
-        others = [name for name in candidates if name not in standards]
-        other = others[0] if len(others) == 1 else "NAME"  # of s1 and s2, or of all columns
-        return f"{display_name(standards[0])} and {display_name(other)}"
+        return f"{display_name(standards[0])} and NAME"
     return " and ".join(map(display_name, _stimulus_pair(candidates, _LETTERS)))
 
 
@@ -630,11 +628,9 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
     ['--standard-interval order', '--comparison-interval order', '--standard-first']
     """
     for name in interval_names or ["NAME"]:
-        stimuli, places, _ = named_places(name)
+        stimuli, _, _ = named_places(name)
         for owner in ("standard", "comparison"):
-            is_of_owner = stimuli in ([], [owner])
-            # --standard-interval also reads the truth values of a column comparison_first.
-            if is_of_owner or (places and owner == "standard"):
+            if stimuli in ([], [owner]):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")

@@ -652,11 +652,8 @@ def require_direction(
 
     candidates = []
     if options.interval_column is not None:
-        owner = "comparison"
-        meaning = "if it says the interval of the comparison"
-        if options.comparison_interval is not None:
-            owner = "standard"
-            meaning = "if it says that of the standard, in place of --comparison-interval"
+        owner = "standard" if options.comparison_interval else "comparison"
+        meaning = f"if it says the interval of the {owner}, in place of what is typed"
         candidates.append(Remedy(f"{owner}_interval", options.interval_column, meaning))
     for code, other in permutations(study.reading.codes, 2):
         first = Remedy("first_code", other)

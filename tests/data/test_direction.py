@@ -356,7 +356,7 @@ def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp
     result = checked(tmp_path, table, "--comparison-interval order")
     first, *_ = typed_lines(result.stderr)
     assert first == "--standard-interval order"
-    assert "in place of --comparison-interval" in result.stderr
+    assert "if it says the interval of the standard, in place of what" in result.stderr
     assert is_intended(table, first)
 
 
