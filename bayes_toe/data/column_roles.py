@@ -76,13 +76,13 @@ def looks_like(name: str, role: str) -> bool:
     >>> looks_like("key_resp.keys", "response"), looks_like("amp_standard", "standard")
     (True, True)
     """
-    plain = plain_name(name)
+    plain = plain_name(name.removeprefix("values."))  # as Inquisit writes it
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
     if role.startswith("n_") and role == f"n_{_counted_answer(name)}":
         return True
 
-    # PsychoPy writes columns such as key_resp.keys, also of practice and instructions.
+    # PsychoPy and E-Prime write columns such as key_resp.keys, also of practice and instructions.
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(role, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
@@ -113,7 +113,9 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     """
     plain = without_accents(re.sub("(?<=[a-z])(?=[A-Z])", " ", text)).lower()  # 'testInterval'
     words = list[str]()
-    for word in re.findall("[a-z]+|-?[0-9.,]+(?:st|nd)?", plain):  # 'test', '1st' or '-1.0'
+    for word in re.findall(
+        "[a-z]+|-?[.,]?[0-9][0-9.,]*(?:st|nd)?", plain
+    ):  # 'test', '1st' or '-1.0'
         word = re.sub("[.,]0*$", "", word)  # '1.0' is '1'
         parts = _KNOWN_WORDS.findall(word)
         # A word such as 'testinterval' is several words if they are all of it.
@@ -614,6 +616,8 @@ def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts 
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
     if not interval_names or _stimulus_pair(candidates, _NUMBERS):
         return ""
+    if standards:
+        return f"{display_name(standards[0])} and NAME"
     return " and ".join(map(display_name, _stimulus_pair(candidates, _LETTERS)))
 
 
@@ -632,11 +636,9 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
     ['--standard-interval order', '--comparison-interval order', '--standard-first']
     """
     for name in interval_names or ["NAME"]:
-        stimuli, places, _ = named_places(name)
+        stimuli, _, _ = named_places(name)
         for owner in ("standard", "comparison"):
-            is_of_owner = stimuli in ([], [owner])
-            # --standard-interval also reads the truth values of a column comparison_first.
-            if is_of_owner or (places and owner == "standard"):
+            if stimuli in ([], [owner]):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")

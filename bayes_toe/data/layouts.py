@@ -157,20 +157,12 @@ def _certain_order(column: Column) -> Mapping[str, bool | None]:
     columns: '1' in a column `order`, or in `target_interval`, may be another stimulus.
     """
     stimuli, places, other_words = named_places(column.name)
-    if _UNCLEAR.search(column.name.lower()) or other_words.difference(_WORDS_OF_ORDER):
-        stimuli, places = [], []
-
-    by_text = _order_by_text(column, (stimuli or ["standard"])[0])
-    if stimuli and places and is_flag(by_text):
-        return by_text
-    for text, is_first in by_text.items():
-        stimuli_of_cell, places_of_cell, _ = named_places(text)
-        is_certain = len(stimuli) == 1 and not places
-        if stimuli_of_cell:
-            is_certain = bool(stimuli_of_cell[1:] or places_of_cell or places)
-        if is_first is None or not is_certain:
-            return {}
-    return by_text
+    is_unclear = _UNCLEAR.search(column.name.lower()) or other_words.difference(_WORDS_OF_ORDER)
+    if is_unclear and (stimuli or places):
+        return {}
+    owner = stimuli[0] if len(stimuli) == 1 and not places else ""
+    by_text = _order_by_text(column, owner)
+    return {} if None in by_text.values() else by_text
 
 
 def _order_by_text(column: Column, owner: str) -> dict[str, bool | None]:
@@ -247,7 +239,8 @@ def _ask_order(
 def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | None:
     """Whether a cell says that the standard came first; None where its meaning is not certain.
 
-    '1' is the interval of `owner`. 'standard' stands in the first interval, or in the one that the
+    '1' is the interval of `owner`; without one, a cell or the name must say stimulus and interval,
+    or both stimuli. Else 'standard' stands in the first interval, or in the one that the
     name of the column says. 'SC' and 'standard, comparison' are both stimuli in their order.
     """
     stimuli, places, other_words = named_places(text)
@@ -256,6 +249,8 @@ def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | N
 
     if len(stimuli) == 1:
         places = places or list(places_of_name)
+    if not owner and (not stimuli or len(stimuli) + len(places) < 2):
+        return None
     stimulus = (stimuli or [owner])[0]
     interval = (places or ["first"])[0]
     return (stimulus == "standard") == (interval == "first")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import chain, compress, filterfalse, permutations
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -710,18 +711,22 @@ def require_direction(
         rule += f"; {display_name(options.name('n_second'))} counts those"
 
     candidates = []
+    if options.interval_column is not None:
+        owner = "standard" if options.comparison_interval else "comparison"
+        meaning = f"if it says the interval of the {owner}, in place of what is typed"
+        candidates.append(Remedy(f"{owner}_interval", options.interval_column, meaning))
     for code, other in permutations(study.reading.codes, 2):
         first = Remedy("first_code", other)
         second = Remedy("second_code", code, f"if {code} is 'second'", together=(first,))
         candidates += [second, Remedy("comparison_code", code, f"if {code} is 'comparison'")]
-    if options.standard_interval:
-        meaning = "if it says the interval of the comparison"
-        candidates.append(Remedy("comparison_interval", options.standard_interval, meaning))
 
     remedies = []
     for remedy in candidates:
+        before = options
+        if remedy.option == "standard_interval":
+            before = replace(options, comparison_interval=None)
         with suppress(InputError):  # the options may not fit the file
-            if direction(read(with_remedies(options, [remedy, *remedy.together]))) > 0:
+            if direction(read(with_remedies(before, [remedy, *remedy.together]))) > 0:
                 remedies.append(remedy)
     raise InputError(
         f"{study.source}: found 'second' less often the larger s2 - s1 is, allowed: {rule}.",

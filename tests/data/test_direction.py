@@ -141,6 +141,43 @@ def test_two_columns_of_the_order_are_read_if_they_agree(tmp_path):
     assert typed_lines(checked(tmp_path, reversed_order).stderr)
 
 
+#: Names of a standard and of a comparison in other languages and programs.
+STIMULI = """
+    estandar | comparacion
+    patr\u00f3n | comparaci\u00f3n
+    standard | confronto
+    campione | confronto
+    \u00e9talon | comparaison
+    standaard | vergelijking
+    Referenz | Vergleich
+    values.standard | values.comparison
+    Std | Probe
+"""
+
+
+@pytest.mark.parametrize("standard, comparison", text_table(STIMULI))
+def test_a_standard_and_a_comparison_have_names_of_many_languages(standard, comparison):
+    table = with_order("values.order", "1", "2")
+    table = table.rename(columns={"standard": standard, "comparison": comparison})
+    assert is_intended(table, "--standard-interval values.order")
+
+
+@pytest.mark.parametrize("columns", ["", "--columns s1=standard,s2=peso"])
+def test_a_standard_beside_an_order_is_not_read_as_the_first_stimulus(columns, tmp_path):
+    table = with_order("ordine", "1", "2").rename(columns={"comparison": "peso"})
+    result = checked(tmp_path, table, columns)
+    assert "do not say which stimulus came first" in result.stderr
+    first, *_ = typed_lines(result.stderr)
+    assert first == "--standard-interval ordine --columns comparison=NAME"
+    assert is_intended(table, first.replace("NAME", "peso"))
+
+
+def test_the_responses_of_e_prime_are_read_without_those_of_practice():
+    table = IN_ORDER.rename(columns={"response": "Probe.RESP"})
+    others = {"Probe.ACC": "1", "Probe.CRESP": "first", "Probe.RT": 400, "PracProbe.RESP": "first"}
+    assert is_intended(table.assign(**others), "")
+
+
 #: The same with options: a column may hold the interval of the comparison, or the order of blocks.
 #: A name is no proof where cells, a code or both options say more.
 READ = """
@@ -292,7 +329,7 @@ REVERSED = """
     | second=-1 first=1 | --second-code 1 | --second-code -1 --first-code 1
     | second=-1 first=1 | --second-code 1 --first-code -1 | --second-code -1 --first-code 1
     12 | comparison=n standard=y | --comparison-code y | --comparison-code n
-    21 | second=2 first=1 | --second-code 2 | --second-code 1 --first-code 2 --comparison-interval x
+    21 | second=2 first=1 | --second-code 2 | --comparison-interval x --second-code 1 --first-code 2
 """
 
 
@@ -312,6 +349,15 @@ def test_the_advice_for_reversed_answers_works_when_it_is_typed(
     for line in lines:
         after = checked(tmp_path, table, f"{options} {line}")
         assert (after.returncode, after.stderr) == (0, "")
+
+
+def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp_path):
+    table = with_order("order", "1", "2")
+    result = checked(tmp_path, table, "--comparison-interval order")
+    first, *_ = typed_lines(result.stderr)
+    assert first == "--standard-interval order"
+    assert "if it says the interval of the standard, in place of what" in result.stderr
+    assert is_intended(table, first)
 
 
 def test_python_is_told_which_options_to_use_for_reversed_answers():
