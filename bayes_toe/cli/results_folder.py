@@ -106,7 +106,7 @@ def _write_tables(analysis: Analysis, check: PredictiveCheck | None, folder: Pat
     analysis.evidence.save(folder / "evidence.csv", units=units)
     if contrast is not None:
         contrast.save(folder / "contrast.csv")
-        figure = plots.contrast(contrast, group, synthetic=study.synthetic)
+        figure = plots.contrast(contrast, synthetic=study.synthetic)
         (folder / "contrast.png").write_bytes(png(figure))
     if group is not None:
         group.table.save(folder / "population.csv")

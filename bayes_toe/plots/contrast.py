@@ -16,9 +16,7 @@ from bayes_toe.answers.contrast import (
     observer_name,
 )
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
-from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
-    BELIEF,
     EQUAL,
     HIGH,
     LETTERS,
@@ -47,9 +45,7 @@ _MARKS = (
 )
 
 
-def contrast(
-    table: ContrastTable, group: PopulationResult | None = None, *, synthetic: bool = False
-) -> Figure:
+def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
     """Draw the differences between conditions of every subject. The marker shows the word.
 
     A row of panels for each comparison; median and 95 % interval if the quantity differs.
@@ -57,8 +53,6 @@ def contrast(
     Parameters
     ----------
     table : ContrastTable
-    group : PopulationResult, optional
-        Of the same study: 95 % intervals of its mean differences are bands.
     synthetic : bool
         Whether the title says so.
     """
@@ -75,7 +69,6 @@ def contrast(
 
     for (i, j), ax in np.ndenumerate(panels):
         quantity = quantities[j]
-        name = observer_name(quantity)
         comparison = comparisons[i]
         rows = table.select(quantity, comparison)
         # Of an unknown unit, intervals are in per cent. A contraction is a share, which is too
@@ -83,10 +76,7 @@ def contrast(
         percents = [row.interval(UNKNOWN_UNIT) for row in rows]
         unit = table.unit.for_percent(percents)
         _draw_subjects(ax, table, rows, unit)
-        # A group's difference in JND is a ratio, which has no place on the axis of subjects.
-        if group is not None and name != "jnd":
-            _draw_group(ax, group, name, comparison, unit)
-        quantity_ticks(ax, name)
+        quantity_ticks(ax, observer_name(quantity))
         ax.set_xlabel(_axis_label(quantity, comparison, unit), fontsize=LETTERS)
         ax.tick_params(labelleft=j == 0)
 
@@ -134,16 +124,3 @@ def _draw_subjects(
         quantiles = np.array([row.interval(unit) for row in rows_of_word]).reshape(-1, 3)
         draw_intervals(ax, y, quantiles.T, colour=colour, line=1.0, mfc=face, mew=0.7, label=label)
     name_rows(ax, len(subjects), names)
-
-
-def _draw_group(
-    ax: Axes, group: PopulationResult, parameter: str, comparison: str, unit: StimulusUnit
-) -> None:
-    """Draw the interval of a group's mean difference as a band, and its median as a line."""
-    for row in group.table.select("difference", parameter):
-        if row.level == comparison:
-            low, middle, high = group.in_units(parameter, row.interval, unit)
-            ax.axvspan(
-                low, high, color="#BDB3DD", lw=0, zorder=0, label="group mean, 95 % interval"
-            )
-            ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)

@@ -1,6 +1,5 @@
 """What differs between conditions: Bayes factors, words, signs, units, and the command."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from commands import good, refused
 from legible import words_of
 from numpy.random import default_rng
-from populations import made_result, two_conditions
 from scipy.special import ndtr
 
 import bayes_toe as bt
@@ -196,17 +194,3 @@ def test_tasks_agree_but_for_what_differs(tmp_path):
     assert words["JND"] in NOT_DIFFERENT
     (answer,) = pd.read_csv(tmp_path / "contrast_one_observer.csv").itertuples()
     assert (answer.subject, answer.order_effect) == ("A", "yes")
-
-
-def test_the_mean_differences_of_the_group_are_bands(table):
-    study = two_conditions(1, n_subjects=3)
-    group = made_result(study)
-    # The table of another study with the same levels: only its conditions matter for the bands.
-    table_of_group = replace(table, conditions=study.conditions)
-    errors, _, jnds = bt.plots.contrast(table_of_group, group).axes
-    draws, _, _ = group.difference("constant_error", ("right", "left"))
-    low, high = np.quantile(group.in_units("constant_error", draws), [0.025, 0.975])
-    [band] = errors.patches
-    assert (band.get_x(), band.get_width()) == pytest.approx((low, high - low))
-    # The group has the ratio of JNDs, and subjects their difference.
-    assert not jnds.patches
