@@ -464,7 +464,6 @@ class SimulatedStudy:
     carry_over: Annotated[
         float, rare("--carry-over", NUMBER, "Carry-over from trial to trial, 0 to 1.")
     ] = 0.0
-    missed: Annotated[float, rare("--missed", NUMBER, "Share of trials without a response.")] = 0.0
     conditions: Annotated[
         Text, option("--conditions", "left,right", "Conditions, each with all pairs.")
     ] = None
@@ -512,7 +511,6 @@ def simulate(
         design,
         seed,
         carry_over=study.carry_over,
-        missed=study.missed,
         differences=read_differences(study.conditions, study.differ),
     )
 

@@ -132,8 +132,8 @@ def responses(
         problem, remedies = _unknown_meaning(table, column, task_column, trends)
     if not problem:
         problem, remedies = _unknown_texts(column, answer_index, codes, names)
-    if _UNKNOWN in answer_index and not _are_counts(table, column):
-        remedies = _proposals(column, answer_index, names, options, trends, remedies)
+    if _UNKNOWN in answer_index:
+        remedies = _proposals(table, column, answer_index, names, options, trends, remedies)
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
@@ -525,6 +525,7 @@ def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0)
 
 
 def _proposals(
+    table: TextTable,
     column: Column,
     answer_index: IntArray,
     names: Texts,
@@ -538,6 +539,8 @@ def _proposals(
     about alone. Three frequent texts, or five, may be three answers. The given `remedies` are about
     two answers. A rare text beside all answers is at last a missed trial.
     """
+    if _are_counts(table, column):
+        return remedies
     unknown = column.only(answer_index == _UNKNOWN)
     given = options.code_by_answer
     has_lists = "," in "".join(given.values())

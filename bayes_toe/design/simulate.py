@@ -1,7 +1,7 @@
 """Synthetic studies from a design, observers and a seed.
 
 `simulate` makes one. Observers follow one of the four models or the paper's model (H1). They may
-differ between conditions, miss trials, and carry an expectation over to the next trial.
+differ between conditions, and carry an expectation over to the next trial.
 """
 
 from __future__ import annotations
@@ -303,13 +303,13 @@ class SimulatedTrials:
 
     @property
     def responses(self) -> npt.NDArray[np.str_]:
-        """The responses in words, empty where nobody answered, shape (trials,)."""
+        """The responses in words, shape (trials,)."""
         answers = self.answers
         words = np.array(self.observer.task.answers)
         index = 1 - answers.n_yes  # the first word is the counted answer
         if answers.n_second is not None:  # of equal, second and first, what is neither is 'first'
             index = np.where(answers.n_yes + answers.n_second > 0, index, 2)
-        return np.where(answers.n_trials > 0, words[index], "")
+        return words[index]
 
 
 def simulate_trials(
@@ -318,7 +318,6 @@ def simulate_trials(
     seed: int,
     *,
     carry_over: float = 0.0,
-    missed: float = 0.0,
     differences: ConditionDifferences | None = None,
 ) -> list[SimulatedTrials]:
     """Simulate the answers of every observer, in every condition if there are conditions.
@@ -333,25 +332,22 @@ def simulate_trials(
     seed : int
     carry_over : float
         Share of what is expected after a trial that is carried over to the next one.
-    missed : float
-        Share of trials that nobody answers in time.
     differences : ConditionDifferences, optional
     """
-    for option, value in (("--carry-over", carry_over), ("--missed", missed)):
-        require_number(option, value, 0, 0.999, Real)
+    require_number("--carry-over", carry_over, 0, 0.999, Real)
     trials = []
     for observer in observers:
         by_condition = {"": observer}
         if differences is not None:
             by_condition = differences.observers(observer, seed)
         for condition, unit in by_condition.items():
-            batch, answers = _answer_trials(unit, design, seed, carry_over, missed)
+            batch, answers = _answer_trials(unit, design, seed, carry_over)
             trials.append(SimulatedTrials(observer.name, condition, unit, batch, answers))
     return trials
 
 
 def _answer_trials(
-    observer: SimulatedObserver, design: StudyDesign, seed: int, carry_over: float, missed: float
+    observer: SimulatedObserver, design: StudyDesign, seed: int, carry_over: float
 ) -> tuple[IntArray, Answers]:
     """Simulate one observer's trials: the batch of each trial, and the answers."""
     rng = generator(seed, observer.name, "trials")
@@ -366,11 +362,11 @@ def _answer_trials(
     probabilities = observer.p_trials(s1, s2, carry_over)
     batch = np.repeat(np.arange(1, n_batches + 1), len(pairs_of_batch))
     is_yes = rng.uniform(size=len(pair)) < probabilities[0]
-    n_trials = np.where(rng.uniform(size=len(pair)) < missed, 0, 1)  # 0 without an answer
-    counts = {"n_yes": n_trials * is_yes, "n_trials": n_trials, "place": np.arange(len(pair))}
+    n_trials = np.ones(len(pair), int)
+    counts = {"n_yes": is_yes.astype(int), "n_trials": n_trials, "place": np.arange(len(pair))}
     if observer.task.has_three_answers:  # 'second' or 'first', where the answer is not 'equal'
         is_second = rng.uniform(size=len(pair)) < probabilities[1]
-        counts["n_second"] = n_trials * (~is_yes & is_second)
+        counts["n_second"] = (~is_yes & is_second).astype(int)
     return batch, Answers(np.column_stack([s1, s2]), has_trial_rows=True, **counts)
 
 
@@ -384,7 +380,7 @@ class Simulated(NamedTuple):
     truth: Truth
 
 
-def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
+def simulate(  # each is a choice of its own, and has a default
     observers: int | Truth = 16,
     *,
     population: str = PAPER,
@@ -393,7 +389,6 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     seed: int | None = None,
     task: Task | str = SAME_DIFFERENT,
     carry_over: float = 0.0,
-    missed: float = 0.0,
     conditions: Sequence[str] = (),
     differ: Sizes | None = None,
 ) -> Simulated:
@@ -417,9 +412,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         Root seed; without one, fresh entropy.
     task : Task or str
         "same/different", or "2afc": which of the two is stronger.
-    carry_over, missed : float
-        Share of what is expected after a trial that is carried over to the next; share of trials
-        without an answer.
+    carry_over : float
+        Share of what is expected after a trial that is carried over to the next.
     conditions : sequence of str
         Levels of a condition within subjects. Each subject meets all pairs at each level. The truth
         is then that of units such as 'S01@left'.
@@ -456,7 +450,6 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         study_design,
         root,
         carry_over=carry_over,
-        missed=missed,
         differences=differences,
     )
     extra = {"carry_over": carry_over} if carry_over else {}

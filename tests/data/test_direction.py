@@ -174,8 +174,13 @@ def test_a_standard_beside_an_order_is_not_read_as_the_first_stimulus(columns, t
 
 def test_the_responses_of_e_prime_are_read_without_those_of_practice():
     table = IN_ORDER.rename(columns={"response": "Probe.RESP"})
-    others = {"Probe.ACC": "1", "Probe.CRESP": "first", "Probe.RT": 400, "PracProbe.RESP": "first"}
-    assert is_intended(table.assign(**others), "")
+    other_columns = {
+        "Probe.ACC": "1",
+        "Probe.CRESP": "first",
+        "Probe.RT": 400,
+        "PracProbe.RESP": "first",
+    }
+    assert is_intended(table.assign(**other_columns), "")
 
 
 #: The same with options: a column may hold the interval of the comparison, or the order of blocks.

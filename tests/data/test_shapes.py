@@ -648,7 +648,7 @@ REFUSED = {
             heavier=BY_COMPARISON.n_chosen, lighter=9 - BY_COMPARISON.n_chosen
         ).drop(columns=["n_chosen", "n_trials"]),
         "What do they count?\ntype:  --columns response=heavier "
-        "--columns n_comparison=heavier,n_standard=lighter\n",
+        "--columns n_comparison=heavier,n_standard=lighter  ",
     ),
     "blank.csv --columns response=NAME": (
         labelled(IN_LOGS, response="x"),

@@ -79,10 +79,9 @@ def test_answers_of_the_papers_observers_to_which_is_stronger():
     assert (np.abs(subject.n_yes / 4000 - p_second) < error).all()
 
 
-def test_missed_trials_and_what_is_carried_over_are_in_study_and_truth():
-    study, truth = bt.simulate({"A": PAPER}, batches=30, seed=1, carry_over=0.8, missed=0.1)
+def test_what_is_carried_over_is_in_the_truth():
+    _, truth = bt.simulate({"A": PAPER}, batches=30, seed=1, carry_over=0.8)
     assert truth["A"] == {**PAPER, "carry_over": 0.8}
-    assert 0.06 < np.mean(study["A"].answers.n_trials == 0) < 0.14
 
 
 def test_expectations_of_trials_are_those_of_serial_dependence():
