@@ -160,7 +160,11 @@ def _certain_order(column: Column) -> Mapping[str, bool | None]:
     is_unclear = _UNCLEAR.search(column.name.lower()) or other_words.difference(_WORDS_OF_ORDER)
     if is_unclear and (stimuli or places):
         return {}
-    owner = stimuli[0] if len(stimuli) == 1 and not places else ""
+    # '1' and '2' in a column `std_stim` may be two stimuli, and '1' alone a level.
+    has_interval = not other_words.isdisjoint(VOCABULARY["words"]["of_interval"])
+    owner = ""
+    if has_interval and not places and len(stimuli) == 1 and len(column.texts) > 1:
+        owner = stimuli[0]
     by_text = _order_by_text(column, owner)
     return {} if None in by_text.values() else by_text
 

@@ -134,6 +134,28 @@ def test_an_order_that_may_be_another_is_asked_for(column, standard, comparison,
     assert is_intended(table, options)
 
 
+#: The same of columns that are not proposed either, as they may have something else.
+NOT_SAID = """
+    std_stim | 1 | 2
+    std1 | 1 | 0
+    standard_second | 1 | 2
+    standard_position | left | right
+    target_first | False | True
+    resp_standard_first | 1 | 0
+    std_onset | 1 | 2
+    Std | 1 | 1
+    std_interval | 1 | 1
+"""
+
+
+@pytest.mark.parametrize("column, standard, comparison", text_table(NOT_SAID))
+def test_a_column_that_may_have_something_else_is_not_read_as_the_order(
+    column, standard, comparison, tmp_path
+):
+    result = checked(tmp_path, with_order(column, standard, comparison))
+    assert "do not say which stimulus came first" in result.stderr
+
+
 def test_two_columns_of_the_order_are_read_if_they_agree(tmp_path):
     table = with_order("std_interval", "1", "2").assign(order=np.where(IS_FIRST, "SC", "CS"))
     assert is_intended(table, "")
