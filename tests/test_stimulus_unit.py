@@ -143,7 +143,7 @@ def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, nam
 #: Names of columns of intensities, and what is typed; the signs of micro are two.
 FIRST_CHOICES = """
     s1,s2 | --second-code j --unit a.u.
-    i1,i2 | --unit a.u. --second-code j
+    i1,i2 | --second-code j --unit a.u.
     a1 \u00b5m,a2 \u00b5m | --second-code j
     a1 \u03bcm,a2 \u03bcm | --second-code j
 """

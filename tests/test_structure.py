@@ -26,7 +26,6 @@ OWNERS = {
         "inference.draws_file",
         "groups.population",
     },
-    "pyarrow": {"data.read_table"},
     "matplotlib": {"plots"},
     "corner": {"plots.corner"},
     "bokeh": {"explorer"},

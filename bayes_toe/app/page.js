@@ -257,7 +257,7 @@ function showForm() {
   showMeanings(responses, stimuli);
 
   $("#sheet-label").hidden = !/\.xls[xm]$/i.test(job.files[0]);
-  $("#encoding-label").hidden = /\.(xls[xm]|mat|parquet)$/i.test(job.files[0]);
+  $("#encoding-label").hidden = /\.(xls[xm]|mat)$/i.test(job.files[0]);
   for (const name of TEXTS) {
     if (document.activeElement !== $(`#${name}`)) $(`#${name}`).value = options[name] ?? "";
   }

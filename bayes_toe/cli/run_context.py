@@ -191,7 +191,6 @@ class RunContext:
 
     def require_files(self, *files: Path) -> None:
         """Refuse, before the work, outputs that cannot be written or that the command reads."""
-        from bayes_toe.data.read_table import require_parquet
         from bayes_toe.data.whole_files import require_writable
 
         self._require_unread(*files)
@@ -199,7 +198,6 @@ class RunContext:
         for file in files:
             if places.count(file.resolve()) > 1:
                 raise InputError(f"{file}: named for two outputs. Use two names.")
-            require_parquet(file)
             require_writable(file, overwrite=self.overwrite)
 
     def require_folder(self, folder: Path, products: Sequence[str]) -> None:

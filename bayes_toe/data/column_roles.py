@@ -485,8 +485,20 @@ def columns_to_read(
     if not missing:
         return roles_read, problems, []
 
-    column_list = join_names(map(display_name, filter(None, names)))
-    problem = f"there is {_absent_columns(missing)}. The columns are {column_list}."
+    problems.append(_missing_columns(names, missing))
+    # Of columns that are as full, those of ratings come last.
+    likeliest = sorted(columns, key=lambda column: (empty(column).sum(), len(column.texts) > 3))
+    return roles_read, problems, [*_remedies(roles_read, options, likeliest)]
+
+
+def _missing_columns(names: Texts, missing: Texts) -> str:
+    """What is missing, what the file has instead, and what may help."""
+    columns = join_names(map(display_name, filter(None, names)))
+    words = {name: display_name(name) for name in missing} | {"n_equal": "n_equal or n_second"}
+    absent = join_words([f"no column {words[name]}" for name in missing])
+    problem = f"there is {absent}. The columns are {columns}."
+    if "".join(names[1:]).isdigit():
+        problem += " The file has no header, so these are the numbers of its columns."
     if "NAME" in missing:
         problem += " In the place of NAME, type one of them."
     is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
@@ -496,22 +508,7 @@ def columns_to_read(
             " If one standard was in all trials, add a column standard with its level. Type "
             "--standard-first if it always came first."
         )
-    problems.append(problem)
-    # Of columns that are as full, those of ratings come last.
-    likeliest = sorted(columns, key=lambda column: (empty(column).sum(), len(column.texts) > 3))
-    return roles_read, problems, [*_remedies(roles_read, options, likeliest)]
-
-
-def _absent_columns(missing: Texts) -> str:
-    """Columns that are not there, in words; counts may be of either answer.
-
-    Examples
-    --------
-    >>> _absent_columns(["subject", "n_equal"])
-    'no column subject and no column n_equal or n_second'
-    """
-    words = {name: display_name(name) for name in missing} | {"n_equal": "n_equal or n_second"}
-    return join_words([f"no column {words[name]}" for name in missing])
+    return problem
 
 
 def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
@@ -707,28 +704,33 @@ def _remedies(
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
     names_read = [*map(options.name, roles_read)]
-    free = [*filterfalse(names_read.__contains__, names)]
-    signs = _NUMBERS | _LETTERS
-    pair = _stimulus_pair(free, signs) or _stimulus_pair([*filter(unit_in, free)], signs)
+    free = [name for name in names if name not in names_read and not name.isdigit()]
+    pair = _free_pair(free)
     if not pair and not {"s1", "i1"}.isdisjoint(missing):
         yield from _wide_remedies(names, columns)
     # A tuple of a name for each role; without a pair, none.
     stimuli = dict(zip(options.stimuli, zip(pair), strict=False))
     others = [column for column in columns if column.name not in (*names_read, *pair)]
+
     yield from _columns_remedies([*filter(_REQUIRED.__contains__, missing)], stimuli, others)
 
-    if missing == ["n_equal"] and options.name("n_trials") in names:
+    if missing == ["n_equal"]:
         yield from _count_remedies(names, options)
-
-    scores = names_like(names, "correct")
-    if "response" in missing:
-        yield from _score_remedies(scores)
     if "correct" in missing:
-        yield Remedy("correct", [*scores, "NAME"][0], "with the name in your file")
+        score, *_ = [*names_like(names, "correct"), "NAME"]
+        yield Remedy("correct", score, "with the name in your file")
+
+
+def _free_pair(names: Texts) -> Texts:
+    """The two columns that may be the stimuli, first among all names, then those with a unit."""
+    signs = _NUMBERS | _LETTERS
+    return _stimulus_pair(names, signs) or _stimulus_pair([*filter(unit_in, names)], signs)
 
 
 def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
     """Options to type if a table has the trials of each pair, and other names of what it counts."""
+    if options.name("n_trials") not in names:
+        return
     n_correct = [*names_like(names, "n_correct"), "NAME"][0]
     meaning = "if it counts 'the second was stronger' (2AFC)"
     yield Remedy("columns", (("n_second", "NAME"),), meaning)
@@ -777,7 +779,7 @@ def _columns_remedies(
 ) -> list[Remedy]:
     """The options that name the columns of roles: those of stimuli, and likely ones of `columns`.
 
-    The name of the file has the subject if no column may have it. This is asked after the others.
+    What no column seems to have, and another option can say, is asked about after the others.
 
     Examples
     --------
@@ -789,19 +791,24 @@ def _columns_remedies(
     """
     if not roles:
         return []
-    is_in_column = _likely_names(columns, "subject") != ["NAME"]
-    if len(roles) > 1 and not is_in_column:
-        roles = [*filter("subject".__ne__, roles)]
-    names_by_role = [stimuli.get(role) or _likely_names(columns, role) for role in roles]
+    scores = names_like([column.name for column in columns], "correct")
+    by_file = Remedy("subject_from", "{}.*", "if the name of the file is the subject")
+    replacements = {"subject": [by_file], "response": _score_remedies(scores)}
+    names_by_role = {role: stimuli.get(role) or _likely_names(columns, role) for role in roles}
+    blank_roles = [role for role, names in names_by_role.items() if names == ["NAME"]]
+    are_replaceable = all(map(replacements.get, blank_roles))
+    if are_replaceable and len(blank_roles) < len(roles):
+        for role in blank_roles:  # they are asked about after the others
+            del names_by_role[role]
 
-    remedies = []
-    for names in product(*names_by_role):
+    by_name = []
+    for names in product(*names_by_role.values()):
         meaning = "with the names in your file" if "NAME" in names else ""
-        remedies.append(Remedy("columns", tuple(zip(roles, names, strict=True)), meaning))
-    if "subject" in roles:
-        by_file = Remedy("subject_from", "{}.*", "if the name of the file is the subject")
-        remedies.insert(len(remedies) if is_in_column else 0, by_file)
-    return remedies
+        by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
+    instead = list[Remedy]()
+    for role in names_by_role:
+        instead += replacements.get(role, [])
+    return instead + by_name if blank_roles and are_replaceable else by_name + instead
 
 
 def _likely_names(columns: Sequence[Column], role: str) -> list[str]:

@@ -27,7 +27,6 @@ from bayes_toe.data.column_roles import (
     is_no_response,
     is_percentage,
     is_response_sign,
-    looks_like,
     names_like,
     with_likely_columns,
 )
@@ -40,8 +39,8 @@ from bayes_toe.data.layouts import (
     stimulus_logs,
     with_pairs,
 )
-from bayes_toe.data.messages import Note, Texts, display_name, join_names, named_counts, quoted
-from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
+from bayes_toe.data.messages import Note, Texts, display_name, join_names, named_counts
+from bayes_toe.data.options import COLUMNS, ReadOptions
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     blank_missed,
@@ -62,16 +61,18 @@ from bayes_toe.data.tasks import (
     are_trials,
     task_counted,
     task_of,
-    tasks_named,
 )
 from bayes_toe.data.text_table import DELIMITERS, Column, Columns, Frame, TextTable
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import (
     ask_for_screens,
     chosen_rows,
+    columns_of_file,
     frequency_column,
     nameless_doubts,
     rare_answer_doubts,
+    stacked_doubts,
+    subject_of_file,
     taken_out_doubts,
     trial_rows,
     with_row_for_each_trial,
@@ -148,12 +149,11 @@ def read_study(
     Parameters
     ----------
     path : str, Path, pandas.DataFrame or polars.DataFrame
-        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet
-        file by its suffix, .parquet (pyarrow, the extra `parquet`): the same columns, of text or
-        numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
-        :mod:`bayes_toe.data.text_table`. Rows of a frame count from 0. Several files or frames in a
-        list make one study: the answers of a subject who is in more than one of them are put
-        together, file by file a block. A folder stands for the tables in it.
+        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or MATLAB
+        trials by their suffix, .mat, see :mod:`bayes_toe.data.text_table`. Rows of a frame count
+        from 0. Several files or frames in a list make one study: the answers of a subject who is in
+        more than one of them are put together, file by file a block. A folder stands for the tables
+        in it.
     options : ReadOptions, optional
         For raw intensities, other answer codes or other column names.
 
@@ -414,7 +414,6 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     table = with_subjects_below(table, subject_name)
     if options.wide is not None:
         table = with_pairs(table, options)
-    _require_header(table, options)
     table, options = chosen_rows(table, options)
     options = with_likely_columns(table.names, options)
     options, order_notes = known_order(table, options)
@@ -429,70 +428,35 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     if frequency is not None:
         table = with_row_for_each_trial(table, frequency)
 
-    columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
+    columns = _columns(table, path, options, roles_read)
     if frequency is not None:
         columns["n_trials"] = table.columns[frequency.name]
-    for role in ("n_comparison", "n_correct", "n_standard"):
-        if role in columns:
-            # `_count_study` makes counts of 'second' or 'first' of them.
-            columns["n_first" if role == "n_standard" else "n_second"] = columns[role]
-    columns |= _columns_of_file(table)
-    if "response" in columns:
-        columns["response"] = with_joined_codes(columns["response"], options)
-
-    if options.subject_from is not None:
-        columns["subject"] = _subject_of_file(table, path, options.subject_from)
-    else:
-        columns["subject"] = bare_names(table, columns["subject"])
-    if "condition" in columns:
-        columns["subject"] = unit_column(table, columns, options.categorical)
 
     stimuli = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
     stimuli, rounding = merge_rounded(stimuli, columns["subject"], options.stimulus_unit)
-    if options.subject_from and "repeated header" in " ".join(table.notes):
-        rounding.append(
-            "repeated headers may begin other subjects, but all rows are read as one subject. If "
-            "there are several, add a column subject"
-        )
     order = StandardOrder(table, columns.get("standard_interval"), options)
     return _Rows(table, columns, options, stimuli, order, rounding)
 
 
-def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
-    """The subject in the name of a file, which is that of all rows."""
-    subject = subject_in(path, pattern)
-    if subject is None:
-        raise InputError(
-            f"{table.source}: found no subject in its name, allowed: a file named as "
-            f"--subject-from {pattern}"
-        )
-    return Column("name of the file", [subject], np.zeros(len(table.rows), np.int64))
+def _columns(
+    table: TextTable, path: StrPath | Frame, options: ReadOptions, roles_read: Texts
+) -> dict[str, Column]:
+    """The columns that are read by our names, and those that say something of the whole file."""
+    columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
+    columns |= columns_of_file(table)
+    for role in ("n_comparison", "n_correct", "n_standard"):
+        if role in columns:
+            # `_count_study` makes counts of 'second' or 'first' of them.
+            columns["n_first" if role == "n_standard" else "n_second"] = columns[role]
+    if "response" in columns:
+        columns["response"] = with_joined_codes(columns["response"], options)
 
-
-def _require_header(table: TextTable, options: ReadOptions) -> None:
-    """Refuse a table whose columns have numbers for names, unless options name some of them."""
-    is_named = not {*options.columns.values()}.isdisjoint(table.names)
-    if is_named or not "".join(table.names[1:]).isdigit():
-        return
-    cells = chain.from_iterable(column.texts[:1] for column in table.columns.values())
-    columns = tuple(dict.fromkeys(("subject", "s1", "s2", "response"), "NAME").items())
-    remedy = Remedy("columns", columns, "with numbers; or --subject-from '{}.*' for the subject")
-    raise InputError(
-        f"{table.source}: has no header: row 1 holds {join_names(map(quoted, cells))}. Its columns "
-        "are called by their numbers.",
-        [remedy],
-    )
-
-
-def _columns_of_file(table: TextTable) -> Columns:
-    """The columns `synthetic` and `task`, which say something of the whole file."""
-    columns = {}
-    for name, column in table.columns.items():
-        if name == "synthetic":
-            columns["synthetic"] = column
-        # Other texts, such as names of parts of the experiment, are no task of ours.
-        if looks_like(name, "task") and tasks_named(column.texts):
-            columns["task"] = column
+    if options.subject_from is not None:
+        columns["subject"] = subject_of_file(table, path, options.subject_from)
+    else:
+        columns["subject"] = bare_names(table, columns["subject"])
+    if "condition" in columns:
+        columns["subject"] = unit_column(table, columns, options.categorical)
     return columns
 
 
@@ -538,6 +502,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
             "their number"
         )
     doubts += nameless_doubts(rows.subject)
+    doubts += stacked_doubts(rows.table, rows.options)
     doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
 
     pooled = list[str]()
@@ -635,8 +600,9 @@ def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts 
         return []
     subject = rows.subject.only(is_dropped)
     finding = f" ({', '.join(cells)})" if cells else ""
-    names = [text or "(no subject)" for text in subject.texts]
-    counts = dict(zip(names, np.bincount(subject.codes).tolist(), strict=True))
+    counts = {}
+    for text, n in zip(subject.texts, np.bincount(subject.codes).tolist(), strict=True):
+        counts[text or "(no subject)"] = n
     trials = (len(subject.codes), "trial")
     return [Note(trials, f" {reason} dropped{finding}: ", named_counts(counts))]
 
@@ -702,15 +668,6 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
     if trials is not None:
         is_other = column_counts(rows.table, trials) != n
         rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
-    # If another column makes the sums more alike, it may count a third answer.
-    names = [] if task == THREE_ANSWERS else rows.names_not_read
-    for column in filter(None, map(rows.table.columns.get, names)):
-        n_others = column.map(whole_number, np.int64)
-        if n_others.min() >= 0 and np.ptp(n + n_others) < np.ptp(n):
-            problem = (
-                f"{column} may count a third answer: name it n_equal by --columns, or remove it"
-            )
-            rows.table.problems.ask(problem, ())
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
     answered: list[object] = [n.sum(), " trials answered"]

@@ -1,4 +1,4 @@
-"""Any source of a table as columns of text: CSV, Excel, JSON, Parquet, MATLAB, data frames.
+"""Any source of a table as columns of text: CSV, Excel, JSON, MATLAB, data frames.
 
 `read_table` reads one, `toml_table` a TOML file.
 """
@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import errno
-import importlib.util
 import io
 import json
 import os
@@ -77,7 +76,7 @@ _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 #: Parts of a record that are no single values.
 _NESTED = (list, dict)
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
-TABLE_SUFFIXES = _TEXT_SUFFIXES + _EXCEL_SUFFIXES + _JSON_SUFFIXES + (".mat", ".parquet")
+TABLE_SUFFIXES = _TEXT_SUFFIXES + _EXCEL_SUFFIXES + _JSON_SUFFIXES + (".mat",)
 #: What to do with files that are not read, by their suffix.
 _NOT_READ = {
     ".toml": "settings, allowed: a table of trials or counts",
@@ -85,6 +84,7 @@ _NOT_READ = {
         [".gz", ".zip", ".7z", ".xz", ".tar", ".tgz"], "an archive, allowed: the file in it"
     ),
     **dict.fromkeys([".ods", ".numbers"], "a spreadsheet, allowed: its copy as .xlsx or CSV"),
+    ".parquet": "a Parquet file, allowed: its copy as CSV, or the data frame of pandas in Python",
     **dict.fromkeys([".rdata", ".rda", ".rds"], "R data, allowed: a CSV file that write.csv makes"),
     **dict.fromkeys(
         [".sav", ".dta", ".por", ".psydat", ".edat2", ".edat3"],
@@ -147,7 +147,6 @@ def _read_file(
     path: Path, choice: Choice, largest: int, encoding: str | None, sheet: str | None
 ) -> TextTable:
     """The columns that are chosen of a file, whose suffix tells its form."""
-    require_parquet(path)
     try:
         data = input_bytes(path, largest)
     except (OSError, ValueError) as error:  # a ValueError for a path with a NUL character
@@ -168,8 +167,6 @@ def _read_file(
         return _read_excel(name, data, choice, sheet)
     if suffix in _JSON_SUFFIXES or (suffix in _TEXT_SUFFIXES and re.match(_JSON_START, data)):
         return _read_json(name, data, choice, encoding)
-    if suffix == ".parquet":
-        return _read_parquet(name, data, choice)
     if suffix == ".mat":
         return _read_matlab(name, data, choice)
     return read_csv(name, data, choice, encoding)
@@ -546,7 +543,7 @@ def _has_records(value: object) -> bool:
     return isinstance(first, dict)
 
 
-# --- MATLAB, Parquet -----------------------------------------------------------------------------
+# --- MATLAB --------------------------------------------------------------------------------------
 
 
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
@@ -566,42 +563,6 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     return _table_of_records(source, "MATLAB", "variables", records, choice)
 
 
-def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
-    """The table of a Parquet file, whose schema stands for a header.
-
-    Row 1 is the first record; a missing value is an empty cell.
-    """
-    import pyarrow.parquet as pq
-
-    try:
-        file = pq.ParquetFile(io.BytesIO(data), page_checksum_verification=True)
-        size = file.metadata
-        require_size(source, size.num_columns, size.num_columns * size.num_rows)
-        table = file.read()
-        # With metadata of pandas, columns that are an index would be lost.
-        frame = table.replace_schema_metadata().to_pandas(integer_object_nulls=True)
-    except InputError:
-        raise
-    except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        rule = "one that a Parquet writer has finished"
-        raise damaged(source, "Parquet", error, rule) from None
-    return _table_of_frame(source, "Parquet", "schema", frame, 1, choice)
-
-
 def is_excel(path: StrPath) -> bool:
     """Whether a file is one by its name."""
     return Path(path).suffix.lower() in _EXCEL_SUFFIXES
-
-
-def is_parquet(path: StrPath) -> bool:
-    """Whether a file is Parquet by its suffix."""
-    return Path(path).suffix.lower() == ".parquet"
-
-
-def require_parquet(path: StrPath) -> None:
-    """Refuse a Parquet file if pyarrow is not installed; any other file passes."""
-    if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
-        raise InputError(
-            f"{display_name(Path(path).name)}: found a Parquet file and no pyarrow, allowed: "
-            "pip install 'bayes_toe[parquet]', or a CSV file"
-        )

@@ -1,6 +1,6 @@
 """Tables of results: rows to go through and to look up, as a frame, and as a file.
 
-A CSV or Parquet file appears whole or not at all. The names of files for subjects are here too: one
+A CSV file appears whole or not at all. The names of files for subjects are here too: one
 stem for each subject that every system takes, whatever the subject is called.
 """
 
@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import Texts, as_html, join_few, join_names, name_from_key, quoted
-from bayes_toe.data.read_table import is_parquet, require_parquet
 from bayes_toe.data.validation import CONDITION_SEPARATOR, is_formula
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
@@ -90,7 +89,7 @@ class Table(ABC, Generic[Row]):
         overwrite: bool = False,
         units: bool = False,
     ) -> Path:
-        """Write the table as a CSV file, or a Parquet file by its suffix, whole or not at all.
+        """Write the table as a CSV file, whole or not at all.
 
         See :func:`write_table`.
         """
@@ -134,9 +133,9 @@ def write_table(
     overwrite: bool = False,
     units: bool = False,
 ) -> Path:
-    """Write a table as a CSV file, or as a Parquet file if the name ends in .parquet.
+    """Write a table as a CSV file.
 
-    A CSV file is UTF-8 with one line per row and no index. Numbers read back to the same bits, and
+    The file is UTF-8 with one line per row and no index. Numbers read back to the same bits, and
     missing values are empty. A text that a spreadsheet would run gets an apostrophe, which our
     readers take off the names of subjects. Control characters become escapes.
 
@@ -147,11 +146,8 @@ def write_table(
     ------
     OutputError
         If the file cannot be written, or exists and may not be replaced.
-    InputError
-        If the file is Parquet and pyarrow (the extra `parquet`) is not installed.
     """
     target = Path(path)
-    require_parquet(target)
     if units:
         parts = frame["subject"].str.partition(CONDITION_SEPARATOR)  # subject, @, condition
         frame = frame.assign(subject=parts[0])
@@ -159,14 +155,9 @@ def write_table(
 
     if seed is not None:
         frame = frame.assign(seed=seed)
-    if not is_parquet(target):
-        frame = frame.map(_inert).rename(columns=_inert)
-
+    frame = frame.map(_inert).rename(columns=_inert)
     with whole_file(target, overwrite=overwrite) as temporary:
-        if is_parquet(target):
-            frame.to_parquet(temporary, engine="pyarrow", index=False, write_page_checksum=True)
-        else:
-            frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
+        frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
     return target
 
 

@@ -13,11 +13,12 @@ from itertools import filterfalse
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, IntArray
+from bayes_toe.arrays import BoolArray, IntArray, StrPath
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
     is_no_response,
     is_response_sign,
+    looks_like,
     names_like,
     practice_texts,
     taken_out_texts,
@@ -30,9 +31,9 @@ from bayes_toe.data.messages import (
     plural,
     quoted,
 )
-from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.tasks import THREE_ANSWERS
-from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.options import ReadOptions, subject_in
+from bayes_toe.data.tasks import THREE_ANSWERS, tasks_named
+from bayes_toe.data.text_table import Column, Frame, TextTable
 from bayes_toe.data.validation import (
     CONDITION_SEPARATOR,
     MISSING_WORDS,
@@ -290,6 +291,39 @@ def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
             remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
             table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
             return
+
+
+def columns_of_file(table: TextTable) -> dict[str, Column]:
+    """The columns `synthetic` and `task`, which say something of the whole file."""
+    columns = {}
+    for name, column in table.columns.items():
+        if name == "synthetic":
+            columns["synthetic"] = column
+        # Other texts, such as names of parts of the experiment, are no task of ours.
+        if looks_like(name, "task") and tasks_named(column.texts):
+            columns["task"] = column
+    return columns
+
+
+def subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
+    """The subject in the name of a file, which is that of all rows."""
+    subject = subject_in(path, pattern)
+    if subject is None:
+        raise InputError(
+            f"{table.source}: found no subject in its name, allowed: a file named as "
+            f"--subject-from {pattern}"
+        )
+    return Column("name of the file", [subject], np.zeros(len(table.rows), np.int64))
+
+
+def stacked_doubts(table: TextTable, options: ReadOptions) -> list[str]:
+    """A doubt about repeated headers in a file that is one subject."""
+    if options.subject_from is None or "repeated header" not in " ".join(table.notes):
+        return []
+    return [
+        "repeated headers may begin other subjects, but all rows are read as one subject. If there "
+        "are several, add a column subject"
+    ]
 
 
 def nameless_doubts(subject: Column) -> Texts:

@@ -458,12 +458,12 @@ REFUSED = {
     ),
     "no_names.csv": (
         csv(IN_LOGS, header=False),
-        "no_names.csv: has no header: row 1 holds 'P0",
-        "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME",
+        "The columns are 1, 2, 3, 4. The file has no header, so these are the numbers of its col",
+        "type:  --columns subject=1,s1=NAME,s2=NAME,response=4",
     ),
     "no_names.txt": (
         "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
-        "has no header: row 1 holds 'pair', '0'",
+        "The columns are 1, 2, 3, 4, 5. The file has no header",
     ),
     "row_names_of_a_part.csv": (
         IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(","),
@@ -617,10 +617,6 @@ REFUSED = {
         labelled(COUNTS, n_second="percent second").drop(columns="n_trials"),
         "there is no column n_trials",
         "--columns n_trials=NAME",
-    ),
-    "two_of_three_counts.csv": (
-        THREE_COUNTS.replace("same", "alike").replace("4,2,1", "4,1,3"),
-        "column alike may count a third answer: name it n_equal by --columns, or remove it",
     ),
     "proportion_of_others.csv": (
         labelled(PROPORTIONS.assign(n_trials=7), n_second="p_second"),

@@ -1,16 +1,13 @@
-"""Frames, Parquet, MATLAB: read as their CSV file is, and refused by row and column."""
+"""Frames and MATLAB: read as their CSV file is, and refused by row and column."""
 
-import importlib.util
 import json
-import random
-from contextlib import suppress
 from decimal import Decimal
 from io import StringIO
 
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, refused
+from commands import refused
 from conftest import answers_in_order, counts, problems, text_table
 from scipy.io import savemat
 
@@ -42,17 +39,10 @@ def as_polars(frame, folder):
     return pytest.importorskip("polars").DataFrame(with_none.to_dict("list"), strict=False)
 
 
-def as_parquet(frame, folder):
-    pytest.importorskip("pyarrow")
-    frame.to_parquet(folder / "study.parquet", index=False, row_group_size=2)
-    return folder / "study.parquet"
-
-
 #: What makes a source of a table: its form, the number of its first row, and its name.
 SOURCES = {
     as_pandas: ("pandas DataFrame", 0, "pandas DataFrame"),
     as_polars: ("polars DataFrame", 0, "polars DataFrame"),
-    as_parquet: ("Parquet", 1, "study.parquet"),
 }
 ALLOWED_VALUES = "allowed: text, numbers or truth values"
 EACH_SOURCE = pytest.mark.parametrize("as_source", SOURCES)
@@ -101,24 +91,24 @@ def test_what_cannot_be_used_is_refused_by_row_and_column(
     assert problem == f"{source}: row {first + 1}, column {column}: found {expected}"
 
 
-def test_columns_that_are_missing_are_named(tmp_path):
+def test_columns_that_are_missing_are_named():
     frame = COUNTS.rename(columns={"subject": "who"})
     with pytest.raises(bt.InputError, match=r"use ReadOptions\(columns=\{'subject': 'NAME'\}\)"):
         bt.read_study(frame)
     assert bt.read_study(frame, bt.ReadOptions(columns={"subject": "who"})).names == ("a", "b")
-    assert problems(bt.read_study, as_parquet(COUNTS.drop(columns="s2"), tmp_path)) == [
-        "study.parquet: schema: there is no column s2. The columns are subject, s1, n_equal, "
+    assert problems(bt.read_study, COUNTS.drop(columns="s2")) == [
+        "pandas DataFrame: columns: there is no column s2. The columns are subject, s1, n_equal, "
         "n_trials."
     ]
 
 
-def test_dates_and_lists_are_no_cells(tmp_path):
+def test_dates_and_lists_are_no_cells():
     dates = pd.Series([pd.Timestamp("2024-01-01")] * 3, dtype="datetime64[ns]")
     frame = COUNTS.assign(subject=dates, s2=[[1.0], [2.0], [3.0]])
-    assert problems(bt.read_study, as_parquet(frame, tmp_path)) == [
-        "study.parquet: row 1, column subject: found '2024-01-01 00:00:00' of type Timestamp, "
+    assert problems(bt.read_study, frame) == [
+        "pandas DataFrame: row 0, column subject: found '2024-01-01 00:00:00' of type Timestamp, "
         + ALLOWED_VALUES,
-        f"study.parquet: row 1, column s2: found '[1.]' of type ndarray, {ALLOWED_VALUES}",
+        f"pandas DataFrame: row 0, column s2: found '[1.0]' of type list, {ALLOWED_VALUES}",
     ]
 
 
@@ -126,7 +116,6 @@ def test_what_holds_no_row_or_is_no_table(tmp_path):
     no_row = "found no row below it, allowed: at least one row"
     table = "allowed: the path of a file, or a pandas or polars DataFrame"
     refusals = {
-        f"study.parquet: schema: {no_row}": as_parquet(COUNTS[:0].astype(str), tmp_path),
         f"pandas DataFrame: columns: {no_row}": COUNTS[:0],
         f"found 'dict', {table}": {},
         f"found 'int', {table}": 3,
@@ -136,7 +125,7 @@ def test_what_holds_no_row_or_is_no_table(tmp_path):
         assert problems(bt.read_study, source) == [problem]
 
 
-def test_values_of_other_types_are_read_as_what_they_say(tmp_path):
+def test_values_of_other_types_are_read_as_what_they_say():
     frame = pd.DataFrame(
         {
             " who": pd.Categorical(["b", "a", "b"], categories=["a", "b"]),
@@ -148,7 +137,7 @@ def test_values_of_other_types_are_read_as_what_they_say(tmp_path):
         }
     )
     options = bt.ReadOptions(columns={"subject": "who", "s1": "i.1"}, equal_code="1")
-    study = bt.read_study(as_parquet(frame, tmp_path), options)
+    study = bt.read_study(frame, options)
     assert study.synthetic
     assert list(study.names) == ["b", "a"]
     assert counts(study["b"]) == [(0.1, 0.3, 1, 2)]
@@ -182,36 +171,6 @@ def test_numbers_of_single_precision_are_read_as_they_are_written():
 
 
 # --- Files that are damaged, too large, or none ---------------------------------------------------
-
-
-def test_a_damaged_parquet_file_is_one_line(tmp_path):
-    pytest.importorskip("pyarrow")
-    path = write_table(COUNTS, tmp_path / "study.parquet")
-    complete, rng = path.read_bytes(), random.Random(1)
-    for position in rng.sample(range(len(complete)), 60):
-        path.write_bytes(complete[:position])
-        assert len(problems(bt.read_study, path)) == 1
-        changed = bytearray(complete)
-        changed[position] ^= 1 << rng.randrange(8)
-        path.write_bytes(changed)
-        # In what is not read, such as statistics, a change does no harm.
-        with suppress(bt.InputError):
-            assert bt.read_study(path).frame().equals(bt.read_study(COUNTS).frame())
-    path.write_bytes(b"subject,s1,s2,response\na,0,0,equal\n")
-    assert "study.parquet: found a damaged Parquet file" in refused("check", path, cwd=tmp_path)
-
-
-def test_without_pyarrow_one_line_says_what_to_install(tmp_path, monkeypatch):
-    path = as_parquet(COUNTS, tmp_path)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    message = (
-        "found a Parquet file and no pyarrow, allowed: pip install 'bayes_toe[parquet]', or a CSV "
-        "file"
-    )
-    assert problems(bt.read_study, path) == [f"study.parquet: {message}"]
-    assert problems(write_table, COUNTS, tmp_path / "t.parquet") == [f"t.parquet: {message}"]
-    before_the_work = refused("fit", "there is no such study.csv", "-o", "t.parquet", cwd=tmp_path)
-    assert before_the_work == f"error: t.parquet: {message}\n"
 
 
 #: What the process that reads a file does, and what is said.
@@ -290,11 +249,3 @@ COMMANDS = """
 def test_a_name_that_is_too_long_for_a_file_is_one_line(tmp_path, command):
     COUNTS.to_csv(tmp_path / "example.csv", index=False)
     assert refused(command.replace("LONG", 300 * "x"), cwd=tmp_path).startswith("error: ")
-
-
-def test_commands_read_and_write_parquet(tmp_path):
-    pytest.importorskip("pyarrow")
-    good("simulate -o study.parquet --subjects 2 --batches 2 --seed 1", cwd=tmp_path)
-    options = "--asymmetry a.parquet --replicates 2 --seed 1"
-    good(f"fit study.parquet -o f.parquet {options}", cwd=tmp_path)
-    assert set(pd.read_parquet(tmp_path / "a.parquet")["subject"]) >= {"S01", "S02"}

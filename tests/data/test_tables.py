@@ -1,4 +1,4 @@
-"""Tables of results as CSV and Parquet, and names of files that are safe on every system."""
+"""Tables of results as CSV, and names of files that are safe on every system."""
 
 import re
 
@@ -59,16 +59,6 @@ def test_numbers_in_tables_keep_every_bit(tmp_path_factory, values):
     write_table(pd.DataFrame({"x": values, "y": 0}), path, overwrite=True)
     texts = [line.partition(",")[0] for line in path.read_text().splitlines()[1:]]
     assert np.array(texts, float).tobytes() == np.array(values).tobytes()
-
-
-def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path):
-    pytest.importorskip("pyarrow")
-    frame = pd.DataFrame(
-        {"subject": ["=1", "b"], "q0": [0.1 + 0.2, np.nan], "n": [1, 2], "note": [None, "a"]},
-        index=[3, 4],
-    )
-    again = pd.read_parquet(write_table(frame, tmp_path / "t.parquet"))
-    pd.testing.assert_frame_equal(again, frame.reset_index(drop=True), check_exact=True)
 
 
 # --- Names of files -------------------------------------------------------------------------------
