@@ -841,8 +841,13 @@ def _role_by_cells(column: Column) -> str:
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))
-    # A name without words of its own, such as 'target' or 'comparison', is that of a stimulus.
-    if n_texts < 2 or not words or not words.isdisjoint(VOCABULARY["words"]["of_others"]):
+    # A name without words of its own, such as 'target' or 'comparison', is that of a stimulus. A
+    # number is that of a column without a name.
+    if (
+        n_texts < 2
+        or not (words or column.name.isdigit())
+        or not words.isdisjoint(VOCABULARY["words"]["of_others"])
+    ):
         return ""
     if n_texts == n_runs < 0.5 * n_rows:
         return "subject"

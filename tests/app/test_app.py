@@ -358,7 +358,6 @@ def test_a_full_disk_is_a_line_on_the_page(server, home, job):
     "name, content",
     [
         ("x.mat", b"MATLAB 5.0" + bytes(100)),
-        ("x.parquet", b"PAR1"),
         ("x.csv", b"\xff\xfe\x00"),
         ("x.csv", b""),
     ],
