@@ -5,7 +5,7 @@ const LARGEST = 64 * 2 ** 20; // bytes, as in server.py
 const MOST_PAIRS = 200;
 const MOST_NAMES = 5;
 const TEXTS = ["reference", "sheet", "encoding", "wide"];
-const OPTIONAL = ["condition", "session", "block", "trial", "iti"];
+const OPTIONAL = ["condition", "session", "block", "trial"];
 const STIMULI = {
   log: ["s1", "s2"], intensity: ["i1", "i2"],
   standard: ["standard", "comparison"], standard_intensity: ["standard", "comparison"],
@@ -16,7 +16,7 @@ const ROLES = {
   standard: "standard", comparison: "comparison", response: "response", correct: "right or wrong",
   n_second: "number of 'second'", n_equal: "number of 'equal'", n_trials: "number of trials",
   condition: "condition", session: "session", block: "block",
-  trial: "number of the trial", iti: "seconds since the previous trial",
+  trial: "number of the trial",
 };
 const MEANINGS = {
   second: "the second was stronger", first: "the first was stronger", equal: "equal", different: "different",

@@ -42,8 +42,6 @@ class Answers:
     place : array of int, shape (rows,), or None
         Positions of trials in their order; None if it is not known. They rise by one within a
         session; a gap is the start of a session.
-    iti : array, shape (rows,), or None
-        Seconds between a trial and the one before it; NaN where that is not known.
     span : tuple of int, or None
         The first and the last row of the file that is one of these trials.
     n_second : array of int, shape (rows,), or None
@@ -57,7 +55,6 @@ class Answers:
     blocks: tuple[str, ...] = ()
     has_trial_rows: bool = False
     place: IntArray | None = None
-    iti: FloatArray | None = None
     span: tuple[int, int] | None = None
     n_second: IntArray | None = None
 

@@ -28,6 +28,7 @@ from bayes_toe.data.column_roles import (
     is_flag,
     is_no_response,
     named_places,
+    plain_name,
     suggested_unit,
     unit_in,
     unit_remedies,
@@ -97,11 +98,17 @@ class StandardOrder:
     def by_interval(self, table: TextTable, column: Column, options: ReadOptions) -> Column:
         """Responses 'comparison' and 'standard' as 'second' and 'first'; other texts stay.
 
-        With the code of 'comparison', the other code of the column is 'standard'. The table is
-        refused if no response has the code, or there are three codes.
+        With the code of 'comparison', the other code beside 'equal' is 'standard'. The table is
+        refused if no response has the code, or there are more codes.
         """
         comparison_code = options.comparison_code
-        texts = list(filter(None, column.texts))  # a missed response is empty
+        texts = []
+        for text in filter(None, column.texts):  # a missed response is empty
+            if (
+                text != options.equal_code
+                and plain_name(text) not in VOCABULARY["responses"]["equal"]
+            ):
+                texts.append(text)
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
             problem = (
                 f"found {join_names(column.counts(texts))}, allowed: {quoted(comparison_code)} for "

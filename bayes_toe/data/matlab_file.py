@@ -80,7 +80,7 @@ def write_texts(source: str) -> None:
 
             with suppress(OSError, ValueError):  # some systems have no such limit
                 resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
-        variables = _variables(source, sys.stdin.buffer.read())
+        variables = _with_columns_of_matrix(_variables(source, sys.stdin.buffer.read()))
         sizes = [*_sizes(variables)]
         require_size(source, len(sizes), len(sizes) * max(sizes, default=0))
         result = {"variables": _plain(variables)}
@@ -108,6 +108,25 @@ def _variables(source: str, data: bytes) -> Record:
             f"{source}: found a table or another object of MATLAB's own, allowed: {SAVED}"
         )
     return {name: value for name, value in variables.items() if not name.startswith(("__", "#"))}
+
+
+def _with_columns_of_matrix(variables: Record) -> Record:
+    """The variables with the columns of a matrix in its place, if there is one matrix.
+
+    Their names are the texts of a cell array that has one for each column; else their numbers.
+    """
+    matrices = [name for name, value in variables.items() if np.ndim(value) == 2]
+    if len(matrices) != 1:
+        return variables
+    columns = variables[matrices[0]].T
+    names = list(map(str, range(1, len(columns) + 1)))
+    others = {}
+    for name, value in variables.items():
+        if np.shape(value) == (len(columns),) and isinstance(value[0], str):
+            names = value
+        elif name not in matrices:
+            others[name] = value
+    return others | dict(zip(names, columns, strict=True))
 
 
 def _loaded(data: bytes) -> Record:

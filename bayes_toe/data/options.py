@@ -28,11 +28,11 @@ COLUMNS = (
     "subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response",
     "n_first", "n_equal", "n_different", "n_second", "n_comparison", "n_standard", "n_correct",
     "n_trials",
-    "session", "block", "trial", "iti", "condition",
+    "session", "block", "trial", "condition",
 )  # fmt: skip
 #: Columns that say which trial came after which. They change no count: checks before answers are
 #: pooled and models of history use them.
-HISTORY_COLUMNS = ("session", "block", "trial", "iti")
+HISTORY_COLUMNS = ("session", "block", "trial")
 _MAY_BE_IGNORED = ("isi", *HISTORY_COLUMNS, "condition", "practice")
 _ANSWERS = ("equal", "different", "second", "first")
 #: Fields whose texts must not be empty.
@@ -73,7 +73,7 @@ class ReadOptions:
         Texts in the column of responses that say that nobody responded; with `correct`, in columns
         of keys and reaction times, too.
     ignore : str or sequence of str
-        Columns session, block, trial, iti or condition that are not read although they are there.
+        Columns session, block, trial or condition that are not read although they are there.
         With "isi", checks do not remark that answers at all intervals are pooled. With "practice",
         rows that are marked as practice are read.
     where : mapping of str to str
@@ -274,7 +274,12 @@ class ReadOptions:
     @property
     def task(self) -> Task | None:
         """The task that codes or scores tell; None without them."""
-        return WHICH_STRONGER if self.correct is not None else task_with(self.code_by_answer)
+        if self.correct is not None:
+            return WHICH_STRONGER
+        answers = {*self.code_by_answer}
+        if answers and self.comparison_code is not None:
+            answers.add("second")  # or 'first', by the order of the stimuli
+        return task_with(answers)
 
     @property
     def without_condition(self) -> ReadOptions:

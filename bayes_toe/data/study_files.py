@@ -380,7 +380,7 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
         block_names += names
 
     columns = dict[str, Any]()
-    for key in ("keys", "n_yes", "n_trials", "n_second", "iti", "block", "place"):
+    for key in ("keys", "n_yes", "n_trials", "n_second", "block", "place"):
         arrays = [getattr(file, key) for file in files]
         # What one file lacks is not known of the subject.
         if not any(array is None for array in arrays):

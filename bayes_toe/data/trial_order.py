@@ -1,7 +1,7 @@
 """Trials in the order in which they were given.
 
 `answers_in_order` sorts the rows of each subject by session, block and trial number. It notes
-missing trial numbers and times, and reports rows that repeat a trial number.
+missing trial numbers, and reports rows that repeat a trial number.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ class _Order(NamedTuple):
     """What orders the rows of a file."""
 
     trial: FloatArray  # numbers of trials, (rows,); NaN without a number
-    iti: FloatArray | None  # seconds since the trial before, (rows,); NaN where they are not known
     # The run of each row, (rows, 1 and kinds of runs): all rows are one, which has blocks and
     # sessions.
     runs: IntArray
@@ -59,11 +58,9 @@ def answers_in_order(
     answers = {}
     unordered = []
     n_missing = {}
-    n_untimed = 0
     for name, answered_rows in parts.items():
         rows = answered_rows
         place = None
-        iti = None
         if is_trials and "trial" in columns:
             subject_name = subject.text(answered_rows[0])
             # Trials without an answer, and in other conditions, are part of the order. But rows
@@ -77,8 +74,6 @@ def answers_in_order(
                 place, n_absent = _places(order.trial[rows], order.runs[rows, -1])
                 if n_absent:
                     n_missing[subject_name] = n_absent
-                if order.iti is not None:
-                    iti = order.iti[rows]
 
         # Trials of other units have no answers here.
         is_own_row = unit.codes[rows] == unit.codes[answered_rows[0]]
@@ -89,14 +84,11 @@ def answers_in_order(
             blocks=order.blocks,
             has_trial_rows=is_trials,
             place=place,
-            iti=iti,
             span=(int(answered_rows.min()), int(answered_rows.max())) if is_trials else None,
         )
-        if iti is not None:
-            n_untimed += int((np.isnan(iti) & ~in_order.is_session_start).sum())
         answers[name] = in_order.with_own_blocks()
 
-    notes = _order_notes(columns, unordered, n_missing, n_untimed)
+    notes = _order_notes(columns, unordered, n_missing)
     return answers, notes, _repeat_doubts(table, columns, pairs, counts, unordered)
 
 
@@ -106,10 +98,6 @@ def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
     trial = np.full(n_rows, np.nan)
     if "trial" in columns:
         trial = numbers(table, columns["trial"])
-    iti = None
-    if "iti" in columns:
-        iti = numbers(table, columns["iti"])
-        iti[iti < 0.0] = np.nan
 
     runs = [np.zeros(n_rows, np.int64)]
     blocks: tuple[str, ...] = ()
@@ -121,7 +109,7 @@ def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
             if name == "block":
                 blocks = names
                 block = run
-    return _Order(trial, iti, np.column_stack(runs), block, blocks)
+    return _Order(trial, np.column_stack(runs), block, blocks)
 
 
 def _without_conditions(columns: Columns) -> Column:
@@ -133,10 +121,8 @@ def _without_conditions(columns: Columns) -> Column:
     return Column.from_texts(subject.name, names, subject.codes)
 
 
-def _order_notes(
-    columns: Columns, unordered: list[str], n_missing: Mapping[str, int], n_untimed: int
-) -> list[str]:
-    """Notes on trials whose order, number or time is not known."""
+def _order_notes(columns: Columns, unordered: list[str], n_missing: Mapping[str, int]) -> list[str]:
+    """Notes on trials whose order or number is not known."""
     notes = list[str]()
     if unordered:
         text = "does not order all trials, so the order of the file is used: "
@@ -144,9 +130,6 @@ def _order_notes(
     if n_missing:
         advice = "); keep trials without a response in the file, with an empty response"
         notes.append(Note("trial numbers are missing (", named_counts(n_missing), advice))
-    if n_untimed:
-        times = f" in {columns['iti']}"
-        notes.append(Note("no time since the trial before for ", (n_untimed, "trial"), times))
     return notes
 
 

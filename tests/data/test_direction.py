@@ -56,6 +56,16 @@ def with_order(column, standard, comparison, response=WORDS):
     return table.assign(**{column: order, "response": response})
 
 
+@pytest.mark.parametrize("typed", ["", "--equal-code same"])
+def test_the_comparison_may_be_one_of_three_answers(typed):
+    is_second = (CHOSEN_STIMULI == "comparison") == IS_FIRST
+    words = np.where(np.arange(len(is_second)) % 5, np.where(is_second, "second", "first"), "same")
+    codes = CHOSEN_STIMULI.where(words != "same", "same")
+    table = with_order("standard_interval", 1, 2, codes.replace("comparison", "long"))
+    study = bt.read_study(table, typed_options(f"--comparison-code long {typed}"))
+    assert study.frame().equals(bt.read_study(IN_ORDER.assign(response=words)).frame())
+
+
 def checked(folder, table, line=""):
     """What `check` says of a table, with these options."""
     table.to_csv(folder / "study.csv", index=False)

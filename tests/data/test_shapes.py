@@ -168,6 +168,7 @@ LISTS = IN_LOGS.to_dict("list")
 P03 = IN_LOGS[:40]
 WITHOUT_SUBJECT = P03.drop(columns="subject")
 NESTED = {"info": {"subject": "P03"}, "trials": P03[["s1", "s2", "response"]].to_dict("list")}
+MATRIX = {"subject": "P03", "data": answered(P03, 1, 2).drop(columns="subject").to_numpy(float)}
 RECORDS = IN_LOGS.to_dict("records")
 BY_PERSON = []
 for name, part in IN_LOGS.groupby("subject"):
@@ -315,6 +316,10 @@ READ = {
     "struct_and_vector.mat": matlab({"data": LISTS, "screen": [1920, 1080]}),
     "struct.mat": matlab({"data": LISTS}),
     "nested.mat": matlab({"data": NESTED}),
+    "matrix.mat --second-code 2": matlab(
+        {**MATRIX, "names": np.array(["s1", "s2", "answer"], "O")}
+    ),
+    "matrix.mat --columns s1=1,s2=2,response=3 --second-code 2": matlab(MATRIX),
     "nested.json": NESTED,
     "vectors_73.mat": matlab_73(LISTS),
     "struct_array_73.mat": matlab_73(LISTS, home="data"),
@@ -406,7 +411,9 @@ READ = {
 }
 #: What is read where these are not all trials.
 READ_IN_PART = {
-    **dict.fromkeys(["nested.mat", "nested.json", "7.csv", "7.txt", "7.xlsx", "P03.csv"], P03),
+    **dict.fromkeys(
+        ["nested.mat", "matrix.mat", "nested.json", "7.csv", "7.txt", "7.xlsx", "P03.csv"], P03
+    ),
     "missed_trials.csv": UNEQUAL[IN_LOGS.columns],
     "right_answers.csv": UNEQUAL[IN_LOGS.columns],
 }
@@ -737,10 +744,6 @@ REFUSED = {
     "table_73.mat": (
         matlab_73({"#subsystem#": [1.0]}),
         "a table or another object of MATLAB's own",
-    ),
-    "matrix.mat": (
-        matlab({"data": TRIALS[["s1", "s2"]].to_numpy()}),
-        "found data, no columns of one length",
     ),
     "several_structs.mat": (
         matlab({"a": LISTS, "b": LISTS}),

@@ -98,7 +98,7 @@ OPTIONS = """
     --equal-code a --different-code ' a ' | --different-code: found 'a' as --equal-code
     --equal-code '  ' | --equal-code: found ''
     --different-code '' | --different-code: found ''
-    --ignore s1 | --ignore: found 's1', allowed: isi, session, block, trial, iti, condition
+    --ignore s1 | --ignore: found 's1', allowed: isi, session, block, trial, condition
     --task 3afc | --task: found '3afc', allowed: same/different, 2afc (which is stronger), or
     --unit '$x$' | --unit: found '$x$', allowed: ln, log10, dB, dB-power, octaves,
     --unit 'dB SPL' | --unit: found 'dB SPL', a logarithm without a known factor, allowed: ln,
