@@ -25,7 +25,7 @@ from bayes_toe.errors import InputError
 
 #: What MATLAB saves so that it can be read.
 SAVED = (
-    "one struct, or vectors of one length: S = table2struct(T, 'ToScalar', true); "
+    "one struct, one matrix, or vectors of one length: S = table2struct(T, 'ToScalar', true); "
     "save('trials.mat', '-struct', 'S', '-v7')"
 )
 _DAMAGED_ALLOWED = "one that MATLAB has saved with '-v7'"

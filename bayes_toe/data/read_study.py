@@ -141,9 +141,9 @@ def read_study(
     names a count of right responses (2AFC). s1 and s2 are natural-log intensities.
     Columns ``trial`` (numbers, over all trials or within each block or session), ``block`` and
     ``session`` (any text) change no count. Checks of the responses and models of serial dependence
-    use them. These models also use trials without an answer. A column ``condition`` (or another one that the options name) makes each subject at each
-    of its levels a unit, ``S01@left``; see :mod:`bayes_toe.data.conditions`. Other columns are
-    ignored.
+    use them. These models also use trials without an answer. A column ``condition`` (or another one
+    that the options name) makes each subject at each of its levels a unit, ``S01@left``; see
+    :mod:`bayes_toe.data.conditions`. Other columns are ignored.
 
     Parameters
     ----------
