@@ -287,6 +287,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     """
     n = subject.n_trials
     k = subject.n_yes
+    # The pairs of a subject are those of its answered rows, sorted, as np.unique numbers them.
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
@@ -442,10 +443,11 @@ class AnswerTable:
 
 def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTable:
     """The table of a subject's answers; `column` is the column of each row of `answers`."""
-    _, row = np.unique(answers.keys, axis=0, return_inverse=True)
+    # The pairs of a subject are those of its answered rows, sorted, as np.unique numbers them.
+    _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     n, k = np.zeros((2, subject.n_pairs, column.max() + 1), np.int64)
-    np.add.at(n, (row.ravel(), column), answers.n_trials)
-    np.add.at(k, (row.ravel(), column), answers.n_yes)
+    np.add.at(n, (pair.ravel(), column), answers.n_trials)
+    np.add.at(k, (pair.ravel(), column), answers.n_yes)
     return AnswerTable(n, k)
 
 

@@ -476,7 +476,9 @@ def draw_population(
     """
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
-        if abs(mean) > 2.0:  # mu1 of these observers is between -1 and 2
+        # These observers expect stimuli mu1 between -1 and 2. None of them expects what is farther
+        # than 2 from the paper's reference, ln 0.
+        if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
                 "paper, ln 0 to 0.5",

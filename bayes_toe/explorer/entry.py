@@ -26,6 +26,7 @@ from bayes_toe.answers.order_effect import (
     Size,
     answer_subject,
     describe_fit,
+    format_limit,
 )
 from bayes_toe.arrays import (
     ArrayPair,
@@ -395,13 +396,12 @@ def badges(draws: Draws, name: str) -> Pairs:
 
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
-    """The badge of a p-value of fit, or None for one that is not testable."""
-    text = describe_fit(fit_p, n_subjects)
-    if fit_p is None:
-        return "untold", f"fit: {text}"
-    if fit_p < flag_limit(n_subjects):  # the page writes 'the model does not fit:' before it
-        return "misfit", text.removeprefix("poor, ")
-    return "fine", f"fit: {text}"
+    """Kind and text of the badge of the fit; `fit_p` is None if the fit is not testable."""
+    if fit_p is not None and fit_p < flag_limit(n_subjects):
+        # The page writes 'the model does not fit: ' before it.
+        return "misfit", format_limit(fit_p, n_subjects)
+    kind = "untold" if fit_p is None else "fine"
+    return kind, f"fit: {describe_fit(fit_p, n_subjects)}"
 
 
 # --- curves ---------------------------------------------------------------------------------------

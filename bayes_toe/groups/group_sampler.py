@@ -282,13 +282,18 @@ class GroupDraws:
 
     @cached_property
     def convergence(self) -> Mapping[str, Convergence]:
-        """Diagnostics of every mean, standard deviation and effect, as `mean 0`, `effect 1 0`."""
+        """Diagnostics of every mean, standard deviation and effect.
+
+        `mean 0` is that of coefficient 0, and `effect 1 0` that of covariate 1 on coefficient 0.
+        """
         columns = {}
-        for j in range(self.mean.shape[2]):
-            columns[f"mean {j}"] = self.mean[..., j]
-            columns[f"sd {j}"] = self.sd[..., j]
-            for i in range(self.effects.shape[2]):
-                columns[f"effect {i} {j}"] = self.effects[..., i, j]
+        for coefficient in range(self.mean.shape[2]):
+            columns[f"mean {coefficient}"] = self.mean[..., coefficient]
+            columns[f"sd {coefficient}"] = self.sd[..., coefficient]
+            for covariate in range(self.effects.shape[2]):
+                columns[f"effect {covariate} {coefficient}"] = self.effects[
+                    ..., covariate, coefficient
+                ]
         return convergence_of(columns)
 
     @property
