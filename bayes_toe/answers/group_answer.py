@@ -221,7 +221,7 @@ def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     if row.parameter == NOISE.name:  # a difference of logs is the log of a ratio
         values = np.exp(values)
         sign = ""
-    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))
+    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))  # '{:+.2f}' or '{:.2f}'
 
 
 def group_tables(result: PopulationResult) -> list[TextTable]:

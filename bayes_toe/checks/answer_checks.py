@@ -259,7 +259,8 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
-    # With a shorter lag, a window overlaps its copy: the same trial several times in sequence.
+    # With a shorter lag, a window overlaps its copy: the same trial several times in sequence. A
+    # study of n subjects has n times as many coincidences as one subject, hence ln n.
     is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
     is_copy = np.zeros(len(rows), np.bool_)
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
@@ -561,14 +562,14 @@ def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray)
     A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure. Each candidate that
     is not likely returns to the blocks with which the others are compared.
     """
-    none = np.zeros_like(candidates)
+    no_block = np.zeros_like(candidates)
     while candidates.any():
         gain = _swap_gain(_turned(table, candidates), tilt)
         likely: BoolArray = candidates & (gain > 2.0)
         if np.array_equal(likely, candidates):
-            return candidates if gain[candidates].max() > 5.0 else none
+            return candidates if gain[candidates].max() > 5.0 else no_block
         candidates = likely
-    return none
+    return no_block
 
 
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:

@@ -291,10 +291,10 @@ class Entry:
         """The second stimulus that seems equal to each of two first ones, shape (2, draws)."""
         quantities = self.quantities
         first = np.array(ends)[:, None]
-        none = np.zeros_like(quantities["jnd"])
+        zeros = np.zeros_like(quantities["jnd"])  # of a model without the effect
         # The paper's model has 'pull' and 'offset' in place of contraction and constant error.
-        contraction = quantities.get("contraction", quantities.get("pull", none))
-        constant_error = quantities.get("constant_error", quantities.get("offset", none))
+        contraction = quantities.get("contraction", quantities.get("pull", zeros))
+        constant_error = quantities.get("constant_error", quantities.get("offset", zeros))
         return first - contraction * (first - self.target.sbar) + constant_error
 
 
@@ -313,7 +313,7 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
 
     packed = []
     for (x, x_span), (y, y_span) in combinations(zip(columns.values(), spans, strict=True), 2):
-        is_present = ~np.isnan(x + y)
+        is_present = ~np.isnan(x + y)  # both are numbers
         contours = list[str]()
         if _is_plottable(is_present):
             grid = contour_grid(x[is_present], y[is_present], x_span, y_span)

@@ -214,6 +214,7 @@ class Hamiltonian:
         The steps of this trajectory are shorter by the factor.
         """
         # A standard normal coordinate is farthest from its start after pi, and back after 2 pi.
+        # The length is between a quarter of pi and 5/4 of it.
         length = 0.75 * np.pi * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
         step = factor * min(length / n_steps, self.step)
