@@ -80,12 +80,13 @@ def test_a_subject_of_another_kind_contradicts_a_normal_group():
 
 
 def test_covariates_move_the_means():
-    """Constant errors of group b are 0.8 D larger, and ages are random. Q6 has no covariates."""
+    """Constant errors of group b are 0.8 D larger, and ages are random."""
     group_a = simulated_group(1, n_subjects=6).subjects
     group_b = []
     for i, subject in enumerate(simulated_group(2, n_subjects=7, mean_c=0.8)):
         group_b.append(replace(subject, name=f"Q{i}"))
     study = bt.Study([*group_a, *group_b])
+    # Twelve values for thirteen subjects, so that the last one, Q6, gets none.
     groups = dict(zip(study.names, 6 * ["a"] + 6 * ["b"], strict=False))
     ages = dict(zip(study.names, default_rng(4).normal(30.0, 5.0, 12).tolist(), strict=False))
     covariates = {"group": groups, "age": ages}

@@ -70,10 +70,11 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
     correct_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
     assert ax.get_ylabel() == "proportion correct"
     weaker_first, stronger_first, *_ = marks_of(ax, "None")
-    x, share = weaker_first.get_data()
-    assert share == pytest.approx(0.5 + 2.0 * x)
-    x, share = stronger_first.get_data()
-    assert share == pytest.approx(0.5 + 1.8 * x)
+    # The stronger stimulus is twice the middle of the pair, because the weaker one is 0.
+    middle, share = weaker_first.get_data()
+    assert share == pytest.approx(0.5 + 2.0 * middle)  # P('second'), with s2 = 2 middle
+    middle, share = stronger_first.get_data()
+    assert share == pytest.approx(0.5 + 0.9 * 2.0 * middle)  # 1 - P('second'), with s1 = 2 middle
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
