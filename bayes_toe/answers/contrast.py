@@ -244,12 +244,14 @@ class ContrastTable(Table[Difference]):
         """Sentences on the conditions, and in how many subjects each quantity differs."""
         lines = [f"Condition {self.conditions.about}."]
         for quantity in self.quantities:
-            # All comparisons of a subject have one word, and a subject counts once.
-            by_subject = {row.subject: row for row in self.select(quantity)}
-            words = [row.short_word for row in by_subject.values()]
-            counts = count_words(words, f" of {plural(len(by_subject), 'subject')}")
-            if self.answers:  # whether tasks share an observer is asked of all subjects together
-                log_factor = sum(row.log_bf_differs for row in by_subject.values())
+            # The word and the Bayes factor are the same in all rows of a subject. It counts once.
+            row_of_subject = {row.subject: row for row in self.select(quantity)}
+            words = [row.short_word for row in row_of_subject.values()]
+            counts = count_words(words, f" of {plural(len(row_of_subject), 'subject')}")
+            # Only a study of several tasks has answers. It asks of all subjects together whether
+            # the tasks share an observer.
+            if self.answers:
+                log_factor = sum(row.log_bf_differs for row in row_of_subject.values())
                 counts += f"; product of the Bayes factors {format_bayes_factor(log_factor)}"
             lines.append(f"{capitalized(quantity)} differs: {counts}.")
         return lines

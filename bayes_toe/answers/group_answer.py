@@ -130,10 +130,13 @@ def _describe_effect(result: PopulationResult, name: str) -> str:
     """Sentences on mean and SD of an effect, and on whether the mean differs from 0."""
     if name not in result.identified:
         return f"the {_ROW_LABELS[name]} cannot be told."
-    sd, *_ = _spread(result, name).partition(" [")  # without its interval
-    text = f"the mean {LABELS[name]} is {group_estimate(result, name)}, and the SD between subjects"
+    sd, *_ = _spread(result, name).partition(" [")  # '12 % [9, 15]' -> '12 %'
+    text = (
+        f"the mean {LABELS[name]} is {group_estimate(result, name)}, and the SD between subjects "
+        f"is {sd}."
+    )
     log_factor = log_factor_of_mean(result, name)
-    text += f" is {sd}. {capitalized(_differs_from_0(log_factor, 'this mean'))}."
+    text += f" {capitalized(_differs_from_0(log_factor, 'this mean'))}."
     row = result.table.row("mean", name)
     # An interval that excludes 0 does not decide whether the mean differs from 0.
     if word_of_bayes_factor(log_factor) is Word.UNDECIDED and row.q025 * row.q975 > 0.0:
@@ -218,7 +221,7 @@ def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     if row.parameter == NOISE.name:  # a difference of logs is the log of a ratio
         values = np.exp(values)
         sign = ""
-    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))
+    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))  # '{:+.2f}' or '{:.2f}'
 
 
 def group_tables(result: PopulationResult) -> list[TextTable]:

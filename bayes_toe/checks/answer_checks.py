@@ -259,7 +259,8 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
-    # With a shorter lag, a window overlaps its copy: the same trial several times in sequence.
+    # With a shorter lag, a window overlaps its copy: the same trial several times in sequence. A
+    # study of n subjects has n times as many coincidences as one subject, hence ln n.
     is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
     is_copy = np.zeros(len(rows), np.bool_)
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
@@ -287,6 +288,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     """
     n = subject.n_trials
     k = subject.n_yes
+    # The pairs of a subject are those of its answered rows, sorted, as np.unique numbers them.
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
@@ -442,10 +444,11 @@ class AnswerTable:
 
 def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTable:
     """The table of a subject's answers; `column` is the column of each row of `answers`."""
-    _, row = np.unique(answers.keys, axis=0, return_inverse=True)
+    # The pairs of a subject are those of its answered rows, sorted, as np.unique numbers them.
+    _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     n, k = np.zeros((2, subject.n_pairs, column.max() + 1), np.int64)
-    np.add.at(n, (row.ravel(), column), answers.n_trials)
-    np.add.at(k, (row.ravel(), column), answers.n_yes)
+    np.add.at(n, (pair.ravel(), column), answers.n_trials)
+    np.add.at(k, (pair.ravel(), column), answers.n_yes)
     return AnswerTable(n, k)
 
 
@@ -559,14 +562,14 @@ def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray)
     A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure. Each candidate that
     is not likely returns to the blocks with which the others are compared.
     """
-    none = np.zeros_like(candidates)
+    no_block = np.zeros_like(candidates)
     while candidates.any():
         gain = _swap_gain(_turned(table, candidates), tilt)
         likely: BoolArray = candidates & (gain > 2.0)
         if np.array_equal(likely, candidates):
-            return candidates if gain[candidates].max() > 5.0 else none
+            return candidates if gain[candidates].max() > 5.0 else no_block
         candidates = likely
-    return none
+    return no_block
 
 
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:

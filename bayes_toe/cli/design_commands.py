@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -106,7 +106,7 @@ def power(
     designs = plan.designs(design or ())
     table = context.work(
         "simulating and analysing",
-        len(numbers_of_trials) * _count_simulated(designs, observers, plan.simulated),
+        len(numbers_of_trials) * _count_simulated(designs.values(), observers, plan.simulated),
         bt.design.power,
         designs,
         numbers_of_trials,
@@ -128,18 +128,16 @@ def power(
     context.out.answer([*sentences, f"Tables and figure in {output}. Seed {table.seed}."])
 
 
-def _count_simulated(designs: Mapping[str, StudyDesign], observers: str | None, n_each: int) -> int:
+def _count_simulated(designs: Iterable[StudyDesign], observers: str | None, n_each: int) -> int:
     """The number of data sets for each number of trials, `n_each` for every kind of observers.
 
     A bad file of observers is refused here, before any work.
     """
     from bayes_toe.design.observers import assume_observers
-    from bayes_toe.design.power import designs_by_task
 
     n_data_sets = 0
-    for task_designs in designs_by_task(designs):
-        assumed = assume_observers(observers, n_each, 0, list(task_designs.values()))
-        n_data_sets += len(task_designs) * len(assumed)
+    for design in designs:
+        n_data_sets += len(assume_observers(observers, n_each, 0, [design]))
     return n_data_sets
 
 
@@ -334,6 +332,7 @@ def _find_design(
     from bayes_toe.cli.terminal import repeated_command
     from bayes_toe.data.tables import write_table
     from bayes_toe.design.observers import KINDS_IN_WORDS
+    from bayes_toe.design.optimal_pairs import pairs_to_show
 
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
@@ -341,13 +340,17 @@ def _find_design(
     figure_file = output.with_suffix(".png")
     context.require_files(output, comparison_file, figure_file)
 
+    levels = search.log_levels()
+    goal = search.goal()
+    plane = pairs_to_show(levels, goal)
     optimal = context.work(
         "simulating and analysing",
-        2 * 6 * simulated,  # the optimised and an even design, six kinds of observers
+        # Of an optimised and an even design, both with pairs of this plane.
+        _count_simulated([plane, plane], observers, simulated),
         bt.design.optimal_design,
-        search.log_levels(),
+        levels,
         search.trials,
-        search.goal(),
+        goal,
         observers,
         data_sets=simulated,
         prior=context.prior,
@@ -370,8 +373,9 @@ def _find_design(
     power_command = (
         f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"
     )
+    # The mark '-' is that of advice, '!' that of a warning.
     context.out.notes(
-        [("", "Another task may find more with the same trials.", power_command)], "-"
+        [("", "Another task may find more with the same trials.", power_command)], mark="-"
     )
     context.out.answer([*optimal.power.sentences(), *optimal.reasons(), written])
 
@@ -410,15 +414,16 @@ def _list_trials(
     seed = root_seed(context.seed)
     tables = []
     for name in subject_names(lists.subjects):
-        table = bt.design.trial_list(
-            study_design,
-            blocks=lists.blocks,
-            seed=seed,
-            conditions=levels,
-            unit=search.shown_unit(),
-            subject=name,
+        tables.append(
+            bt.design.trial_list(
+                study_design,
+                blocks=lists.blocks,
+                seed=seed,
+                conditions=levels,
+                unit=search.shown_unit(),
+                subject=name,
+            )
         )
-        tables.append(table)
     write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
     context.print_written(_describe_list(lists, study_design.total, levels), seed)
 

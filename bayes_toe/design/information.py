@@ -211,6 +211,7 @@ def _add_trials(
     n_new = is_new + (is_new[turned] & is_other_order).astype(int)
     is_possible = (n_new == 0) | (np.count_nonzero(n_trials) + n_new <= most_pairs)
     utilities = information.utilities(n_trials, size)
+    # Half of the trials are in each order, so that the utilities of both count.
     best = int(np.where(is_possible, utilities + utilities[turned], -np.inf).argmax())
 
     more_trials = n_trials.copy()

@@ -226,9 +226,13 @@ def assume_observers(
     Parameters
     ----------
     source : str, path or sequence of Observer, optional
-        Observers themselves; the name of a kind in :data:`KINDS`, a TOML file of ranges, draws
-        written by `run` or `sample`, 'prior', or 'groups' (:data:`GROUP_KINDS`); by default all of
-        :data:`KINDS`.
+        One of these; by default all of :data:`KINDS`:
+
+        * the name of a kind in :data:`KINDS`, or 'groups' (:data:`GROUP_KINDS`);
+        * a TOML file of the ranges of kinds;
+        * draws of another study, posterior.nc, as written by `run` or `sample`;
+        * 'prior', which has a kind for each of the four models;
+        * observers, which are taken as they are.
     size : int
     seed : int
     designs : sequence of StudyDesign
@@ -254,7 +258,8 @@ def assume_observers(
     require_number("data_sets", size)
     task = designs[0].task
     if source == PRIOR:
-        # The scales of the prior are those of all pairs together.
+        # The scales of the prior are those of all pairs together. So its observers have noise that
+        # suits these stimuli, and the task of the designs. They need none of the checks below.
         pairs = pooled([design.unanswered for design in designs])
         return _from_prior(prior, pairs, size, seed)
     if source is not None and not isinstance(source, StrPath):

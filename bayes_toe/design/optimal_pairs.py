@@ -197,21 +197,23 @@ def levels_between(
         step = "5%" if options.has_intensities else f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
     is_percent = step.endswith("%")
     size = number(step.removesuffix("%"))
-    if not size > 0.0:
+    if not size > 0.0:  # also NaN, which a text that is no number gives
         raise InputError(
             f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
             "intensity, such as 5%"
         )
 
+    # Per cent are equal steps of natural logs. Another step, and its ends, are in the given unit.
     ends = np.array([lowest, highest])
-    if is_percent:  # equal steps of natural logs
+    if is_percent:
         ends = log_levels(ends, options)
-        size = float(np.log1p(0.01 * size))
+        size = np.log1p(0.01 * size)
     if not (np.isfinite(ends).all() and lowest < highest):
         raise InputError(
             f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the "
             "smaller one"
         )
+
     width = np.ptp(ends)
     smallest = width / (_MOST_LEVELS - 1)
     if not smallest <= size <= width:
@@ -227,7 +229,8 @@ def levels_between(
         levels = np.linspace(ends[0], ends[1], round(width / size) + 1)
     else:
         levels = log_levels(grid(lowest, highest, size), options)
-    if options.has_intensities:  # such as 66.37: rounding may make two of them equal
+    # Intensities get four digits, such as 66.37. Two levels may then be equal.
+    if options.has_intensities:
         stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
         levels = np.unique(log_levels(np.array(stimuli), options))
     return levels
@@ -283,7 +286,7 @@ def optimal_design(
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
     levels = np.unique(np.asarray(levels, np.float64))
-    plane = _pairs_to_show(levels, goal)
+    plane = pairs_to_show(levels, goal)
     # Five observers of each kind are enough for the information: the power needs more.
     assumed = assume_observers(observers, 5, root, [plane], observer_prior)
     power_observers = assume_observers(
@@ -316,7 +319,7 @@ def best_design(
     The second value is what one more trial of each pair that can be shown adds to the utility.
     """
     require_number("--trials", trials)
-    plane = _pairs_to_show(levels, goal)
+    plane = pairs_to_show(levels, goal)
     fixed = np.zeros(plane.n_pairs, np.int64)
     if goal.keep is not None:
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
@@ -355,7 +358,7 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
     return each_once(first[i[is_near]], first[j[is_near]], task=goal.task)
 
 
-def _pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
+def pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     """Ordered pairs of levels, and those that are kept."""
     n = len(levels)
     if n**2 > _MOST_PAIRS:

@@ -549,7 +549,8 @@ def _count_detected_means(
 
     posterior_sd = (high - low) / 3.92 / unit  # a 95 % interval of a normal is 2 x 1.96 SD wide
     # Of normal densities: the precision of the posterior is that of the prior plus that of the
-    # responses. Where the posterior is as wide as the prior, the responses say next to nothing.
+    # responses. Where the posterior is as wide as the prior, or wider by Monte Carlo error, the
+    # responses say next to nothing: an SD of 100 units.
     precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4)
 
     drawn = rng.integers(len(group), size=(_STUDIES, size))

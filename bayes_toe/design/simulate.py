@@ -354,6 +354,7 @@ def _answer_trials(
     # The most batches that have every pair equally often.
     n_batches = np.gcd.reduce(design.n_trials)
     pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
+    # A random order of each batch: sorted uniform numbers, (batches, trials of a batch).
     order = np.argsort(rng.uniform(size=(n_batches, len(pairs_of_batch))), axis=1)
     pair = pairs_of_batch[order.ravel()]
     s1 = design.s1[pair]
@@ -362,7 +363,7 @@ def _answer_trials(
     probabilities = observer.p_trials(s1, s2, carry_over)
     batch = np.repeat(np.arange(1, n_batches + 1), len(pairs_of_batch))
     is_yes = rng.uniform(size=len(pair)) < probabilities[0]
-    n_trials = np.ones(len(pair), int)
+    n_trials = np.ones(len(pair), int)  # each row is a trial
     counts = {"n_yes": is_yes.astype(int), "n_trials": n_trials, "place": np.arange(len(pair))}
     if observer.task.has_three_answers:  # 'second' or 'first', where the answer is not 'equal'
         is_second = rng.uniform(size=len(pair)) < probabilities[1]
@@ -476,7 +477,9 @@ def draw_population(
     """
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
-        if abs(mean) > 2.0:  # mu1 of these observers is between -1 and 2
+        # These observers expect stimuli mu1 between -1 and 2. None of them expects what is farther
+        # than 2 from the paper's reference, ln 0.
+        if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
                 "paper, ln 0 to 0.5",
@@ -486,6 +489,7 @@ def draw_population(
     if population not in POPULATIONS:
         return read_observers(population, task)
 
+    # The population is one kind, so there are `size` observers. They get the names of subjects.
     observers = assume_observers(population, size, seed, [replace(design, task=task)])
     names = subject_names(size)
     return [replace(observer, name=name) for name, observer in zip(names, observers, strict=True)]

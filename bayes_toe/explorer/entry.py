@@ -26,6 +26,7 @@ from bayes_toe.answers.order_effect import (
     Size,
     answer_subject,
     describe_fit,
+    format_limit,
 )
 from bayes_toe.arrays import (
     ArrayPair,
@@ -290,10 +291,10 @@ class Entry:
         """The second stimulus that seems equal to each of two first ones, shape (2, draws)."""
         quantities = self.quantities
         first = np.array(ends)[:, None]
-        none = np.zeros_like(quantities["jnd"])
+        zeros = np.zeros_like(quantities["jnd"])  # of a model without the effect
         # The paper's model has 'pull' and 'offset' in place of contraction and constant error.
-        contraction = quantities.get("contraction", quantities.get("pull", none))
-        constant_error = quantities.get("constant_error", quantities.get("offset", none))
+        contraction = quantities.get("contraction", quantities.get("pull", zeros))
+        constant_error = quantities.get("constant_error", quantities.get("offset", zeros))
         return first - contraction * (first - self.target.sbar) + constant_error
 
 
@@ -312,7 +313,7 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
 
     packed = []
     for (x, x_span), (y, y_span) in combinations(zip(columns.values(), spans, strict=True), 2):
-        is_present = ~np.isnan(x + y)
+        is_present = ~np.isnan(x + y)  # both are numbers
         contours = list[str]()
         if _is_plottable(is_present):
             grid = contour_grid(x[is_present], y[is_present], x_span, y_span)
@@ -395,13 +396,12 @@ def badges(draws: Draws, name: str) -> Pairs:
 
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
-    """The badge of a p-value of fit, or None for one that is not testable."""
-    text = describe_fit(fit_p, n_subjects)
-    if fit_p is None:
-        return "untold", f"fit: {text}"
-    if fit_p < flag_limit(n_subjects):  # the page writes 'the model does not fit:' before it
-        return "misfit", text.removeprefix("poor, ")
-    return "fine", f"fit: {text}"
+    """Kind and text of the badge of the fit; `fit_p` is None if the fit is not testable."""
+    if fit_p is not None and fit_p < flag_limit(n_subjects):
+        # The page writes 'the model does not fit: ' before it.
+        return "misfit", format_limit(fit_p, n_subjects)
+    kind = "untold" if fit_p is None else "fine"
+    return kind, f"fit: {describe_fit(fit_p, n_subjects)}"
 
 
 # --- curves ---------------------------------------------------------------------------------------

@@ -214,6 +214,7 @@ class Hamiltonian:
         The steps of this trajectory are shorter by the factor.
         """
         # A standard normal coordinate is farthest from its start after pi, and back after 2 pi.
+        # The length is between a quarter of pi and 5/4 of it.
         length = 0.75 * np.pi * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
         step = factor * min(length / n_steps, self.step)
@@ -282,13 +283,18 @@ class GroupDraws:
 
     @cached_property
     def convergence(self) -> Mapping[str, Convergence]:
-        """Diagnostics of every mean, standard deviation and effect, as `mean 0`, `effect 1 0`."""
+        """Diagnostics of every mean, standard deviation and effect.
+
+        `mean 0` is that of coefficient 0, and `effect 1 0` that of covariate 1 on coefficient 0.
+        """
         columns = {}
-        for j in range(self.mean.shape[2]):
-            columns[f"mean {j}"] = self.mean[..., j]
-            columns[f"sd {j}"] = self.sd[..., j]
-            for i in range(self.effects.shape[2]):
-                columns[f"effect {i} {j}"] = self.effects[..., i, j]
+        for coefficient in range(self.mean.shape[2]):
+            columns[f"mean {coefficient}"] = self.mean[..., coefficient]
+            columns[f"sd {coefficient}"] = self.sd[..., coefficient]
+            for covariate in range(self.effects.shape[2]):
+                columns[f"effect {covariate} {coefficient}"] = self.effects[
+                    ..., covariate, coefficient
+                ]
         return convergence_of(columns)
 
     @property

@@ -301,9 +301,10 @@ class ObserverRows(AnswerRows):
 
     @np.errstate(over="ignore", invalid="ignore")
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
-        """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs).
+        """Log answers, and the slopes of both in every coordinate.
 
-        Of three answers, those of the second question follow, as in :meth:`log_answers`.
+        Of three answers, those of the second question follow, as in :meth:`log_answers`. The slopes
+        have the shape (rows, points, coordinates, pairs).
         """
         values, z, k = self.curve_at(u)
         answers = self._answers_at(values, z, k)
@@ -377,7 +378,10 @@ class ObserverRows(AnswerRows):
         in_log_k: FloatArray | None,
         in_lapse: FloatArray,
     ) -> FloatArray:
-        """Slopes in the coordinates, (rows, points, k, pairs), from those in z, ln k and lambda."""
+        """Slopes in the coordinates, from those in z, in ln k and in the lapse rate.
+
+        The shape is (rows, points, coordinates, pairs).
+        """
         terms = self._slope_terms(values, z, in_z, in_log_k, in_lapse)
         units = self._slope_units(values, np.ones(1))[..., None]
         return np.stack(np.broadcast_arrays(*terms), axis=-2) * units
@@ -405,13 +409,18 @@ class ObserverRows(AnswerRows):
             terms = [in_log_scale, in_log_k, in_lapse, in_noise_slope, in_criterion_slope]
         return [*terms, -in_shift, in_shift * self.first]
 
-    def _slope_units(self, values: NamedArrays, lapse_unit: FloatArray) -> FloatArray:
-        """Derivatives of the quantities in their coordinates, (rows, points, k)."""
-        units = self.units | {"lapse_score": lapse_unit}
+    def _slope_units(self, values: NamedArrays, lapse_rise: FloatArray) -> FloatArray:
+        """Slope of each quantity in its coordinate, (rows, points, coordinates).
+
+        They are in the order of :attr:`units`. `lapse_rise` is the slope of the lapse rate lambda
+        over 1 - lambda, or 1 if the slopes in lambda already have this factor.
+        """
+        slopes = self.units | {"lapse_score": lapse_rise}
         if self.task.has_criterion:
-            k = criterion(values["logit_q0"])
-            units["logit_q0"] = criterion_slope(values["logit_q0"], k) / k  # of ln k
-        columns = [np.atleast_2d(unit) for unit in units.values()]
+            criteria = criterion(values["logit_q0"])
+            # The slope of ln k, in which the slopes of the answers are.
+            slopes["logit_q0"] = criterion_slope(values["logit_q0"], criteria) / criteria
+        columns = [np.atleast_2d(slope) for slope in slopes.values()]
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
     # --- Prior -----------------------------------------------------------------------------------

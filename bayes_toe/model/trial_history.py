@@ -330,8 +330,9 @@ class TrialSequence:
         """The trials of a subject; an InputError if their order is not known."""
         import pandas as pd
 
-        answers = require_order(subject)
+        answers = require_order(subject)  # one trial a row
         pairs = pd.MultiIndex.from_arrays([subject.s1, subject.s2])
+        # r is 1 for a positive answer, -1 for a negative one, and 0 for none (both counts are 0).
         # Of three answers, 'equal' is neither positive nor negative.
         n_positive = answers.n_yes
         n_signed = answers.n_trials

@@ -55,6 +55,8 @@ def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(hundred):
 
 def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
     sizes = {"rho": (0.1, 0.3, 0.5), "kappa": (0.2, 0.4, 0.6)}
+    # The Bayes factor of carry-over is exp(-1.5) = .22, 'probably not'. That of the previous
+    # response is 1, 'undecided': half the models with it have carry-over, and half without it.
     log_evidence = np.where(EFFECT_MODELS["carry_over"], -1.5, 0.0)
     row = SubjectDependence("A", ("none", "contraction"), log_evidence, **sizes)
     print_history(Terminal(), SerialDependence((row,), small_study, 1, bt.Prior()), "history.csv")

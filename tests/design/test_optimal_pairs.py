@@ -1,5 +1,6 @@
 """Optimised designs and their information, against finite differences and brute force."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations_with_replacement
 
@@ -65,26 +66,29 @@ def test_information_is_the_expected_square_of_the_slopes():
 
 @pytest.mark.parametrize("task", [SAME_DIFFERENT, THREE_ANSWERS])
 @pytest.mark.parametrize("aim", AIMS)
-def test_one_more_trial_is_worth_what_the_changed_design_is(aim, task):
+def test_more_trials_of_a_pair_are_worth_what_the_changed_design_is(aim, task):
     observers = [replace(observer, task=task) for observer in OBSERVERS]
     aim_information = information_about(aim, observers, replace(PAIRS, task=task))
     n = np.array([30, 40, 20, 10, 5])
-    gains = aim_information.utilities(n, 7)
-    changed = [aim_information.utility(n + row) for row in 7 * np.eye(5, dtype=int)]
-    assert gains == pytest.approx(changed, rel=1e-9)
+    utilities = aim_information.utilities(n, 7)
+    changed = [aim_information.utility(n + added) for added in 7 * np.eye(5, dtype=int)]
+    assert utilities == pytest.approx(changed, rel=1e-9)
 
 
 @pytest.mark.parametrize("aim", AIMS)
 def test_brute_force_finds_nothing_better_than_exchange(aim):
-    """Five pairs, ten portions: every way to distribute them."""
+    """Five pairs, ten portions of four trials: every way to distribute them."""
     aim_information = information_about(aim)
-    n_trials = exchange_trials(aim_information, 40, 5, np.zeros(5, np.int64), np.arange(5))
+    without_other_order = np.arange(5)  # each pair stands for itself
+    n_trials = exchange_trials(
+        aim_information, 40, 5, fixed=np.zeros(5, np.int64), turned=without_other_order
+    )
     assert n_trials.sum() == 40
     utilities = []
     for portions in combinations_with_replacement(range(5), 10):
         counts = 4 * np.bincount(portions, minlength=5)
         utilities.append(aim_information.utility(counts))
-    assert aim_information.utility(n_trials) == pytest.approx(max(utilities), abs=0.02)
+    assert aim_information.utility(n_trials) == pytest.approx(max(utilities), abs=0.02)  # nats
 
 
 def test_an_optimised_design_shows_a_contraction(result):
@@ -154,6 +158,23 @@ def test_the_command_writes_the_design_and_its_figure(tmp_path):
     files = {path.name for path in tmp_path.glob("d*")}
     assert files == {"d.csv", "d.png", "d_compared.csv"}
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
+
+
+def test_the_progress_bar_of_a_search_is_full_at_its_end(tmp_path, monkeypatch):
+    """Two designs, each with two observers of one kind."""
+    totals = []
+    finished = []
+
+    @contextmanager
+    def recorded(_, label, total):
+        totals.append(total)
+        yield finished.append
+
+    monkeypatch.setattr("bayes_toe.cli.terminal.Terminal.progress", recorded)
+    options = "--lowest -0.75 --highest 1.25 --step 0.5 --observers both --simulated 2 --seed 1"
+    good(f"design -o d.csv {options}", cwd=tmp_path)
+    assert totals == [4]
+    assert len(finished) == 4
 
 
 #: Options of `design`, and what they are refused with. raw.csv has intensities without a unit, and

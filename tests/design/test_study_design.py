@@ -50,13 +50,17 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path, text, message):
     assert "\n" not in line
 
 
-def test_batches_of_the_paper_and_of_all_pairs():
+def test_the_reference_design_is_that_of_the_paper():
+    """Methods: 5 amplitudes, in units of the reference, and 50 trials of each of 13 pairs."""
     design = reference_design()
-    pairs = set(zip(design.s1, design.s2, strict=True))
-    assert len(pairs) == len(design.s1) == 13
-    assert (design.s1 == design.s2).sum() == 5
-    assert all((b, a) in pairs for a, b in pairs)
     assert np.exp(np.unique(design.s1)) == pytest.approx([1.0, 1.15, 1.36, 1.55, 1.66])
     assert set(design.n_trials) == {50}
-    full = full_design()
-    assert len(set(zip(full.s1, full.s2, strict=True))) == 25
+    pairs = set(design.pairs)
+    assert len(pairs) == len(design.pairs) == 13
+    # 5 equal pairs, and the reference with each of the 4 others in both orders.
+    assert (design.s1 == design.s2).sum() == 5
+    assert all((s2, s1) in pairs for s1, s2 in pairs)
+
+
+def test_the_full_design_has_every_ordered_pair_of_the_five_stimuli():
+    assert len(set(full_design().pairs)) == 25

@@ -6,7 +6,11 @@ import bayes_toe as bt
 
 pytest.importorskip("bokeh")
 
-TRUTH = {"A": {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}}
+
+@pytest.fixture(scope="session")
+def truth():
+    """The true parameters of subject A."""
+    return {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 
 
 @pytest.fixture(scope="session")
@@ -16,5 +20,5 @@ def symmetric(small_study):
 
 
 @pytest.fixture(scope="session")
-def explorer(analysis, symmetric):
-    return bt.explore([analysis.draws, symmetric], truths=TRUTH)
+def explorer(analysis, symmetric, truth):
+    return bt.explore([analysis.draws, symmetric], truths={"A": truth})

@@ -35,6 +35,12 @@ def page_data(explorer):
     return islands(explorer.html)
 
 
+@pytest.fixture(scope="module")
+def entry(page_data):
+    """The first entry: draws of subject A under the paper's model."""
+    return page_data["entry-0"]
+
+
 def page_of_made_draws(subject, draws=3000, copies=1):
     """The page of made draws of a subject under the symmetric model."""
     target = bt.model.observer_posterior(subject, model="none")
@@ -55,28 +61,38 @@ def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(e
     assert unescape(frame.split('"')[1]) == explorer.html
 
 
-def test_entries_hold_draws_quantiles_and_what_is_known(page_data, analysis):
-    first = page_data["entry-0"]
-    assert (first["subject"], first["names"][0], first["of"]) == ("A", "mu1", 10_240)
-    assert page_data["index"]["tabs"] == ["effects", "paper's parameters"]
-    position = first["names"].index("gain")
-    values = numbers(first["values"]).reshape(len(first["names"]), first["rows"])
+def test_an_entry_holds_draws_and_their_quantiles(entry, analysis):
     gain = analysis.draws.values("A", "gain").ravel()
-    np.testing.assert_array_equal(values[position], gain[rows(first)].astype(np.float32))
+    assert (entry["subject"], entry["of"]) == ("A", len(gain))
+    assert entry["names"][0] == "mu1"  # the paper's parameters come first
+    position = entry["names"].index("gain")
+    values = numbers(entry["values"]).reshape(len(entry["names"]), entry["rows"])
+    np.testing.assert_array_equal(values[position], gain[rows(entry)].astype(np.float32))
     quantiles = np.quantile(gain, [0.025, 0.5, 0.975])
-    np.testing.assert_allclose(first["marked"][position], quantiles, rtol=1e-9)
+    np.testing.assert_allclose(entry["marked"][position], quantiles, rtol=1e-9)
+
+
+def test_the_page_has_tabs_of_the_effects_and_of_the_papers_parameters(page_data):
+    assert page_data["index"]["tabs"] == ["effects", "paper's parameters"]
+
+
+def test_an_entry_has_a_badge_for_each_parameter_that_the_prior_determines(entry, analysis):
     summary = analysis.draws.summary().query("subject == 'A' and posterior_contraction < 0.5")
-    badged = {name for kind, name in first["badges"] if kind == "dominated"}
+    badged = {name for kind, name in entry["badges"] if kind == "dominated"}
     assert badged >= {*summary.parameter}
-    assert first["truth"]["sigma_p"] == 0.25
-    assert page_data["entry-6"]["truth"] == {"q0": 0.92}  # of a model that has no more
 
 
-def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(page_data, analysis):
-    first = page_data["entry-0"]
+def test_an_entry_has_the_true_values_of_the_parameters_of_its_model(entry, page_data, truth):
+    assert entry["truth"]["sigma_p"] == truth["sigma_p"]
+    # Three subjects have two entries each before it: of the paper's model, and of all four models.
+    of_symmetric = page_data["entry-6"]
+    assert of_symmetric["truth"] == {"q0": truth["q0"]}
+
+
+def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(entry, analysis):
     natural = analysis.draws.natural("A")
-    *theta, q0 = (values.ravel()[rows(first)] for values in natural)
-    for s1, s2 in zip(first["ends"], numbers(first["axis"]).reshape(2, first["rows"]), strict=True):
+    *theta, q0 = (values.ravel()[rows(entry)] for values in natural)
+    for s1, s2 in zip(entry["ends"], numbers(entry["axis"]).reshape(2, entry["rows"]), strict=True):
         np.testing.assert_allclose(bt.model.equal_probability(s1, s2, *theta, q0), q0, atol=1e-6)
 
 
@@ -132,15 +148,19 @@ def test_what_cannot_be_shown_is_refused(analysis, symmetric, explored, message)
         explored(analysis.draws, symmetric)
 
 
-def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
-    small_study, monkeypatch
-):
+def test_a_lone_subject_has_all_its_curves_and_the_most_draws_that_an_entry_can_have():
     s1, s2 = np.transpose(list(product(np.arange(5) / 5, repeat=2)))
     subject = bt.Subject("S", s1, s2, [3] * 25, [9] * 25)
     alone = islands(page_of_made_draws(subject))["entry-0"]
-    assert (len(alone["slices"]), alone["undrawn"], alone["rows"]) == (4, 0, 2000)
+    # Of five levels, the highest is the weaker stimulus of no pair but the equal one.
+    assert (len(alone["slices"]), alone["undrawn"]) == (4, 0)
+    assert alone["rows"] == 2000
+
+
+def test_many_posteriors_share_the_rows_of_the_page(small_study, monkeypatch):
     monkeypatch.setattr(page_module, "_ROWS", 3 * 500)
-    assert islands(page_of_made_draws(small_study["A"], copies=3))["entry-0"]["rows"] == 500
+    three = islands(page_of_made_draws(small_study["A"], copies=3))
+    assert [three[f"entry-{i}"]["rows"] for i in range(3)] == [500, 500, 500]
 
 
 def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_path):

@@ -38,18 +38,21 @@ def test_the_intervals_of_a_group_hold_the_true_values(result):
     assert row("mean", "pse_shift_percent").q50 == pytest.approx(shift)
 
 
-def test_tables_have_what_the_draws_say(result):
+def test_the_table_of_the_group_has_what_the_draws_say(result):
     row, draws = result.table.row, result.draws
     contraction = row("mean", "contraction")
-    expected = np.quantile(draws.mean[..., 1], (0.025, 0.5, 0.975))
+    index = result.index("contraction")
+    expected = np.quantile(draws.mean[..., index], (0.025, 0.5, 0.975))
     assert contraction.interval == pytest.approx(expected)
-    zero = zero_mean(draws, result.numbers, result.regressors.x, 1)
+    zero = zero_mean(draws, result.numbers, result.regressors.x, index)
     assert contraction.ln_bf_zero == zero.log_bf
-    noise = 0.25 * np.exp(draws.mean[..., 2])  # D is .25
+    noise = 0.25 * np.exp(draws.mean[..., result.index("noise")])  # D is .25
     jnd = np.median(100.0 * np.expm1(norm.ppf(0.75) * noise))  # from 50 to 75 % 'second'
     assert row("mean", "jnd_percent").q50 == pytest.approx(jnd)
     assert np.ptp(row("new_subject", "contraction").interval) > np.ptp(contraction.interval)
 
+
+def test_the_table_of_subjects_has_all_their_parameters(result):
     subjects = result.subject_table
     assert subjects["subject"].unique().tolist() == list(result.subjects)
     separate = {parameter.name for parameter in task_parameters(WHICH_STRONGER)}
@@ -77,12 +80,13 @@ def test_a_subject_of_another_kind_contradicts_a_normal_group():
 
 
 def test_covariates_move_the_means():
-    """Constant errors of group b are 0.8 D larger, and ages are random. Q6 has no covariates."""
+    """Constant errors of group b are 0.8 D larger, and ages are random."""
     group_a = simulated_group(1, n_subjects=6).subjects
     group_b = []
     for i, subject in enumerate(simulated_group(2, n_subjects=7, mean_c=0.8)):
         group_b.append(replace(subject, name=f"Q{i}"))
     study = bt.Study([*group_a, *group_b])
+    # Twelve values for thirteen subjects, so that the last one, Q6, gets none.
     groups = dict(zip(study.names, 6 * ["a"] + 6 * ["b"], strict=False))
     ages = dict(zip(study.names, default_rng(4).normal(30.0, 5.0, 12).tolist(), strict=False))
     covariates = {"group": groups, "age": ages}

@@ -1,5 +1,6 @@
 """Curves over the answers, by what is drawn in them."""
 
+import re
 from itertools import product
 
 import numpy as np
@@ -38,15 +39,17 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
 def test_designs_without_a_reference_have_panels_by_weaker_or_by_first_stimulus():
     s1, s2 = np.log(list(product([1.0, 1.2, 1.5], repeat=2))).T
     three = bt.Subject("three", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
-    study = bt.Study([three, hard_cases()["400 pairs with 3 trials"]])
+    many_pairs = hard_cases()["400 pairs with 3 trials"]
+    study = bt.Study([three, many_pairs])
     draws = bt.sample(study, draws=100, seed=1)
     figures = [bt.plots.curves(draws, name) for name in draws.names]
     for figure in figures:
         require_legible(figure)
-    panels, wild = (figure.axes for figure in figures)
-    assert titles_of(panels) == ["weaker stimulus 82 % of mean", "weaker stimulus 99 % of mean"]
-    assert titles_of(wild)[0] == "first stimulus 74 to 81 % of mean"
-    assert [len(curves_of(ax, POINTS)) for ax in wild] == [1] * MOST_PANELS
+    by_weaker, by_first = (figure.axes for figure in figures)
+    # The geometric mean of 1, 1.2 and 1.5 is 1.216: 1/1.216 = .82, and 1.2/1.216 = .99.
+    assert titles_of(by_weaker) == ["weaker stimulus 82 % of mean", "weaker stimulus 99 % of mean"]
+    assert re.fullmatch(r"first stimulus \d+ to \d+ % of mean", titles_of(by_first)[0])
+    assert [len(curves_of(ax, POINTS)) for ax in by_first] == [1] * MOST_PANELS
 
 
 def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
@@ -67,10 +70,11 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
     correct_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
     assert ax.get_ylabel() == "proportion correct"
     weaker_first, stronger_first, *_ = marks_of(ax, "None")
-    x, share = weaker_first.get_data()
-    assert share == pytest.approx(0.5 + 2.0 * x)
-    x, share = stronger_first.get_data()
-    assert share == pytest.approx(0.5 + 1.8 * x)
+    # The stronger stimulus is twice the middle of the pair, because the weaker one is 0.
+    middle, share = weaker_first.get_data()
+    assert share == pytest.approx(0.5 + 2.0 * middle)  # P('second'), with s2 = 2 middle
+    middle, share = stronger_first.get_data()
+    assert share == pytest.approx(0.5 + 0.9 * 2.0 * middle)  # 1 - P('second'), with s1 = 2 middle
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():

@@ -60,7 +60,8 @@ def test_error_bars_of_the_evidence_are_honest(tmp_path):
     finished = inside(line, tmp_path)
     row = pd.read_csv(tmp_path / "bars" / "error_bars.csv").iloc[0]
     assert (row["seeds"], row["withheld"]) == (12, 0)
-    # The errors over their error bars have an SD of 1, here estimated from 12 seeds.
+    # Errors over their error bars have an SD of 1. The squares of 12 are chi-square with 11 degrees
+    # of freedom: by chance their SD is outside these limits once in 1,000 runs.
     assert 0.4 < row["sd_z"] < 1.8
     assert bool(row["honest"]) == (finished.returncode == 0)
 
