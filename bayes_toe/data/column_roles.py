@@ -306,12 +306,17 @@ _LETTERS = {
 }
 #: Roles whose names are proposed only, by role.
 _PROPOSED = {"response": "key", "subject": "id"}
-_COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
-_THREE_COUNTS = ("n_first", "n_equal", "n_second")
-#: Counts of one answer, and of the other one, whose sum is the number of trials.
-_OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
+#: Counts of one answer, and of the other one, whose sum is the number of trials. Of several counts
+#: in a file, the first one here is read.
+_OTHER_COUNTS = {"n_equal": "n_different", "n_second": "n_first", "n_comparison": "n_standard"}
+#: Counts that tell responses from counts: those of other answers only stand beside them.
+_COUNTS = (*_OTHER_COUNTS, "n_trials")
+#: Counts that are found by similar names.
 _ALL_COUNTS = (*_OTHER_COUNTS.values(), *_COUNTS)
+#: The counts of the task with three answers, as a file has them.
+_THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
+#: Roles whose names in the file are proposed if the columns are missing.
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
 
 
@@ -328,10 +333,12 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     if options.subject_from is None:
         roles.insert(0, "subject")
     likely = _likely(names, options, [*roles, "session", "block", "trial"])
-    options = _with_unit_in_names(names, replace(options, columns={**likely, **options.columns}))
+    options = replace(options, columns={**likely, **options.columns})  # given names win
+    options = _with_unit_in_names(names, options)
     if options.correct is None:
-        likely |= _likely_answers(names, options)
-    return replace(options, columns={**likely, **options.columns})
+        answers = _likely_answers(names, options)
+        options = replace(options, columns={**likely, **answers, **options.columns})
+    return options
 
 
 def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
@@ -406,21 +413,24 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     counts = _likely(names, options, _ALL_COUNTS)
     response = _likely(names, options, ("response",))
     answer_roles = present | counts.keys()
-    # Columns 'first' and 'second' may also be the stimuli, if no others are.
-    has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
-    may_be_counts = not response and (has_stimuli or counts.get("n_first", "").lower() != "first")
     if {*_THREE_COUNTS} <= answer_roles:
         counts.pop("n_trials", None)  # their sum
-    elif "n_trials" in answer_roles:
+        answer_roles.discard("n_trials")
+    without_counts = {} if present else response
+    if "n_trials" in answer_roles:
         # Trials and one count are not responses, whatever another column is named.
-        may_be_counts = len(answer_roles.difference(_OTHER_COUNTS.values())) == 2
-    elif len(answer_roles) == 1:
-        # One column such as 'second_longer' may have responses, yes or no.
-        may_be_counts &= not any(map(_counted_answer, counts.values()))
-
-    if may_be_counts:
-        return counts
-    return {} if present else response
+        has_one_count = len(answer_roles.difference(_OTHER_COUNTS.values())) == 2
+        return counts if has_one_count else without_counts
+    if response:
+        return without_counts
+    # Columns 'first' and 'second' may also be the stimuli, if no others are.
+    has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
+    if not has_stimuli and counts.get("n_first", "").lower() == "first":
+        return {}
+    # One column such as 'second_longer' may have responses, yes or no.
+    if len(answer_roles) == 1 and any(map(_counted_answer, counts.values())):
+        return {}
+    return counts
 
 
 def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
@@ -494,10 +504,11 @@ def columns_to_read(
 def _missing_columns(names: Texts, missing: Texts) -> str:
     """What is missing, what the file has instead, and what may help."""
     columns = join_names(map(display_name, filter(None, names)))
-    words = {name: display_name(name) for name in missing} | {"n_equal": "n_equal or n_second"}
+    words = {name: display_name(name) for name in missing}
+    words["n_equal"] = "n_equal or n_second"  # either may be meant
     absent = join_words([f"no column {words[name]}" for name in missing])
     problem = f"there is {absent}. The columns are {columns}."
-    if "".join(names[1:]).isdigit():
+    if "".join(names).isdigit():  # numbers take the place of the names
         problem += " The file has no header, so these are the numbers of its columns."
     if "NAME" in missing:
         problem += " In the place of NAME, type one of them."
@@ -584,14 +595,13 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
         return ["response", *counts]
 
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
-    if n_of_three == 3:
-        return [*_THREE_COUNTS]
     if counts == ["n_trials"]:
         return ["n_equal", "n_trials"]
     other = _OTHER_COUNTS[counts[0]]
     if len(counts) == 1 and options.name(other) in names:
         return [*counts, other]
-    if n_of_three == 2 and "n_trials" not in counts:  # the third one is missing
+    # Two of three without the trials: the third one is missing.
+    if n_of_three == 3 or (n_of_three == 2 and "n_trials" not in counts):
         return [*_THREE_COUNTS]
     return list(dict.fromkeys([*counts, "n_trials"]))
 
@@ -604,9 +614,9 @@ def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts 
     """
     if options.has_standard:
         return ""
-    candidates = list(map(options.name, options.stimuli))
-    if set(candidates).isdisjoint(names):
-        candidates = [*names]
+    candidates: Texts = [*map(options.name, options.stimuli)]
+    if {*names}.isdisjoint(candidates):
+        candidates = names
     standards = names_like(candidates, "standard")
     comparisons = names_like(candidates, "comparison")
     if standards and comparisons:
@@ -708,8 +718,8 @@ def _remedies(
     pair = _free_pair(free)
     if not pair and not {"s1", "i1"}.isdisjoint(missing):
         yield from _wide_remedies(names, columns)
-    # A tuple of a name for each role; without a pair, none.
-    stimuli = dict(zip(options.stimuli, zip(pair), strict=False))
+    # Without a pair, no role has a name.
+    stimuli = {role: (name,) for role, name in zip(options.stimuli, pair, strict=False)}
     others = [column for column in columns if column.name not in (*names_read, *pair)]
 
     yield from _columns_remedies([*filter(_REQUIRED.__contains__, missing)], stimuli, others)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, filterfalse
+from itertools import filterfalse
 from pathlib import Path
 from typing import TypeAlias
 
@@ -381,11 +381,11 @@ class _Rows:
         """
         table = self.table
         options = self.options
-        texts = chain.from_iterable(column.texts for column in self.stimulus_columns)
+        stimulus_texts = "".join(["".join(column.texts) for column in self.stimulus_columns])
         parts = [f"{form} rows", table.form]
         if table.delimiter:
             parts.insert(1, f"{DELIMITERS[table.delimiter]}-separated")
-        if options.decimal != "." and any("," in text for text in texts):
+        if options.decimal != "." and "," in stimulus_texts:
             parts.append("decimal comma")
         unit = options.unit_in_words
         scale = "" if unit else ", stimuli as natural logs"
@@ -570,19 +570,17 @@ def _trial_study(rows: _Rows) -> Study:
 
     form = "trial" if are_trials(rows.columns) else "frequency"
     notes = rows.layout(form, answers.note)
-    is_unanswered = ~answers.is_answered & ~answers.is_unscorable
-    n_blank = (is_unanswered & ~has_stimuli).sum()
+    n_blank = (~is_asked & ~has_stimuli).sum()
     if n_blank:
         notes.append(Note((n_blank, "row"), " without stimuli and response left out"))
     causes = missed_texts + missed_signs
-    notes += _dropped_note(rows, is_unanswered & has_stimuli, "without a response", causes)
+    notes += _dropped_note(rows, ~is_asked & has_stimuli, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
     responding = {"", *rows.subject.only(answers.is_answered).texts}
     absent = [display_name(text) for text in rows.subject.texts if text not in responding]
     if absent:
-        subjects = (len(absent), "subject")
-        notes.append(Note(subjects, " without any response left out: ", absent))
+        notes.append(Note((len(absent), "subject"), " without any response left out: ", absent))
 
     # A trial counts each answer once or not at all. A task of two answers has no third count.
     columns = np.array([answers.is_yes, answers.is_answered, answers.is_second], np.int64)
@@ -658,9 +656,11 @@ def _count_study(rows: _Rows, task: Task) -> Study:
 
 def _full_count_study(rows: _Rows, task: Task) -> Study:
     """The study of counts of all answers, which add up to the trials of a row."""
-    columns = [rows.columns[f"n_{answer}"] for answer in task.answers]
-    counts = np.array([column_counts(rows.table, column) for column in columns])
+    counts = np.array(
+        [column_counts(rows.table, rows.columns[f"n_{answer}"]) for answer in task.answers]
+    )
     if "n_comparison" in rows.columns:
+        # 'comparison' is 'second' where the standard came first, else 'first'.
         counts = np.where(rows.order.is_first, counts, counts[::-1])
     n = counts.sum(axis=0)
     trials = rows.table.columns.get(rows.options.name("n_trials"))
@@ -669,14 +669,14 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
         rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
-    answered: list[object] = [n.sum(), " trials answered"]
-    separator = " "
+    answered: list[object] = [n.sum(), " trials answered "]
     for answer, count in zip(task.answers, counts, strict=True):
-        answered += [separator, count.sum(), f" '{answer}'"]
-        separator = ", "
-    notes = rows.layout("grouped", answered)
-    by_name = dict(zip(task.counts, (counts[0], n, counts[1]), strict=False))
-    return _study(rows, notes, by_name, task)
+        answered += [count.sum(), f" '{answer}'", ", "]
+    notes = rows.layout("grouped", answered[:-1])  # no comma after the last answer
+    count_by_name = {"n_yes": counts[0], "n_trials": n}
+    if task.has_three_answers:
+        count_by_name["n_second"] = counts[1]
+    return _study(rows, notes, count_by_name, task)
 
 
 def _require_counts(rows: _Rows, n: IntArray, task: Task) -> None:

@@ -8,7 +8,7 @@ trials that nobody answered. `require_direction` refuses a study whose answers m
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, compress, filterfalse, permutations
@@ -114,7 +114,7 @@ def responses(
     stated_task = _stated_task(column, task_column, options)
     task = stated_task or task_with(_words_by_answer(column)) or SAME_DIFFERENT
     names = task.answers
-    words = tuple(_WORDS[answer] for answer in task.answers)
+    words = tuple(_WORDS[answer] for answer in names)
     if has_scores:
         names = ("right", "wrong")
         words = _RIGHT_WRONG
@@ -271,7 +271,7 @@ def with_joined_codes(column: Column, options: ReadOptions) -> Column:
     lists = [code for code in options.code_by_answer.values() if "," in code]
     texts = []
     for text in column.texts:
-        codes = [code for code in lists if f",{_plain(text)}," in f",{code},"]
+        codes = [code for code in lists if _plain(text) in code.split(",")]
         texts.append(codes[0] if len(codes) == 1 else text)
     return Column.from_texts(column.name, texts, column.codes)
 
@@ -335,7 +335,7 @@ def without_missed(
     Experiment programs score a missed trial as wrong. The `signs` of one are its key, its reaction
     time or a column such as `timed_out`. `declared` are texts that the options name.
     """
-    is_right = column.map(lambda text: _answer_index(text, (None, None), _RIGHT_WRONG) == _YES)
+    is_right = column.map(lambda text: _plain(text).lower() in _RIGHT_WRONG[0])
     causes = []
     for sign in signs:
         texts = [t for t in sign.texts if t in declared or _shows_missed(sign, t, is_right)]
@@ -511,9 +511,9 @@ def _unknown_texts(
     shares = join_names(unknown.counts(unknown.texts), 4)
     if not n_answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
-    code = unknown.texts[int(np.bincount(unknown.codes).argmax())]
+    code = unknown.texts[np.bincount(unknown.codes).argmax()]
     if "," in "".join(filter(None, codes)):  # the other answer has several, too
-        code = ",".join(sorted(map(_plain, unknown.texts)))
+        code = _joined(unknown.texts)
     remedies = [Remedy(f"{other}_code", code, f"if {code} is '{other}'")]
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
 
@@ -543,10 +543,11 @@ def _proposals(
         return remedies
     unknown = column.only(answer_index == _UNKNOWN)
     given = options.code_by_answer
-    has_lists = "," in "".join(given.values())
     frequent = _frequent(column)
-    if frequent and names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers) and not has_lists:
-        if len(frequent) == 2 and not [*remedies, *given]:
+    has_lists = "," in "".join(given.values())  # such as '4,5'
+    has_two_answers = names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers)
+    if frequent and has_two_answers and not has_lists:
+        if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
         _, equal, second = _sides(column, frequent, trends["second_code"])
         if equal and "different" not in _words_by_answer(column):
@@ -558,22 +559,28 @@ def _proposals(
                 *remedies,
             ]
 
-    for missed in _missed_remedies(column, unknown, len(names)):
-        if not has_lists and _looks_missed(str(missed.value), column.texts, len(frequent) > 3):
-            return [missed, *remedies[:1]]
-        if len(unknown.texts) == 1:
-            remedies = [*remedies, missed]
+    missed = _missed_remedy(column, unknown, len(names))
+    if missed is None:
+        return remedies
+    if not has_lists and _looks_missed(str(missed.value), column.texts, len(frequent) > 3):
+        return [missed, *remedies[:1]]
+    if len(unknown.texts) == 1:
+        return [*remedies, missed]
     return remedies
 
 
-def _missed_remedies(column: Column, unknown: Column, n_answers: int) -> Iterator[Remedy]:
-    """An option to type if the rarest unknown text is rare, and a text more than the answers."""
+def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | None:
+    """The option to type if nobody gave the rarest unknown text as a response.
+
+    None unless it is rare, and a text more than the answers of the task.
+    """
     counts = np.bincount(unknown.codes)
     n_rarest = counts.min()
-    n_answered = column.map(bool).sum()
-    if n_rarest < _MOST_MISSED * n_answered and sum(map(bool, column.texts)) > n_answers:
-        meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
-        yield Remedy("missed", unknown.texts[counts.argmin()], meaning)
+    n_texts = sum(map(bool, column.texts))
+    if n_rarest >= _MOST_MISSED * column.map(bool).sum() or n_texts <= n_answers:
+        return None
+    meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
+    return Remedy("missed", unknown.texts[counts.argmin()], meaning)
 
 
 def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:
@@ -586,9 +593,13 @@ def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:
     >>> _looks_missed("0", ["-1", "0", "1"], False), _looks_missed("-1", ["-1", "0", "1"], True)
     (False, False)
     """
-    # The neighbour of a step of a scale; 0 beside -1 is the middle one of three answers.
-    neighbour = {"-": text[1:], "9": "8", "0": "-1"}.get(text.lstrip("0")[:1] or "0", text)
-    return neighbour not in texts or (not are_ratings and text[0] in "-9")
+    if not text.strip("0"):
+        return "-1" not in texts  # beside -1, 0 is the middle one of three answers
+    if text.startswith("-"):
+        return not are_ratings or text[1:] not in texts  # a scale from -2 to 2 has both
+    if text.startswith("9"):
+        return not are_ratings or "8" not in texts  # a scale of nine steps or more has both
+    return False
 
 
 def _other_responses(table: TextTable, ratings: Texts) -> list[Remedy]:
@@ -611,11 +622,11 @@ def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str,
     means = {text: trend[column.matches([text])].mean() for text in column.texts}
     order = sorted(sorted(texts), key=means.__getitem__)
     ratings = [*filter(None, column.texts)]  # also rare ones, such as the highest
-    if len(texts) > 3 and re.fullmatch("(,?[-+]?(10|[0-9]))+", ",".join(map(_plain, ratings))):
+    if len(texts) > 3 and re.fullmatch("(,?[-+]?(10|[0-9]))+", _joined(ratings)):
         order = sorted(ratings, key=float, reverse=float(order[0]) > float(order[-1]))
     half = len(order) // 2 or 1
-    sides = (order[half:-half], order[-half:])
-    middle, likelier = (",".join(sorted(map(_plain, side))) for side in sides)
+    middle = _joined(order[half:-half])
+    likelier = _joined(order[-half:])
     return means[order[-1]] - means[order[0]], middle, likelier
 
 
@@ -624,17 +635,24 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
 
     Of more than three codes, each answer has several.
     """
-    rises = dict[Remedy, float]()
+    rises = {}
+    remedies = []
     for option, trend in trends.items():
-        rise, _, code = _sides(column, texts, trend)
-        rises[Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}")] = rise
-    remedies = sorted(rises, key=rises.__getitem__, reverse=True)
+        rises[option], _, code = _sides(column, texts, trend)
+        remedies.append(Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}"))
+    remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
 
     codes = [*map(_plain, texts)]
-    if {*map(str.lower, codes)} <= {*chain(*_RIGHT_WRONG)}:
-        meaning = f"if {max(codes)} is a correct response (2AFC)"
+    right_codes = [code for code in codes if code.lower() in _RIGHT_WRONG[0]]
+    if right_codes and {*map(str.lower, codes)} <= {*chain(*_RIGHT_WRONG)}:
+        meaning = f"if {right_codes[0]} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
     return remedies
+
+
+def _joined(texts: Texts) -> str:
+    """The codes of an answer as an option lists them: ['5.0', '4'] -> '4,5'."""
+    return ",".join(sorted(map(_plain, texts)))
 
 
 def _plain(text: str) -> str:

@@ -75,10 +75,13 @@ def with_subjects_below(table: TextTable, name: str) -> TextTable:
     if column is None or column.texts[1:2] != [""]:
         return table
     is_name = column.codes != 1  # codes are in the order of their first rows
-    if not sum(is_name) < min(len(column.texts), 0.5 * len(is_name)):
+    # Each name stands once, and most cells are empty.
+    if is_name.sum() >= min(len(column.texts), 0.5 * len(is_name)):
         return table
+    # As later names have larger codes, the largest code so far is that of the name above, if the
+    # code of empty cells becomes 0.
     filled = replace(column, codes=np.maximum.accumulate(column.codes * is_name))
-    note = f"{column}: {sum(~is_name)} empty cells filled with the name above"
+    note = f"{column}: {(~is_name).sum()} empty cells filled with the name above"
     return replace(table, columns={**table.columns, name: filled}, notes=(*table.notes, note))
 
 
@@ -287,7 +290,7 @@ def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
     for name, column in table.columns.items():
         texts = column.only(~is_screen).texts
         if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
-            rows = plural(int(is_screen.sum()), "row")
+            rows = plural(is_screen.sum(), "row")
             remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
             table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
             return
@@ -357,7 +360,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
         if not texts or not other_texts:
             continue
 
-        rows = plural(int(column.matches(texts).sum()), "row")
+        rows = plural(column.matches(texts).sum(), "row")
         doubt = f"{rows} with {join_names(map(quoted, texts))} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))

@@ -70,6 +70,12 @@ def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for():
 REFUSED = f"""
     {TRIALS} a,0,1,1 a,1,0,0 |  | error: study.csv: column response: the codes are '1' (1), '0' (1)
     {TRIALS} a,0,1,2 a,1,0,1 |  | --second-code 2  if 2 is 'the second was stronger' (2AFC)
+    {TRIALS} a,0,1,right a,1,0,wrong |  | if right is a correct response
+    {TRIALS} a,0,1,hit a,1,0,miss |  | if hit is a correct response
+    {TRIALS} a,0,1,error a,1,0,correct |  | if correct is a correct response
+    {TRIALS} a,0,1,Yes a,1,0,no |  | if Yes is a correct response
+    {TRIALS} a,0,1,1.0 a,1,0,0.0 |  | if 1 is a correct response
+    {TRIALS} a,0,1,TRUE a,1,0,FALSE |  | if TRUE is a correct response
     {TRIALS} a,0,1,equal | --second-code 1 | found 'equal', allowed: '1' (second) or first, s1, 1st
     {TRIALS} a,0,1,2nd a,0,1,1 |  | row 3, column response: found '1', allowed: second, s2, 2nd
     {TASK} a,0,1,second,2afc a,0,1,first,same/different |  | column task: found 'same/different'
