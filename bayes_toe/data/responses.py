@@ -549,15 +549,7 @@ def _proposals(
     if frequent and has_two_answers and not has_lists:
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
-        _, equal, second = _sides(column, frequent, trends["second_code"])
-        if equal and "different" not in _words_by_answer(column):
-            meaning = f"if {equal} is 'equal' and {second} is 'second' of three answers"
-            if "different" in given:
-                meaning += ", in place of --different-code"
-            remedies = [
-                Remedy("equal_code", equal, meaning, together=(Remedy("second_code", second),)),
-                *remedies,
-            ]
+        remedies = _three_answers(column, frequent, given, trends) + remedies
 
     missed = _missed_remedy(column, unknown, len(names))
     if missed is None:
@@ -567,6 +559,23 @@ def _proposals(
     if len(unknown.texts) == 1:
         return [*remedies, missed]
     return remedies
+
+
+def _three_answers(
+    column: Column, texts: Texts, given: Mapping[str, str], trends: Mapping[str, FloatArray]
+) -> list[Remedy]:
+    """An option to type if these texts may be three answers; none if they are two."""
+    # 'second', or 'comparison' if there is a standard: what the responses follow more closely.
+    sides = {key: _sides(column, texts, trends[key]) for key in trends if key != "equal_code"}
+    option = max(sides, key=sides.__getitem__)
+    _, equal, likelier = sides[option]
+    if not equal or "different" in _words_by_answer(column):
+        return []
+    answer = option.removesuffix("_code")
+    meaning = f"if {equal} is 'equal' and {likelier} is '{answer}' of three answers"
+    if "different" in given:
+        meaning += ", in place of --different-code"
+    return [Remedy("equal_code", equal, meaning, together=(Remedy(option, likelier),))]
 
 
 def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | None:
@@ -638,8 +647,13 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
     rises = {}
     remedies = []
     for option, trend in trends.items():
-        rises[option], _, code = _sides(column, texts, trend)
+        rise, _, code = _sides(column, texts, trend)
+        # In SDs, since differences of stimuli spread more than their sizes.
+        rises[option] = rise / (np.std(trend) or 1.0)
         remedies.append(Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}"))
+    # A name such as 'said_same' says the task.
+    if not named_places(column.name)[2].isdisjoint(VOCABULARY["words"]["sameness"]):
+        rises["equal_code"] = np.inf
     remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
 
     codes = [*map(_plain, texts)]

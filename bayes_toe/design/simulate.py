@@ -59,15 +59,12 @@ PAPER = "paper"
 POPULATIONS = (PAPER, *KINDS)
 #: What may differ between conditions: sizes are differences, of the noise those of its logarithm.
 DIFFERING = ("constant_error", "contraction", "noise")
-_ALLOWED_DIFFERENCE = (
-    f"QUANTITY=SIZE, or QUANTITY=SIZE:SD with the sd between subjects, of {', '.join(DIFFERING)}, "
-    "separated by commas"
-)
+_ALLOWED_DIFFERENCE = f"QUANTITY=SIZE of {', '.join(DIFFERING)}, separated by commas"
 _DESIGNS: Mapping[str, Callable[..., StudyDesign]] = {
     "reference": reference_design,
     "full": full_design,
 }
-Sizes: TypeAlias = Mapping[str, float | tuple[float, float]]
+Sizes: TypeAlias = Mapping[str, float]
 
 
 # --- Observers of the paper's model ---------------------------------------------------------------
@@ -165,17 +162,17 @@ class ConditionDifferences:
     ----------
     conditions : Conditions
     sizes : mapping
-        The mean difference and its sd between subjects, by the names in :data:`DIFFERING`.
+        The differences by the names in :data:`DIFFERING`.
 
     Examples
     --------
     >>> differences = condition_differences(["2", "6", "4"], {"contraction": 0.2})
     >>> differences.steps.tolist(), differences.sizes
-    ([-0.5, 0.5, 0.0], {'contraction': (0.2, 0.0)})
+    ([-0.5, 0.5, 0.0], {'contraction': 0.2})
     """
 
     conditions: Conditions
-    sizes: Mapping[str, tuple[float, float]]
+    sizes: Sizes
 
     @property
     def steps(self) -> FloatArray:
@@ -184,14 +181,12 @@ class ConditionDifferences:
             return self.conditions.design()[:, 0]  # the only column of a numeric condition
         return np.linspace(-0.5, 0.5, len(self.conditions.levels))
 
-    def observers(self, observer: SimulatedObserver, seed: int) -> dict[str, SimulatedObserver]:
+    def observers(self, observer: SimulatedObserver) -> dict[str, SimulatedObserver]:
         """An observer in every condition, by level, named such as S01@left."""
         if self.sizes and isinstance(observer, PaperObserver):
             raise InputError(
                 "--differ: allowed with observers of the four models, such as --observers both"
             )
-        rng = generator(seed, observer.name, "differences between conditions")
-        sizes = {key: mean + sd * rng.standard_normal() for key, (mean, sd) in self.sizes.items()}
         observers: dict[str, SimulatedObserver] = {}
         for level, step in zip(self.conditions.levels, self.steps.tolist(), strict=True):
             name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
@@ -199,7 +194,7 @@ class ConditionDifferences:
                 observers[level] = replace(observer, name=name)
                 continue
             parameters = dict(observer.parameters)
-            for key, size in sizes.items():
+            for key, size in self.sizes.items():
                 if key == "noise":  # its logarithm differs
                     parameters[key] *= float(np.exp(step * size))
                 else:
@@ -211,10 +206,7 @@ class ConditionDifferences:
 def condition_differences(
     levels: Sequence[str], differ: Sizes | None
 ) -> ConditionDifferences | None:
-    """Check the levels and the differences, each of which may have its sd between subjects.
-
-    The result is None without levels.
-    """
+    """Check the levels and the differences; the result is None without levels."""
     if isinstance(levels, str):
         raise InputError(f"conditions: found the text {levels!r}, allowed: a list of levels")
     if not levels:
@@ -230,22 +222,13 @@ def condition_differences(
             f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
             f"each once, without {CONDITION_SEPARATOR}"
         )
-    sizes = _complete_sizes(differ or {})
-    return ConditionDifferences(Conditions("condition", names, is_numeric), sizes)
-
-
-def _complete_sizes(differ: Sizes) -> dict[str, tuple[float, float]]:
-    """Each difference with its sd between subjects, which is 0 where none is given."""
-    sizes = {}
-    for name, value in differ.items():
-        size, sd = (value, 0.0) if isinstance(value, int | float) else value
-        if name not in DIFFERING or not (np.isfinite([size, sd]).all() and sd >= 0.0):
+    sizes = dict(differ or {})
+    for name, size in sizes.items():
+        if name not in DIFFERING or not np.isfinite(size):
             raise InputError(
-                f"--differ: found {quoted(f'{name}={size:g}:{sd:g}')}, "
-                f"allowed: {_ALLOWED_DIFFERENCE}"
+                f"--differ: found {quoted(f'{name}={size:g}')}, allowed: {_ALLOWED_DIFFERENCE}"
             )
-        sizes[name] = (float(size), float(sd))
-    return sizes
+    return ConditionDifferences(Conditions("condition", names, is_numeric), sizes)
 
 
 def read_differences(conditions: str | None, differ: str | None) -> ConditionDifferences | None:
@@ -253,19 +236,18 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
 
     Examples
     --------
-    >>> read_differences("left,right", "contraction=0.2:0.1,noise=0.3").sizes
-    {'contraction': (0.2, 0.1), 'noise': (0.3, 0.0)}
+    >>> read_differences("left,right", "contraction=0.2,noise=0.3").sizes
+    {'contraction': 0.2, 'noise': 0.3}
     """
     sizes = {}
     texts = differ.split(",") if differ else []
     for difference in texts:
         text, _, value = difference.partition("=")
         name = text.strip()
-        size, _, sd = value.strip().partition(":")
         if name in sizes:
             raise InputError(f"--differ: found {name} twice, allowed: once")
         try:
-            sizes[name] = float(size), float(sd or 0.0)
+            sizes[name] = float(value)
         except ValueError:
             raise InputError(
                 f"--differ: found {quoted(difference)}, allowed: {_ALLOWED_DIFFERENCE}"
@@ -339,7 +321,7 @@ def simulate_trials(
     for observer in observers:
         by_condition = {"": observer}
         if differences is not None:
-            by_condition = differences.observers(observer, seed)
+            by_condition = differences.observers(observer)
         for condition, unit in by_condition.items():
             batch, answers = _answer_trials(unit, design, seed, carry_over)
             trials.append(SimulatedTrials(observer.name, condition, unit, batch, answers))
@@ -420,8 +402,7 @@ def simulate(  # each is a choice of its own, and has a default
         is then that of units such as 'S01@left'.
     differ : mapping, optional
         The difference between the first and the last condition in constant_error, contraction and
-        noise (its logarithm), or this difference and its sd between subjects:
-        {"contraction": (0.2, 0.05)}.
+        noise (its logarithm): {"contraction": 0.2}.
 
     Raises
     ------

@@ -517,6 +517,15 @@ REFUSED = {
         IN_LOGS.replace({"subject": {"P03": ""}}).to_string(index=False),
         "row 2: found 3 cells, allowed: 4 cells as in the header",
     ),
+    "said_same.csv": (
+        answered(IN_LOGS, 0, 1).rename(columns={"response": "said_same"}),
+        "type:  --columns response=said_same --equal-code ",
+    ),
+    "comparison_of_three.csv": (
+        "subject,standard,comparison,std_first,response\na,0,1,1,long\na,0,1,0,long\n"
+        "a,0,-1,1,short\na,0,-1,0,short\na,0,0,1,equal\na,0,0,0,equal\n",
+        "type:  --equal-code equal --comparison-code long  ",
+    ),
     "keys.csv": (answered(IN_LOGS, "f", "j"), "'f' (", "--equal-code", "--second-code j"),
     "two_keys.csv": (
         "subject,s1,s2,k.keys,k_2.keys\na,,,space,\na,0,0.3,,j\na,0.3,0,,f\n",
