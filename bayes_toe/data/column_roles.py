@@ -306,12 +306,11 @@ _LETTERS = {
 }
 #: Roles whose names are proposed only, by role.
 _PROPOSED = {"response": "key", "subject": "id"}
-#: Counts of one answer, and of the other one, whose sum is the number of trials. Of several counts
-#: in a file, the first one here is read.
-_OTHER_COUNTS = {"n_equal": "n_different", "n_second": "n_first", "n_comparison": "n_standard"}
-#: Columns of which each makes a table one of counts, in the order in which they are read.
-_COUNTS = (*_OTHER_COUNTS, "n_trials")
-#: These and the counts of other answers: a file may have similar names in their place.
+#: Columns of which each makes a table one of counts, in the order in which messages name them.
+_COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
+#: Counts of one answer, and of the other one, whose sum is the number of trials.
+_OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
+#: Counts that may have similar names in a file: these and those of the other answers.
 _ALL_COUNTS = (*_OTHER_COUNTS.values(), *_COUNTS)
 #: The counts of the task with three answers, as a file has them.
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
