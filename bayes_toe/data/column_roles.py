@@ -249,7 +249,7 @@ def unit_in(name: str) -> str:
     >>> unit_in("amp1_\u00b5m"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("s1")
     ('\u00b5m', 'Hz', 'N', '')
     """
-    plain = _plain_sign(name).replace("log10", "decadic")  # words have no digits
+    plain = _with_one_micro(name).replace("log10", "decadic")  # words have no digits
     words = re.findall(r"[^\W\d_]+", plain)
 
     if "decadic" in words:
@@ -261,12 +261,12 @@ def unit_in(name: str) -> str:
     # 'g' of 'force_g1', or 'N' of 'force_1 [N]'
     last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
     for unit in VOCABULARY["units"]["intensity"]:
-        if _plain_sign(unit) in (words if len(unit) > 1 else last_letters):
+        if _with_one_micro(unit) in (words if len(unit) > 1 else last_letters):
             return unit
     return ""
 
 
-def _plain_sign(text: str) -> str:
+def _with_one_micro(text: str) -> str:
     """A text in small letters, in which both signs of micro are one."""
     return unicodedata.normalize("NFKC", text).lower()
 
@@ -306,12 +306,11 @@ _LETTERS = {
 }
 #: Roles whose names are proposed only, by role.
 _PROPOSED = {"response": "key", "subject": "id"}
-#: Counts of one answer, and of the other one, whose sum is the number of trials. Of several counts
-#: in a file, the first one here is read.
-_OTHER_COUNTS = {"n_equal": "n_different", "n_second": "n_first", "n_comparison": "n_standard"}
-#: Counts that tell responses from counts: those of other answers only stand beside them.
-_COUNTS = (*_OTHER_COUNTS, "n_trials")
-#: Counts that are found by similar names.
+#: Columns of which each makes a table one of counts, in the order in which messages name them.
+_COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
+#: Counts of one answer, and of the other one, whose sum is the number of trials.
+_OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
+#: Counts that may have similar names in a file: these and those of the other answers.
 _ALL_COUNTS = (*_OTHER_COUNTS.values(), *_COUNTS)
 #: The counts of the task with three answers, as a file has them.
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
@@ -416,14 +415,15 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     if {*_THREE_COUNTS} <= answer_roles:
         counts.pop("n_trials", None)  # their sum
         answer_roles.discard("n_trials")
+    # Beside our names of counts, a similar name is no response.
     without_counts = {} if present else response
     if "n_trials" in answer_roles:
         # Trials and one count are not responses, whatever another column is named.
         has_one_count = len(answer_roles.difference(_OTHER_COUNTS.values())) == 2
         return counts if has_one_count else without_counts
-    if response:
+    if response:  # other columns with similar names are then no counts
         return without_counts
-    # Columns 'first' and 'second' may also be the stimuli, if no others are.
+    # Columns 'first' and 'second' are the stimuli, if no others are.
     has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
     if not has_stimuli and counts.get("n_first", "").lower() == "first":
         return {}

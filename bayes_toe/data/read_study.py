@@ -673,6 +673,7 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
     for answer, count in zip(task.answers, counts, strict=True):
         answered += [count.sum(), f" '{answer}'", ", "]
     notes = rows.layout("grouped", answered[:-1])  # no comma after the last answer
+    # The first answer is the one that is counted; of three answers, the second one is 'second'.
     count_by_name = {"n_yes": counts[0], "n_trials": n}
     if task.has_three_answers:
         count_by_name["n_second"] = counts[1]

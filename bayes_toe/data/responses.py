@@ -64,6 +64,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "second": ("second", "s2", "2nd"),
     "first": ("first", "s1", "1st"),
 }
+# Not all of TRUE_WORDS: 'x' and 'y' may be keys, and messages list these words.
 _RIGHT_WRONG = (
     ("1", "true", "yes", "correct", "right", "hit"),
     ("0", "false", "no", "incorrect", "wrong", "error", "miss"),
@@ -271,7 +272,7 @@ def with_joined_codes(column: Column, options: ReadOptions) -> Column:
     lists = [code for code in options.code_by_answer.values() if "," in code]
     texts = []
     for text in column.texts:
-        codes = [code for code in lists if _plain(text) in code.split(",")]
+        codes = [code for code in lists if _without_decimals(text) in code.split(",")]
         texts.append(codes[0] if len(codes) == 1 else text)
     return Column.from_texts(column.name, texts, column.codes)
 
@@ -305,17 +306,17 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     ['none', '-1']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
-    codes = {*map(_plain, filter(None, given_codes))}
-    declared = {*map(_plain, options.missed)}
+    codes = {*map(_without_decimals, filter(None, given_codes))}
+    declared = {*map(_without_decimals, options.missed)}
     missed = []
     answers = set()
-    frequent = {*map(_plain, _frequent(column, _MOST_MISSED, 1.0))}
+    frequent = {*map(_without_decimals, _frequent(column, _MOST_MISSED, 1.0))}
     for text in column.texts:
-        plain = _plain(text)
-        if plain in declared or (plain not in codes | frequent and is_no_response(plain)):
+        cell = _without_decimals(text)
+        if cell in declared or (cell not in codes | frequent and is_no_response(cell)):
             missed.append(text)
         else:
-            answers.add(plain)
+            answers.add(cell)
 
     words_of_answers = _ALL_WORDS if options.correct is None else _RIGHT_WRONG
     known_words = {*chain(*words_of_answers)}
@@ -323,7 +324,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
     n_answers = len((options.task or SAME_DIFFERENT).answers)
     if "-1" in answers - codes - frequent and len(answers) > n_answers and has_known_words:
-        missed += [text for text in column.texts if _plain(text) == "-1"]
+        missed += [text for text in column.texts if _without_decimals(text) == "-1"]
     return missed
 
 
@@ -335,7 +336,7 @@ def without_missed(
     Experiment programs score a missed trial as wrong. The `signs` of one are its key, its reaction
     time or a column such as `timed_out`. `declared` are texts that the options name.
     """
-    is_right = column.map(lambda text: _plain(text).lower() in _RIGHT_WRONG[0])
+    is_right = column.map(lambda text: _without_decimals(text).lower() in _RIGHT_WRONG[0])
     causes = []
     for sign in signs:
         texts = [t for t in sign.texts if t in declared or _shows_missed(sign, t, is_right)]
@@ -366,7 +367,7 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     >>> _shows_missed(times, "-1", np.array([True, False, True]))
     True
     """
-    word = _plain(text).lower()
+    word = _without_decimals(text).lower()
     is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
     if is_missed_flag(sign):
         is_sign = word in TRUE_WORDS
@@ -393,8 +394,8 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
     >>> _all_codes(Column.from_texts("response", ["j", "f"]), ("j", None))
     ('j', 'f')
     """
-    given_codes = {*map(_plain, filter(None, codes))}
-    texts = {*map(_plain, column.texts)} - {""}
+    given_codes = {*map(_without_decimals, filter(None, codes))}
+    texts = {*map(_without_decimals, column.texts)} - {""}
     other_texts = texts - given_codes
     if codes.count(None) != 1 or len(other_texts) != 1:
         return codes
@@ -535,9 +536,8 @@ def _proposals(
 ) -> list[Remedy]:
     """Options to type if texts are unknown, the likeliest first.
 
-    A rare text that looks like the code of a missed trial comes first: the others are then asked
-    about alone. Three frequent texts, or five, may be three answers. The given `remedies` are about
-    two answers. A rare text beside all answers is at last a missed trial.
+    The given `remedies` are about two answers, or about counts. Three frequent texts, or five, may
+    be three answers; options for these come first.
     """
     if _are_counts(table, column):
         return remedies
@@ -547,6 +547,7 @@ def _proposals(
     has_lists = "," in "".join(given.values())  # such as '4,5'
     has_two_answers = names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers)
     if frequent and has_two_answers and not has_lists:
+        # Two codes of which no word and no option says what they mean.
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
         remedies = _three_answers(column, frequent, given, trends) + remedies
@@ -555,8 +556,8 @@ def _proposals(
     if missed is None:
         return remedies
     if not has_lists and _looks_missed(str(missed.value), column.texts, len(frequent) > 3):
-        return [missed, *remedies[:1]]
-    if len(unknown.texts) == 1:
+        return [missed, *remedies[:1]]  # the others are asked about next, without it
+    if len(unknown.texts) == 1:  # beside all answers
         return [*remedies, missed]
     return remedies
 
@@ -656,7 +657,7 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
         rises["equal_code"] = np.inf
     remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
 
-    codes = [*map(_plain, texts)]
+    codes = [*map(_without_decimals, texts)]
     right_codes = [code for code in codes if code.lower() in _RIGHT_WRONG[0]]
     if right_codes and {*map(str.lower, codes)} <= {*chain(*_RIGHT_WRONG)}:
         meaning = f"if {right_codes[0]} is a correct response (2AFC)"
@@ -666,10 +667,10 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
 
 def _joined(texts: Texts) -> str:
     """The codes of an answer as an option lists them: ['5.0', '4'] -> '4,5'."""
-    return ",".join(sorted(map(_plain, texts)))
+    return ",".join(sorted(map(_without_decimals, texts)))
 
 
-def _plain(text: str) -> str:
+def _without_decimals(text: str) -> str:
     """A cell without what spreadsheets add to whole numbers: '1.0' is '1', and '0,0' is '0'."""
     match = re.fullmatch(r"([-+]?\d+)[.,]0*", text)
     return match[1] if match else text
@@ -680,11 +681,11 @@ def _answer_index(text: str, codes: Codes, words: Sequence[Texts]) -> int:
 
     An answer has a code, or words if its code is None.
     """
-    plain = _plain(text)
-    codes = [code and _plain(code) for code in codes]
-    if plain in codes:
-        return codes.index(plain)
-    word = plain.lower()
+    cell = _without_decimals(text)
+    codes = [code and _without_decimals(code) for code in codes]
+    if cell in codes:
+        return codes.index(cell)
+    word = cell.lower()
     if not word:
         return _MISSING
     # Where 'Different' was declared to mean equal, 'different' is not read by default.

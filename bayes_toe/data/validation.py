@@ -236,15 +236,15 @@ def read_numbers(
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """The texts of the column `key`, and other columns as numbers by name, shape (rows,) each.
 
-    `source` is a path, or a table with these columns that was read before. There are no texts
-    without `key`, and no two rows have the same. Columns in `optional` are read if the file has
-    them; columns with other names are ignored. Numbers are finite; those of `counts` are whole
-    numbers of at least 1. With `gaps` empty cells are NaN. An InputError has a line per problem of
+    `source` is a path, or a table with these columns that was read before. The texts of `key` are
+    distinct; without `key` there are none. Columns in `optional` are read if the file has them;
+    columns with other names are ignored. Numbers are finite; those of `counts` are whole numbers of
+    at least 1. With `gaps` empty cells are NaN. An InputError has a line per problem of
     the file, ten at most, with row and column.
     """
     required = names if key is None else (key, *names)
     table = _with_columns(source, required, optional)
-    if not names and len(table.columns) < 2:
+    if not names and len(table.columns) < 2:  # all are optional: at least one must be there
         table.require(
             [
                 f"found {join_names(map(quoted, table.names))}, allowed: {', '.join(required)} and "
