@@ -585,7 +585,7 @@ def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | 
     None unless it is rare, and a text more than the answers of the task.
     """
     counts = np.bincount(unknown.codes)
-    n_rarest = counts.min()
+    n_rarest = int(counts.min())
     n_texts = sum(map(bool, column.texts))
     if n_rarest >= _MOST_MISSED * column.map(bool).sum() or n_texts <= n_answers:
         return None
