@@ -153,7 +153,7 @@ REFUSED = [
     ({"conditions": ("a", "a")}, "--conditions: found 'a,a', allowed: two levels"),
     ({"differ": {"noise": 1.0}}, "--differ: allowed with --conditions"),
     ({**CONDITIONS, "differ": {"noise": 1.0}}, "--differ: allowed with observers of the four"),
-    ({**CONDITIONS, "differ": {"gain": 1.0}}, "--differ: found 'gain=1:0', allowed: QUANTITY=SIZE"),
+    ({**CONDITIONS, "differ": {"gain": 1.0}}, "--differ: found 'gain=1', allowed: QUANTITY=SIZE"),
 ]
 
 
