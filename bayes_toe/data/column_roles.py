@@ -154,6 +154,11 @@ def is_no_response(text: str) -> bool:
     return word in MISSING_WORDS or word in VOCABULARY["missed"]["responses"]
 
 
+def _words_in(name: str) -> list[str]:
+    """The words of a name in small letters: 'keyPress_RT' has 'key', 'press' and 'rt'."""
+    return list(map(str.lower, re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)))
+
+
 def is_response_sign(name: str) -> bool:
     """Whether a column has keys or reaction times.
 
@@ -162,9 +167,7 @@ def is_response_sign(name: str) -> bool:
     >>> is_response_sign("key_resp_2.rt"), is_response_sign("keyPress"), is_response_sign("start")
     (True, True, False)
     """
-    words = re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)  # 'RT', 'Press' or 'key'
-    names = {plain_name(name), *map(str.lower, words)}
-    return not names.isdisjoint(VOCABULARY["missed"]["columns"])
+    return not {plain_name(name), *_words_in(name)}.isdisjoint(VOCABULARY["missed"]["columns"])
 
 
 def is_missed_flag(column: Column) -> bool:
@@ -669,9 +672,9 @@ def suggested_unit(name: str) -> str:
     unit = unit_in(name)
     if unit in LOG_UNITS and unit != "ln":
         return unit
-    for word in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", without_accents(name)):
+    for word in _words_in(without_accents(name)):
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
-            if word.lower().startswith(tuple(beginnings)):
+            if word.startswith(tuple(beginnings)):
                 return unit
     return ""
 
@@ -715,7 +718,9 @@ def _remedies(
     missing = [role for role in roles if options.name(role) not in names]
     names_read = [*map(options.name, roles_read)]
     free = [name for name in names if name not in names_read and not name.isdigit()]
-    pair = _free_pair(free)
+    signs = _NUMBERS | _LETTERS
+    # Of two pairs, such as frames and ms, the stimuli are those with a unit.
+    pair = _stimulus_pair(free, signs) or _stimulus_pair([*filter(unit_in, free)], signs)
     if not pair and not {"s1", "i1"}.isdisjoint(missing):
         yield from _wide_remedies(names, columns)
     # Without a pair, no role has a name.
@@ -729,12 +734,6 @@ def _remedies(
     if "correct" in missing:
         score, *_ = [*names_like(names, "correct"), "NAME"]
         yield Remedy("correct", score, "with the name in your file")
-
-
-def _free_pair(names: Texts) -> Texts:
-    """The two columns that may be the stimuli, first among all names, then those with a unit."""
-    signs = _NUMBERS | _LETTERS
-    return _stimulus_pair(names, signs) or _stimulus_pair([*filter(unit_in, names)], signs)
 
 
 def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
