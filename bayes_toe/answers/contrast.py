@@ -465,10 +465,10 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     all_choices = [*CHOICES, *with_lapses]
     array = models.array(all_choices)
 
-    # All searches start at the maxima of the first choice, in which nothing differs, but not at
-    # those that are 10 nats below the best one.
-    first = np.zeros(1, np.intp)
-    (shared,) = observer_maxima(array.part(first))
+    # All searches start at the maxima of the model in which nothing differs, but not at those that
+    # are 10 nats below the best one.
+    nothing_differs = np.array([CHOICES.index(())])
+    (shared,) = observer_maxima(array.part(nothing_differs))
     starts = shared.x[shared.value > shared.value.max() - 10.0]
     owners = np.repeat(np.arange(len(array)), len(starts))  # the model of each search
     searches = ascend_from(array, owners, np.tile(starts, (len(array), 1)))
@@ -479,9 +479,10 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
         mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
-    family = np.zeros(len(array), np.intp)  # all models are compared
+    one_family = np.zeros(len(array), np.intp)  # because every model is compared with every other
+    # More than usual, because intervals of differences come from these draws too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
-    _, draws = fitted_draws(array, mixtures, generators, family, precision)
+    _, draws = fitted_draws(array, mixtures, generators, one_family, precision)
 
     n = len(CHOICES)
     prior_probabilities = np.full(n, 1.0 / n)

@@ -95,7 +95,7 @@ def _spread(result: PopulationResult, name: str) -> str:
     below = result.in_units(name, mean - sd, unit)
     with np.errstate(invalid="ignore"):  # both may be infinite
         spread = 0.5 * (above - below)
-    *interval, upper_bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
+    *interval, upper_bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()  # 95 % each
 
     is_share = name in _SHARES
     if result.table.row("sd", name).q025 < _SMALL_SD.get(name, 0.0):
@@ -104,7 +104,7 @@ def _spread(result: PopulationResult, name: str) -> str:
         return f"at most {format_number(upper_bound)} {unit.of_differences}"
     if is_share:
         return format_share(interval)
-    return format_signed(interval, unit.of_differences, "")
+    return format_signed(interval, unit.of_differences, sign="")
 
 
 # --- Sentences ------------------------------------------------------------------------------------
@@ -234,8 +234,14 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
             cells += _convergence(result, name)
         rows.append(cells)
     headings = [
-        *("", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""),
-        *("effective draws", "R-hat"),
+        "",  # of the parameter
+        "group mean",
+        "SD between subjects",
+        "new subject",
+        "BF of mean not 0",
+        "",  # of the word for the Bayes factor
+        "effective draws",
+        "R-hat",
     ]
     title = f"{plural(len(result.subjects), 'subject')}, median [95 % interval]"
     return [*comparison_tables(result), (title, headings, rows)]

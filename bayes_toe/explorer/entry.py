@@ -187,11 +187,11 @@ class Entry:
             "badges": [*self.badges, *self._dominated()],
             "words": self.words,
             "rows": n_rows,
-            "of": len(draws),
+            "of": len(draws),  # how many draws there are in all
             "perChain": self.x.shape[1],
             "names": list(columns),
             "main": [name for name in self.main if name in columns],
-            "values": to_base64(np.stack(list(columns.values()))[:, index]),
+            "values": to_base64(np.stack(list(columns.values()))[:, index]),  # (names, rows)
             "marked": [*map(self._interval, present, present.values())],
             "with": [*map(len, present.values())],  # draws that have each quantity
             "truth": truth,

@@ -7,6 +7,7 @@ HTML.
 from __future__ import annotations
 
 import html
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -155,15 +156,16 @@ def _require_quantities(truths: Truth, page_entries: Sequence[Entry]) -> None:
 def _draws_by_label(draws: Draws | Sequence[Draws]) -> dict[str, Draws]:
     """Draws by their names on the page, the titles of the models.
 
-    Of two draws of one model, the second is called 'both (2)'.
+    Of two draws of one model, the second has a number: "model 'both' (2)".
     """
     by_label = dict[str, Draws]()
+    n_draws = Counter[str]()  # by the title of their model
     for part in draws if isinstance(draws, Sequence) else [draws]:
         require_draws(part)
-        label = title = model_title(part.model)
-        while label in by_label:
-            label = f"{title} ({len(by_label) + 1})"
-        by_label[label] = part
+        title = model_title(part.model)
+        n_draws[title] += 1
+        number = f" ({n_draws[title]})" if n_draws[title] > 1 else ""
+        by_label[title + number] = part
     if not by_label:
         raise InputError("explore: found no draws, allowed: those of one model or more")
     return by_label

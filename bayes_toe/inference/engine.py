@@ -196,7 +196,7 @@ def mixture_of_clouds(
     """
     is_free = array.is_free[0]
     n_each = 12 // len(clouds) + 1
-    df = 8 + int(is_free.sum()) % 2  # because its sum with the dimension is even
+    df = 8 + int(is_free.sum()) % 2  # `StudentMixture` needs an even sum of df and dimension
     equal_weights = np.full(_CLOUD, 1.0 / _CLOUD)
     parts = [_components(cloud[:, is_free], equal_weights, n_each, df) for cloud in clouds]
 
@@ -209,7 +209,8 @@ def mixture_of_clouds(
     log_prior, log_posterior = array.densities(points)
     flat_likelihood = tempered((log_posterior - log_prior)[0], 200.0)  # effective draws
     added = _components(points[0][:, is_free], flat_likelihood, 6, df)
-    return PriorMixture(is_free, core.joined(added, 0.5), SHARP.prior_share)
+    # A mixture of many components is made for the precision `SHARP` only.
+    return PriorMixture(is_free, core.joined(added, share=0.5), SHARP.prior_share)
 
 
 def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:

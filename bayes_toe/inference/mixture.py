@@ -161,7 +161,10 @@ class StudentMixture:
         )
 
     def _distances(self, x: FloatArray) -> FloatArray:
-        """1 + (squared Mahalanobis distance) / df to every component, shape (J, N)."""
+        """1 + (squared Mahalanobis distance) / df to every component, shape (J, N).
+
+        The whiteners subtract the mean of each component and divide by df^(1/2).
+        """
         dim = x.shape[1]
         points = np.empty((dim + 1, len(x)))  # columns (1, x)
         points[0] = 1.0

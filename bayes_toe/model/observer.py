@@ -224,6 +224,7 @@ class ObserverRows(AnswerRows):
         """Probability of each answer at distances and criteria, (rows, points, pairs) each.
 
         Two answers are the counted one and the other one; three are 'equal', 'second' and 'first'.
+        Each is lambda P(answer at z = 0) + (1 - lambda) P(answer at z), lambda the lapse rate.
         """
         lapse, attend = map(np.exp, self._lapse_logs(values))
         if k is None:
@@ -235,12 +236,10 @@ class ObserverRows(AnswerRows):
         guessed = lapse * ndtr(-k)
         expected = guessed + attend * near
         opposite = guessed + attend * far
-        is_second = z > 0.0  # the expected answer
-        return (
-            equal,
-            np.where(is_second, expected, opposite),
-            np.where(is_second, opposite, expected),
-        )
+        second_is_expected = z > 0.0
+        second = np.where(second_is_expected, expected, opposite)
+        first = np.where(second_is_expected, opposite, expected)
+        return equal, second, first
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def plain_gradient(self, u: FloatArray) -> ArrayPair:

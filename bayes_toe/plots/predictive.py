@@ -73,7 +73,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     has_room = len(selected) <= 4
     if has_room:
         n_columns = len(selected)
-        n_pairs = max(counts.n_pairs for counts in selected)
+        n_pairs = max(subject.n_pairs for subject in selected)
         height = min(max(_PAIR * n_pairs, 1.2), 6.0)
 
     width = COLUMN if n_columns == 1 else PAGE
@@ -81,15 +81,12 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     # The legend of a subfigure stands below the title of its figure.
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(selected), n_columns, sharex=True)
-    for ax, counts in zip(panels, selected, strict=True):
+    for ax, subject in zip(panels, selected, strict=True):
         # Pairs by their order, weaker first to stronger first, and then by their intensity.
-        index = np.lexsort((counts.s1 + counts.s2, presentation_order(counts)))
-        _draw_subject(ax, analysis, counts, index, has_room=has_room)
-        if has_room and _PAIR * len(index) <= height:  # a label for each pair
-            firsts, unit = counts.unit.numbers(counts.s1, mean_first(counts))
-            seconds, _ = counts.unit.numbers(counts.s2, mean_first(counts))
-            ax.set_yticks(range(len(index)), [f"{firsts[pair]}, {seconds[pair]}" for pair in index])
-            ax.set_ylabel(f"first, second\n({unit})")
+        index = np.lexsort((subject.s1 + subject.s2, presentation_order(subject)))
+        _draw_subject(ax, analysis, subject, index, has_room=has_room)
+        if has_room and _PAIR * len(index) <= height:
+            _label_pairs(ax, subject, index)
     label_outer(panels, n_columns)
     legend_outside(below_title, columns=2 if n_columns == 1 else 5, side="upper")
     mark_synthetic(figure, analysis.study.synthetic)
@@ -98,32 +95,41 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
 
 def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     """Ends of the 95 % posterior predictive interval of every pair's share, shape (2, pairs)."""
-    counts = fitted.target.subject
-    # Of three answers, the first rows are the pairs by 'equal', and the others are by 'second'.
-    p_yes = np.exp(fitted.target.log_answers(fitted.x).yes[:, : counts.n_pairs])
-    rng = generator(seed, counts.name, "posterior predictive interval")
+    subject = fitted.target.subject
+    log_yes = fitted.target.log_answers(fitted.x).yes
+    # Of three answers, the first columns have 'equal' to each pair, and the others have 'second'.
+    p_yes = np.exp(log_yes[:, : subject.n_pairs])  # (draws, pairs)
+    rng = generator(seed, subject.name, "posterior predictive interval")
     # Ten replicated studies for each draw.
-    replicated = rng.binomial(counts.n_trials, np.tile(p_yes, (10, 1)))
+    replicated = rng.binomial(subject.n_trials, np.tile(p_yes, (10, 1)))
     # Without the median. Each end is a number of trials, not a mean of two.
     ends = np.quantile(replicated, MARKED[::2], axis=0, method="inverted_cdf")
-    return ends / counts.n_trials
+    return ends / subject.n_trials
 
 
 # --- Panels --------------------------------------------------------------------------------------
 
 
+def _label_pairs(ax: Axes, subject: Subject, index: IndexArray) -> None:
+    """Label every row of a panel with the pair that `index` puts there."""
+    firsts, unit = subject.unit.numbers(subject.s1, mean_first(subject))
+    seconds, _ = subject.unit.numbers(subject.s2, mean_first(subject))
+    ax.set_yticks(range(len(index)), [f"{firsts[pair]}, {seconds[pair]}" for pair in index])
+    ax.set_ylabel(f"first, second\n({unit})")
+
+
 def _draw_subject(
-    ax: Axes, analysis: Analysis, counts: Subject, index: IndexArray, *, has_room: bool
+    ax: Axes, analysis: Analysis, subject: Subject, index: IndexArray, *, has_room: bool
 ) -> None:
     """Draw intervals and, before them, observed proportions in the colour of their order.
 
     `index` sorts the pairs.
     """
-    share = (counts.n_yes / counts.n_trials)[index]
-    order = presentation_order(counts)[index]
+    share = (subject.n_yes / subject.n_trials)[index]
+    order = presentation_order(subject)[index]
     y = np.arange(len(index))
 
-    low, high = predictive_interval(analysis.curve(counts.name), analysis.settings.seed)[:, index]
+    low, high = predictive_interval(analysis.curve(subject.name), analysis.settings.seed)[:, index]
     ax.barh(y, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
     # A bar of no length would not be seen.
     ax.vlines(0.5 * (low + high), y - 0.35, y + 0.35, color=_INTERVAL, lw=1.0)
@@ -144,12 +150,12 @@ def _draw_subject(
         mew=1.0,
     )
 
-    title = plain(counts.name, 20)
+    title = plain(subject.name, 20)
     not_interpreted = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
-    if counts.name in not_interpreted:
+    if subject.name in not_interpreted:
         title += "\nnot interpreted"
     elif has_room:
         title += f"\n{is_outside.sum()} of {len(index)} pairs outside"
     ax.set_title(title, loc="left", fontsize=LETTERS)
     ax.set(xlim=(-0.06, 1.06), xticks=[0.0, 0.5, 1.0], ylim=(len(index) - 0.3, -0.7), yticks=[])
-    ax.set(xlabel=f"proportion '{counts.task.yes}'", ylabel="pairs by order")
+    ax.set(xlabel=f"proportion '{subject.task.yes}'", ylabel="pairs by order")
