@@ -31,18 +31,18 @@ def test_jobs_that_failed_are_named_and_an_error_if_all_did():
 
 @needs_proc
 @pytest.mark.parametrize(
-    "second_job",
+    "second_job, progress",
     [
-        pytest.param(interrupted, id="in a job"),
-        pytest.param(partial(slow, 2, 0.3), id="in progress"),
+        pytest.param(interrupted, None, id="in a job"),
+        pytest.param(partial(slow, 2, 0.3), lambda _: interrupted(), id="in progress"),
     ],
 )
-def test_an_interrupt_in_a_job_or_in_its_progress_leaves_no_worker_at_work(second_job):
+def test_an_interrupt_in_a_job_or_in_its_progress_leaves_no_worker_at_work(second_job, progress):
     jobs = [partial(slow, 1, 0.3), second_job, *[partial(slow, 3, 0.3)] * 50]
     # Python's prompt keeps the last traceback, and with it the generator of the results. So the
     # workers must end although `error` still refers to it.
     with pytest.raises(KeyboardInterrupt) as error:
-        run_in_order(jobs, 2, lambda _: interrupted(), [("",)] * len(jobs))
+        run_in_order(jobs, 2, progress, [("a subject",)] * len(jobs))
     until(lambda: not workers_of(os.getpid()))
     assert error.tb is not None
 

@@ -49,7 +49,10 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why(monkeypatch, analysis
 def test_untrusted_weights_give_no_number():
     probability = (np.arange(20_000) + 0.5) / 20_000
     log_weights = -0.9 * np.log(probability)  # a Pareto distribution of shape 0.9
-    draws = WeightedDraws(probability[:, None], 0.0 * log_weights, log_weights, 0.0 * log_weights)
+    zero = np.zeros(20_000)
+    draws = WeightedDraws(
+        x=probability[:, None], log_prior=zero, log_posterior=log_weights, log_proposal=zero
+    )
     estimate = importance_evidence(draws)
     assert (estimate.value, estimate.se) == (None, None)
     assert "k-hat 0.89" in estimate.why_not

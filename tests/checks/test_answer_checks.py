@@ -165,7 +165,7 @@ def test_repeated_counts_of_a_pair_are_no_repetition():
 @pytest.mark.parametrize("n_yes", [0, 40])
 @BOTH_TASKS
 def test_one_answer_only(task, n_yes):
-    s1, s2 = neighbouring_pairs(SAME_DIFFERENT).T
+    s1, s2 = neighbouring_pairs(SAME_DIFFERENT).T  # with equal pairs, which both tasks may have
     (finding,) = findings_of(Subject("A", s1, s2, [n_yes] * len(s1), [40] * len(s1), task=task))
     assert (finding.code, finding.option) == ("one_answer", "")
     response = {0: task.no, 40: task.yes}[n_yes]

@@ -101,14 +101,14 @@ def test_resampled_counts_are_beta_binomial():
     assert ((counts >= 0) & (counts <= n)).all()
 
 
-def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
+def test_a_study_of_which_is_stronger_has_a_lapse_rate_and_bands_about_half():
     study = bt.example_study(WHICH_STRONGER).select(["S01", "S08"])
     table = bt.fit(study, replicates=50, seed=1)
     frame = table.frame(full=True).set_index("subject")
     natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
     assert frame.loc["S08", natural].tolist() == table["S08"].parameters.tolist()
-    low, high = table["S08"].bands(0.0, [-0.3, 0.3])
+    low, high = table["S08"].bands(s1=0.0, s2=[-0.3, 0.3])
     assert low[0] < high[0] < 0.5 < low[1] < high[1]
 
 

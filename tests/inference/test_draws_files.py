@@ -83,17 +83,21 @@ def test_a_group_is_read_as_it_was_saved(kind, tmp_path):
     assert loaded.study.frame().equals(result.study.frame())
 
 
-def test_arviz_opens_the_files(analysis, saved, tmp_path):
+def test_arviz_opens_draws_of_subjects(saved):
     data = az.from_netcdf(saved / "posterior.nc")
     assert data["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
-
     data.close()
+
+
+def test_arviz_opens_a_group_with_conditions(tmp_path):
     GROUPS["conditions"]().save(tmp_path / "population.nc")
     group = az.from_netcdf(tmp_path / "population.nc")
     assert group["posterior"]["mean"].dims == ("chain", "draw", "coefficient")
 
     coefficients = group["posterior"]["coefficient"].values.tolist()
-    assert coefficients[3:] == [f"difference 1 of {name}" for name in coefficients[:3]]
+    means, differences = coefficients[:3], coefficients[3:]
+    assert differences == [f"difference 1 of {name}" for name in means]
+    # The last two parameters do not differ between conditions.
     assert group["posterior"]["parameter"].values.tolist()[-2:] == ["lapse_rate", "noise_slope"]
 
     group.close()

@@ -17,6 +17,7 @@ def log_density_of(means, scales, df, x):
     return logsumexp(parts, axis=0) - np.log(len(means))
 
 
+# Every sum of both is even, as `StudentMixture` asks.
 @pytest.mark.parametrize(
     "dim, df", [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)]
 )
@@ -24,7 +25,7 @@ def test_the_density_of_a_mixture_is_that_of_its_definition(dim, df):
     rng = default_rng([dim, df])
     roots, means = rng.normal(size=(3, dim, dim)), rng.normal(size=(3, dim))
     scales = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim)
-    # More than two blocks of points.
+    # More points than two blocks of 1,024, which is how many are computed at a time.
     x = rng.normal(size=(2500, dim)) * rng.choice([0.1, 1.0, 100.0], (2500, 1))
     mixture = StudentMixture(np.full(3, 1 / 3), means, scales, df)
     expected = log_density_of(means, scales, df, x)

@@ -129,13 +129,13 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     rng = default_rng(2)
     scales = rng.choice([0.01, 0.1, 0.5, 1.0, 2.0], size=(3000, 1))
     points = best + scales * rng.normal(size=(3000, len(best)))
-    values = posterior.log_likelihood(points)
-    is_near = values > posterior.log_likelihood(best)[0] - 200.0
+    log_likelihood = posterior.log_likelihood(points)
+    is_near = log_likelihood > posterior.log_likelihood(best)[0] - 200.0
     assert is_near.sum() > 1000
 
     full = posterior.full_points(points[is_near])
-    plain = posterior.rows.plain_log_likelihood(full)[0]
-    assert plain == pytest.approx(values[is_near], rel=1e-12)
+    plain = posterior.rows.plain_log_likelihood(full)[0]  # of the only row
+    assert plain == pytest.approx(log_likelihood[is_near], rel=1e-12)
 
     value, slope, _ = posterior.rows.scoring(full)
     plain_value, plain_slope = posterior.rows.plain_gradient(full)
