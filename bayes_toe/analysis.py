@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
@@ -29,18 +29,18 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.draws_file import subjects_tree
+from bayes_toe.inference.draws_file import DrawsStack, subjects_tree
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, try_order_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     EVIDENCE_DRAWS,
     SUMMARY_COLUMNS,
-    AnalysisRequest,
     Settings,
     SubjectDraws,
     SummaryRow,
-    fitted_result,
+    fit_subject,
+    model_evidence,
     subject_draws,
 )
 from bayes_toe.model.models import OrderModel, model_posterior, require_model
@@ -49,7 +49,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Progress, Workers, without_failed
+from bayes_toe.workers import Progress, Workers, try_each, without_failed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -145,24 +145,31 @@ def run(
         Without a seed, that of the stored subjects is used.
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
-    request = AnalysisRequest(settings.sampler, EVIDENCE_DRAWS)
     faults = not_interpreted(study)
-    study, analyses, failed = _survivors(
-        study, _analyse_study(study, settings, request, workers, progress, keep)
+    stack = DrawsStack(study.names)
+    results = _analyse_study(
+        study,
+        settings,
+        EVIDENCE_DRAWS,
+        has_chains=True,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        receive=lambda index, analysis: stack.take(index, analysis.draws),
     )
+    study, analyses, failed = _survivors(study, results)
     table = _table(analyses, settings, failed, study.task)
 
     all_draws = []
     curves = []
     for subject, analysis in zip(study, analyses, strict=True):
-        # Both are there, because the request has chains.
+        # Both are there, because each subject has chains.
         if analysis.draws is not None and analysis.curve_draws is not None:
             all_draws.append(analysis.draws)
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, analysis.curve_draws))
     summary = tuple(chain.from_iterable(subject.summary for subject in all_draws))
-    del analyses  # they would keep the draws, of which the tree has copies
-    tree = subjects_tree(study, all_draws, settings, failed, faults)
+    tree = subjects_tree(study, stack, all_draws, settings, failed, faults)
 
     differences = None
     if study.conditions is not None:
@@ -266,22 +273,21 @@ def sample(
     name = require_model(model)
 
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
-    request = AnalysisRequest(settings.sampler)
     faults = not_interpreted(study)
 
-    study, finished, failed = _survivors(
-        study,
-        run_stored(
-            partial(_sample_subjects, settings=settings, request=request),
-            study.subjects,
-            study.names,
-            seed=settings.seed,
-            folder=keep,
-            workers=workers,
-            progress=progress,
-        ),
+    stack = DrawsStack(study.names)
+    results = run_stored(
+        partial(try_each, partial(_sample_subject, settings=settings)),
+        study.subjects,
+        study.names,
+        seed=settings.seed,
+        folder=keep,
+        workers=workers,
+        progress=progress,
+        receive=stack.take,
     )
-    all_draws = Draws(subjects_tree(study, finished, settings, failed, faults))
+    study, finished, failed = _survivors(study, results)
+    all_draws = Draws(subjects_tree(study, stack, finished, settings, failed, faults))
 
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
@@ -321,8 +327,9 @@ def evidence(
     True
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
-    request = AnalysisRequest(evidence_draws=draws)
-    results = _analyse_study(study, settings, request, workers, progress, keep)
+    results = _analyse_study(
+        study, settings, draws, folder=keep, workers=workers, progress=progress
+    )
     analyses, failed = without_failed(study.names, results)
     return _table(analyses, settings, failed, study.task)
 
@@ -339,62 +346,52 @@ class _SubjectAnalysis:
     curve_draws: FloatArray | None = None
 
 
-def _sample_subjects(
-    subjects: Sequence[Subject], settings: Settings, request: AnalysisRequest
-) -> list[SubjectDraws | NumericalError]:
-    """The draws of each subject under the model of the settings, or its error."""
-    results = list[SubjectDraws | NumericalError]()
-    for subject in subjects:
-        target = model_posterior(settings.model, subject, settings.prior)
-        try:
-            results.append(subject_draws(fitted_result(target, settings.seed, request)))
-        except NumericalError as error:
-            results.append(error)
-    return results
+def _sample_subject(subject: Subject, settings: Settings) -> SubjectDraws:
+    """The draws of one subject under the model of the settings."""
+    target = model_posterior(settings.model, subject, settings.prior)
+    fitted = fit_subject(target, settings.seed, has_chains=True)
+    return subject_draws(fitted, settings.sampler, settings.seed)
 
 
 def _analyse_subjects(
     flagged_subjects: Sequence[tuple[Subject, Sequence[Finding]]],
     settings: Settings,
-    request: AnalysisRequest,
+    **options: Any,
 ) -> list[_SubjectAnalysis | NumericalError]:
-    """The analysis of each subject, or its error.
+    """The analysis of each subject, or its error; options are those of :func:`_analyse_subject`.
 
     The evidences of all subjects are computed together, which is faster.
     """
-    subjects = [subject for subject, _ in flagged_subjects]
+    subjects, flags = zip(*flagged_subjects, strict=True)
     evidences = try_order_evidence(subjects, settings.seed, settings.prior.observer)
-    results = list[_SubjectAnalysis | NumericalError]()
-    for evidence, (_, flags) in zip(evidences, flagged_subjects, strict=True):
-        if isinstance(evidence, NumericalError):
-            results.append(evidence)
-            continue
-        try:
-            results.append(_analyse_subject(evidence, flags, settings, request))
-        except NumericalError as error:
-            results.append(error)
-    return results
+    analyse = partial(_analyse_subject, settings=settings, **options)
+    return try_each(analyse, zip(evidences, flags, strict=True))
 
 
 def _analyse_subject(
-    evidence: OrderEvidence,
-    flags: Sequence[Finding],
+    flagged_evidence: tuple[OrderEvidence | NumericalError, Sequence[Finding]],
     settings: Settings,
-    request: AnalysisRequest,
+    evidence_draws: int,
+    has_chains: bool,
 ) -> _SubjectAnalysis:
-    """The answer of one subject, and the results under the paper's model that are requested."""
-    answer = answer_evidence(evidence, settings.seed, flags)
-
+    """The answer of one subject, and the evidence and perhaps draws of the paper's model."""
+    evidence, flags = flagged_evidence
+    if isinstance(evidence, NumericalError):
+        raise evidence
+    seed = settings.seed
     subject = evidence.subject
-    result = fitted_result(paper_posterior(subject, settings.prior), settings.seed, request)
-    row = subject_evidence(result, answer)
-    if request.chains is None:
-        return _SubjectAnalysis(row)
+    answer = answer_evidence(evidence, seed, flags)
+    target = paper_posterior(subject, settings.prior)
+    fitted = fit_subject(target, seed, has_chains=has_chains)
+    h1 = model_evidence(fitted, seed, evidence_draws)
+    if not has_chains:
+        return _SubjectAnalysis(subject_evidence(fitted, h1, answer))
 
+    draws = subject_draws(fitted, settings.sampler, seed, summarised=True)
+    row = subject_evidence(fitted, h1, answer, draws.fit)
     # So many draws suffice for the bands of curves in figures.
-    rng = generator(settings.seed, subject.name, "shown")
-    curve_draws = evidence.averaged().resampled(rng, 400)
-    return _SubjectAnalysis(row, subject_draws(result, summarised=True), curve_draws)
+    rng = generator(seed, subject.name, "shown")
+    return _SubjectAnalysis(row, draws, evidence.averaged().resampled(rng, 400))
 
 
 def _settings(
@@ -422,21 +419,27 @@ def _table(
 def _analyse_study(
     study: Study,
     settings: Settings,
-    request: AnalysisRequest,
-    workers: Workers,
-    progress: Progress | None,
-    keep: StrPath | None,
+    evidence_draws: int,
+    *,
+    has_chains: bool = False,
+    **options: Any,
 ) -> list[_SubjectAnalysis | NumericalError]:
-    """The analysis of every subject, or its error, by batches in parallel."""
+    """The analysis of every subject, or its error, by batches in parallel.
+
+    The options are those of :func:`bayes_toe.result_store.run_stored`.
+    """
     return run_stored(
-        partial(_analyse_subjects, settings=settings, request=request),
+        partial(
+            _analyse_subjects,
+            settings=settings,
+            evidence_draws=evidence_draws,
+            has_chains=has_chains,
+        ),
         list(zip(study, answer_flags(study), strict=True)),
         study.names,
         seed=settings.seed,
-        folder=keep,
-        workers=workers,
-        progress=progress,
         batch=BATCH,
+        **options,
     )
 
 

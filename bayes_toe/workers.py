@@ -133,6 +133,19 @@ def run_in_order(
     return [results[index] for index in range(len(jobs))]
 
 
+def try_each(
+    function: Callable[[Value], Result], values: Iterable[Value]
+) -> list[Result | NumericalError]:
+    """The result of a function for each value, or its error."""
+    results = list[Result | NumericalError]()
+    for value in values:
+        try:
+            results.append(function(value))
+        except NumericalError as error:
+            results.append(error)
+    return results
+
+
 def without_failed(
     names: Iterable[str], results: Iterable[Result | NumericalError]
 ) -> tuple[list[Result], dict[str, str]]:

@@ -61,7 +61,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Progress, Workers, without_failed
+from bayes_toe.workers import Progress, Workers, try_each, without_failed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -310,7 +310,9 @@ def contrast(
     root = resumed_seed(seed, keep)
     observer_prior = prior_for(study, prior).observer
     results = run_stored(
-        partial(_contrasts, conditions=conditions, prior=observer_prior, seed=root),
+        partial(
+            try_each, partial(_contrasts, conditions=conditions, prior=observer_prior, seed=root)
+        ),
         list(compared.values()),
         list(compared),
         seed=root,
@@ -369,34 +371,24 @@ SubjectContrasts: TypeAlias = tuple[list[Difference], OrderEffect | None]
 
 
 def _contrasts(
-    subjects: Sequence[Sequence[Subject]], conditions: Conditions, prior: ObserverPrior, seed: int
-) -> list[SubjectContrasts | NumericalError]:
-    """The differences of some subjects, whose units are given, or why there are none."""
-    results = list[SubjectContrasts | NumericalError]()
-    for units in subjects:
-        answer = None
-        if len({unit.task for unit in units}) > 1:
-            evidence = one_observer(units, prior, seed)
-            if isinstance(evidence, NumericalError):
-                results.append(evidence)
-                continue
-            # The observer's answer has the questions of the task that can show most.
-            identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
-            answer = order_effect(evidence, identification)
-        results.append((subject_contrast(units, conditions, prior, seed), answer))
-    return results
+    units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
+) -> SubjectContrasts:
+    """The differences of one subject, whose units are given."""
+    answer = None
+    if len({unit.task for unit in units}) > 1:
+        # The observer's answer has the questions of the task that can show most.
+        identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
+        answer = order_effect(one_observer(units, prior, seed), identification)
+    return subject_contrast(units, conditions, prior, seed), answer
 
 
-def one_observer(
-    units: Sequence[Subject], prior: ObserverPrior, seed: int
-) -> OrderEvidence | NumericalError:
-    """The evidences of a subject's four models, if one observer does the tasks of all units.
-
-    An error if an evidence is not finite.
-    """
+def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> OrderEvidence:
+    """The evidences of a subject's four models, if one observer does the tasks of all units."""
     # Without columns in the design nothing differs between the units.
     models = ConditionModels(tuple(units), np.zeros((len(units), 0)), prior)
     (evidence,) = evidences_of(models.without_differences, [models.subject], seed, prior)
+    if isinstance(evidence, NumericalError):
+        raise evidence
     return evidence
 
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -25,10 +24,9 @@ from bayes_toe.arrays import Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.inference.fitted import Evidence
+from bayes_toe.inference.fitted import Evidence, Fitted
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
 from bayes_toe.inference.maxima import laplace
-from bayes_toe.inference.subject import SubjectResult
 from bayes_toe.model.densities import LOG_2PI
 from bayes_toe.model.prior import Prior
 
@@ -150,10 +148,10 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         return tuple(row.answer for row in self.rows)
 
 
-def subject_evidence(result: SubjectResult, answer: OrderEffect) -> SubjectEvidence:
-    """The row of one subject in the evidence table, from the fit of H1."""
-    estimate = cast(Evidence, result.evidence)
-    fitted = result.fitted
+def subject_evidence(
+    fitted: Fitted, estimate: Evidence, answer: OrderEffect, fit: GoodnessOfFit | None = None
+) -> SubjectEvidence:
+    """The row of one subject in the evidence table, from mixture, evidence and fit of H1."""
     subject = fitted.target.subject
     # H1 and H0 both have this part, which H1 says nothing of.
     of_direction = direction_evidence(subject)
@@ -170,7 +168,7 @@ def subject_evidence(result: SubjectResult, answer: OrderEffect) -> SubjectEvide
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         pareto_k=estimate.pareto_k,
         answer=answer,
-        fit=result.fit,
+        fit=fit,
         notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
     )
 

@@ -1,7 +1,8 @@
 """The one format of draws: a tree of xarray that ArviZ opens, and its NetCDF file.
 
-`subjects_tree` makes the tree of the draws of subjects. `study_tree` makes the parts that a group
-has as well, and `stored_study` reads them. `save_tree` writes a tree and `read_tree` reads one.
+`DrawsStack` collects the draws of subjects, and `subjects_tree` makes their tree. `study_tree`
+makes the parts that a group has as well, and `stored_study` reads them. `save_tree` writes a tree
+and `read_tree` reads one.
 
 A tree has the draws in the group posterior, what is known of each subject in sample_stats, and the
 counts in long form over `obs`, one entry per subject and pair. Everything else follows from these;
@@ -15,7 +16,7 @@ import io
 import json
 import os
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -27,7 +28,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, Record, StrPath, Texts, run_starts
+from bayes_toe.arrays import NamedArrays, Record, StrPath, Texts, run_starts
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
@@ -53,22 +54,57 @@ _AGAIN = "run `bayes-toe sample` again, or `bayes-toe population` for a group"
 # --- Trees ----------------------------------------------------------------------------------------
 
 
+class DrawsStack:
+    """The draws of the subjects with these names, in one array for each quantity.
+
+    The arrays have the shape (chains, draws, subjects). A subject's draws move here as soon as they
+    are there, so that memory never holds those of all subjects twice.
+    """
+
+    def __init__(self, names: Texts) -> None:
+        self.names = names
+        self.arrays: NamedArrays = {}
+
+    def take(self, index: int, draws: SubjectDraws) -> None:
+        """Move the draws of the subject with this index from their record to the stack."""
+        for name, values in draws.quantities.items():
+            if name not in self.arrays:
+                self.arrays[name] = np.empty((*values.shape, len(self.names)))
+            self.arrays[name][..., index] = values
+        draws.quantities.clear()
+
+
 def subjects_tree(
     study: Study,
-    subject_draws: list[SubjectDraws],
+    stack: DrawsStack,
+    subject_draws: Sequence[SubjectDraws],
     settings: Settings,
     failed: Mapping[str, str],
     not_interpreted: Mapping[str, str],
 ) -> xr.DataTree:
     """The tree of the draws of all subjects.
 
-    The list `subject_draws` is empty afterwards, so that memory does not hold the draws twice.
-    `failed` and `not_interpreted` have the reason for each subject that they name.
+    `stack` has the draws, `subject_draws` what else is known of them. `failed` and
+    `not_interpreted` have the reason for each subject that they name.
     """
-    statistics = [draws.statistics for draws in subject_draws]
-    acceptance = np.stack([draws.acceptance for draws in subject_draws], axis=-1)
-    posterior, log_posterior = _posterior_group(study, subject_draws, settings.sampler.walkers)
+    n_chains, n_draws, _ = stack.arrays["lp"].shape
+    n_walkers = settings.sampler.walkers
+    coordinates = {
+        "chain": np.arange(n_chains),
+        "draw": np.arange(n_draws),
+        "subject": np.array(stack.names, object),
+        "walker": ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers)),
+    }
+    variables = {name: (BY_SUBJECT, values) for name, values in stack.arrays.items()}
+    draws = xr.Dataset(variables, coordinates)
+    if failed:  # their places in the arrays are empty
+        draws = draws.sel(subject=[*study.names])
+    posterior = draws.drop_vars("lp")
+    for name, variable in posterior.items():
+        variable.attrs["units"] = QUANTITY_BY_NAME[str(name)].unit
 
+    statistics = [row.statistics for row in subject_draws]
+    acceptance = np.stack([row.acceptance for row in subject_draws], axis=-1)
     # NetCDF has no Boolean values, and a text of any length is an object.
     types: Record = {"converged": np.int8, "shortfall": object, "imprecise": object}
     sample_stats = xr.Dataset(coords=posterior.drop_vars("walker").coords)
@@ -79,7 +115,7 @@ def subjects_tree(
     target = model_posterior(settings.model, study.subjects[0], settings.prior)
     density_of = ", ".join(target.coordinates)
     density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
-    sample_stats["lp"] = (BY_SUBJECT, log_posterior, {"description": density})
+    sample_stats["lp"] = draws["lp"].drop_vars("walker").assign_attrs(description=density)
 
     tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": sample_stats})
     tree.attrs |= {
@@ -90,33 +126,6 @@ def subjects_tree(
         "not_interpreted": json.dumps(dict(not_interpreted)),
     }
     return tree
-
-
-def _posterior_group(
-    study: Study, subject_draws: list[SubjectDraws], n_walkers: int
-) -> tuple[xr.Dataset, FloatArray]:
-    """The draws of all subjects, and their log densities, (chains, draws, subjects) each.
-
-    The list `subject_draws` is empty afterwards.
-    """
-    first = subject_draws[0].quantities
-    n_chains, n_draws = first["lp"].shape
-    joined = {name: np.empty((n_chains, n_draws, len(study))) for name in first}
-    for i in range(len(study)):
-        for name, draws in subject_draws.pop(0).quantities.items():
-            joined[name][..., i] = draws
-    log_posterior = joined.pop("lp")
-
-    coordinates = {
-        "chain": np.arange(n_chains),
-        "draw": np.arange(n_draws),
-        "subject": np.array(study.names, object),
-        "walker": ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers)),
-    }
-    group = xr.Dataset(coords=coordinates)
-    for name, draws in joined.items():
-        group[name] = (BY_SUBJECT, draws, {"units": QUANTITY_BY_NAME[name].unit})
-    return group, log_posterior
 
 
 def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.DataTree:

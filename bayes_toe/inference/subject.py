@@ -1,14 +1,14 @@
 """The analysis of one subject under one model.
 
-Its steps are a fitted mixture, chains, goodness of fit and evidence. `fitted_result` runs those
-that an `AnalysisRequest` names. `subject_draws` makes the arrays that a file stores.
+`fit_subject` fits a mixture. From it `model_evidence` computes the evidence, and `subject_draws`
+samples chains and makes the arrays that a file stores.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias, cast
+from typing import TypeAlias
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from bayes_toe.inference.fitted import (
     importance_evidence,
 )
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit, summarise_fit
-from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
+from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.posterior import SubjectPosterior, posterior_contraction
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.seeds import generator, require_seed
@@ -70,59 +70,18 @@ class Settings:
         require_seed(self.seed)
 
 
-@dataclass(frozen=True)
-class AnalysisRequest:
-    """The results that are wanted for a subject.
-
-    Attributes
-    ----------
-    chains : SamplerSettings or None
-        Posterior draws with these settings, and goodness of fit; neither for None.
-    evidence_draws : int
-        Independent draws behind the evidence; 0 for no evidence.
-    """
-
-    chains: SamplerSettings | None = None
-    evidence_draws: int = 0
+def fit_subject(target: SubjectPosterior, seed: int, *, has_chains: bool = False) -> Fitted:
+    """The mixture of one posterior; chains begin with the draws that judged it."""
+    rng = generator(seed, target.subject.name, target.model.name, "proposal")
+    return fit_posterior(target, rng, SHARP.most_draws if has_chains else 4000)
 
 
-@dataclass(frozen=True, eq=False)
-class SubjectResult:
-    """The results of one subject under one model; None for those not wanted.
-
-    Goodness of fit comes with chains.
-    """
-
-    fitted: Fitted
-    evidence: Evidence | None
-    chains: Chains | None
-    fit: GoodnessOfFit | None
-
-
-def fitted_result(target: SubjectPosterior, seed: int, request: AnalysisRequest) -> SubjectResult:
-    """The results that a request asks for of one posterior."""
-    key = seed, target.subject.name, target.model.name
-    # Fewer draws judge a mixture where no chains follow: chains begin with the draws that judged.
-    judging_draws = 4000 if request.chains is None else SHARP.most_draws
-    fitted = fit_posterior(target, generator(*key, "proposal"), judging_draws)
-
-    chains = None
-    fit = None
-    evidence = None
-    if request.chains is not None:
-        chains = sample_chains(fitted, request.chains, seed)
-        draws = chains.x.reshape(-1, chains.x.shape[-1])
-        fit = summarise_fit(target, draws, fitted.maximum)
-    if request.evidence_draws > 0:
-        evidence = _evidence(fitted, key, request.evidence_draws)
-    return SubjectResult(fitted, evidence, chains, fit)
-
-
-def _evidence(fitted: Fitted, key: tuple[int, str, str], size: int) -> Evidence:
-    """The evidence by draws that chose no mixture.
+def model_evidence(fitted: Fitted, seed: int, size: int) -> Evidence:
+    """The evidence by `size` draws that chose no mixture.
 
     Where their weights cannot be trusted, up to two further mixtures are fitted, with more draws.
     """
+    key = seed, fitted.target.subject.name, fitted.target.model.name
     evidence = importance_evidence(fitted.fresh(generator(*key, "evidence"), size))
     for attempt in range(2):
         if evidence.value is not None:
@@ -148,6 +107,7 @@ class SubjectDraws:
     acceptance : ndarray, shape (chains,)
     statistics : mapping
         By column: convergence, effort, quality of the proposal and of the fit.
+    fit : GoodnessOfFit
     summary : tuple of tuple
         Rows with the columns of summary.csv; empty where not asked for.
     """
@@ -155,13 +115,17 @@ class SubjectDraws:
     quantities: NamedArrays
     acceptance: FloatArray
     statistics: Mapping[str, float | int | str]
+    fit: GoodnessOfFit
     summary: tuple[SummaryRow, ...]
 
 
-def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
-    """The draws of a result that has chains, with or without rows of a summary."""
-    target = result.fitted.target
-    chains = cast(Chains, result.chains)
+def subject_draws(
+    fitted: Fitted, settings: SamplerSettings, seed: int, *, summarised: bool = False
+) -> SubjectDraws:
+    """Chains from a fitted mixture, with or without rows of a summary."""
+    target = fitted.target
+    chains = sample_chains(fitted, settings, seed)
+    fit = summarise_fit(target, chains.x.reshape(-1, chains.x.shape[-1]), fitted.maximum)
     quantities = target.quantities(chains.x)
     natural = {name: quantities[name] for name in target.names.natural}
 
@@ -174,9 +138,9 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         "max_r_hat": r_hat,
         "thin": chains.thin,
         "steps": chains.steps,
-        "proposal_efficiency": result.fitted.draws.efficiency,
-        "pareto_k": result.fitted.pareto_k,
-        **{column: getattr(result.fit, column) for column in FIT_COLUMNS},
+        "proposal_efficiency": fitted.draws.efficiency,
+        "pareto_k": fitted.pareto_k,
+        **{column: getattr(fit, column) for column in FIT_COLUMNS},
     }
 
     summary: tuple[SummaryRow, ...] = ()
@@ -185,7 +149,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         summary = summary_rows(target, reported, chains.diagnostics)
 
     natural["lp"] = chains.log_posterior
-    return SubjectDraws(natural, chains.acceptance, statistics, summary)
+    return SubjectDraws(natural, chains.acceptance, statistics, fit, summary)
 
 
 def summary_rows(

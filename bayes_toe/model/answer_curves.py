@@ -3,8 +3,7 @@
 They are functions of the distance z between two stimuli. The distance counts in standard deviations
 of the noise. An observer who is asked which stimulus is stronger answers 'second' with P = Phi(z).
 An observer who is asked 'same or different' answers 'equal' where the noisy distance lies within a
-criterion k: P = Phi(k - z) - Phi(-k - z). Of three answers, 'second' has P = Phi(z - k), and
-'first' P = Phi(-z - k).
+criterion k: P = Phi(k - z) - Phi(-k - z).
 
 Both answers have a log probability of their own, formed from positive terms, so that each is
 accurate where the other one is near 1.
@@ -149,40 +148,6 @@ def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
     heights = np.exp(-0.5 * np.square(t)) * np.cosh(distance[:, None] * t)
     # Not by a matrix product: it may round a row otherwise where the matrix has other rows.
     return np.log(2.0 * k * (heights * _WEIGHTS).sum(axis=1))
-
-
-# --- Three answers -------------------------------------------------------------------------------
-
-
-def unequal_logs(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> ArrayPair:
-    """Log probabilities of 'second' and of 'first' with three answers.
-
-    P(second) = lambda Phi(-k) + (1 - lambda) Phi(z - k), and P(first) is the same of -z.
-
-    Parameters
-    ----------
-    z, k : ndarray
-        Distance and criterion.
-    lapses : tuple of ndarray
-        Log of lambda and of 1 - lambda. In a lapse, the observer answers as at z = 0.
-    """
-    log_lapse, log_attend = lapses
-    log_guess = log_lapse + log_ndtr(-k)
-    log_second = np.logaddexp(log_guess, log_attend + log_ndtr(z - k))
-    log_first = np.logaddexp(log_guess, log_attend + log_ndtr(-z - k))
-    return log_second, log_first
-
-
-def direction_answers(z: FloatArray, k: FloatArray, lapses: ArrayPair) -> LogAnswers:
-    """Log of P('second') and of P('first') among the answers that are not 'equal'.
-
-    Where k is infinite, every answer is 'equal' and the share of 'second' is not defined: it is
-    1/2 here.
-    """
-    log_second, log_first = unequal_logs(z, k, lapses)
-    with np.errstate(invalid="ignore"):
-        log_odds = np.where(np.isfinite(k), log_second - log_first, 0.0)
-    return LogAnswers(log_expit(log_odds), log_expit(-log_odds))
 
 
 # --- Rows of counts ------------------------------------------------------------------------------

@@ -23,9 +23,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.special import erf, log_ndtr, ndtr, xlogy
+from scipy.special import erf, log_expit, log_ndtr, ndtr, xlogy
 
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
 from bayes_toe.data.conditions import StimulusScales
@@ -37,13 +38,11 @@ from bayes_toe.model.answer_curves import (
     LogAnswers,
     criterion,
     criterion_slope,
-    direction_answers,
     equal_answers,
     near_edge,
     over_scale,
     pair_arrays,
     second_answers,
-    unequal_logs,
 )
 from bayes_toe.model.densities import (
     CutNormal,
@@ -59,6 +58,21 @@ from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameter
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
+
+
+#: Slopes in z, in ln k (None of which is stronger) and in the lapse rate, for each pair.
+Slopes = tuple[FloatArray, FloatArray | None, FloatArray]
+
+
+class Curve(NamedTuple):
+    """The parameters at points, and what follows for every pair, (rows, points, pairs) each."""
+
+    values: NamedArrays  # the quantities, (rows, points) each
+    log_lapse: FloatArray  # log of the lapse rate, and of its complement, (rows, points, 1)
+    log_attend: FloatArray
+    log_scale: FloatArray  # log of the noise
+    z: FloatArray  # the distance
+    k: FloatArray | None  # the criterion k_m; None of which is stronger
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,32 +157,28 @@ class ObserverRows(AnswerRows):
         values["log_noise"] += np.log(self.prior.noise_median)
         return values
 
-    def curve_at(self, u: FloatArray) -> tuple[NamedArrays, FloatArray, FloatArray | None]:
-        """The quantities at points, with the distance and the criterion of every pair."""
+    def curve_at(self, u: FloatArray) -> Curve:
+        """The curve of every point."""
         values = self.quantities(u)
-        return values, self.distance_at(values), self.criterion_at(values)
+        slope = values["noise_slope"][..., None]
+        log_scale = values["log_noise"][..., None] + slope * self.middle
+        shift = values["contraction"][..., None] * self.lever_at(values)
+        shift = shift - values["constant_error"][..., None]
+        z = over_scale(self.difference + shift, log_scale)
 
-    def distance_at(self, values: NamedArrays) -> FloatArray:
-        """The distance z of every pair, (rows, points, pairs)."""
-        lever = self.lever_at(values)
-        shift = values["contraction"][..., None] * lever - values["constant_error"][..., None]
-        return over_scale(self.difference + shift, self._log_scale_at(values))
+        k = None
+        if self.task.has_criterion:
+            log_k = np.log(criterion(values["logit_q0"]))[..., None]
+            with np.errstate(over="ignore"):
+                k = np.exp(log_k + values["criterion_slope"][..., None] * self.middle)
+
+        logs = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
+        log_lapse, log_attend = (log_share[..., None] for log_share in logs)
+        return Curve(values, log_lapse, log_attend, log_scale, z, k)
 
     def lever_at(self, values: NamedArrays) -> FloatArray:
         """The first stimulus from the centre of the contraction, in D: here from sbar."""
         return self.first
-
-    def _log_scale_at(self, values: NamedArrays) -> FloatArray:
-        """Log of the noise at every pair, (rows, points, pairs)."""
-        return values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
-
-    def criterion_at(self, values: NamedArrays) -> FloatArray | None:
-        """The criterion k_m of every pair, (rows, points, pairs); None of which is stronger."""
-        if not self.task.has_criterion:
-            return None
-        log_k = np.log(criterion(values["logit_q0"]))[..., None]
-        with np.errstate(over="ignore"):
-            return np.exp(log_k + values["criterion_slope"][..., None] * self.middle)
 
     # --- Likelihood ------------------------------------------------------------------------------
 
@@ -177,25 +187,11 @@ class ObserverRows(AnswerRows):
 
         Of three answers, those of the second question follow: (rows, points, 2 pairs).
         """
-        values, z, k = self.curve_at(u)
-        answers = self._answers_at(values, z, k)
-        if k is None or not self.task.has_three_answers:
+        curve = self.curve_at(u)
+        answers = _first_answers(curve)
+        if not self.task.has_three_answers:
             return answers
-        return _joined(answers, direction_answers(z, k, self._lapse_logs(values)))
-
-    def _answers_at(self, values: NamedArrays, z: FloatArray, k: FloatArray | None) -> LogAnswers:
-        """Log probability of both answers at distances and criteria, with lapses."""
-        attending = second_answers(z) if k is None else equal_answers(z, k)
-        blind = _blind_answers(k)
-        log_lapse, log_attend = self._lapse_logs(values)
-        yes = np.logaddexp(log_lapse + blind.yes, log_attend + attending.yes)
-        no = np.logaddexp(log_lapse + blind.no, log_attend + attending.no)
-        return LogAnswers(yes, no)
-
-    def _lapse_logs(self, values: NamedArrays) -> ArrayPair:
-        """Log of the lapse rate and of its complement, (rows, points, 1) each."""
-        log_lapse, log_attend = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
-        return log_lapse[..., None], log_attend[..., None]
+        return _joined(answers, _direction_answers(curve))
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
         """:meth:`log_likelihood` by plain probabilities, at a third of its cost.
@@ -203,7 +199,7 @@ class ObserverRows(AnswerRows):
         Each answer has a sum of positive terms of its own. Both forms agree to 1e-12 within 200
         nats of the best point; far from there this one may be -inf.
         """
-        return self._multinomial(self.plain_answers_at(*self.curve_at(u)))
+        return self._multinomial(self.plain_answers_at(self.curve_at(u)))
 
     @property
     def _answer_counts(self) -> tuple[FloatArray, ...]:
@@ -218,15 +214,15 @@ class ObserverRows(AnswerRows):
         terms = map(xlogy, self._answer_counts, probabilities)
         return np.asarray(sum(terms)).sum(axis=-1)
 
-    def plain_answers_at(
-        self, values: NamedArrays, z: FloatArray, k: FloatArray | None
-    ) -> tuple[FloatArray, ...]:
-        """Probability of each answer at distances and criteria, (rows, points, pairs) each.
+    def plain_answers_at(self, curve: Curve) -> tuple[FloatArray, ...]:
+        """Probability of each answer on a curve, (rows, points, pairs) each.
 
         Two answers are the counted one and the other one; three are 'equal', 'second' and 'first'.
         Each is lambda P(answer at z = 0) + (1 - lambda) P(answer at z), lambda the lapse rate.
         """
-        lapse, attend = map(np.exp, self._lapse_logs(values))
+        lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
+        z = curve.z
+        k = curve.k
         if k is None:
             return 0.5 * lapse + attend * ndtr(z), 0.5 * lapse + attend * ndtr(-z)
         inside, near, far = _window_and_tails(z, k)
@@ -249,28 +245,24 @@ class ObserverRows(AnswerRows):
         summed over the answers to a pair, and slopes in the coordinates follow from the sums. Where
         an answer that was given has a probability of 0, the slopes are not finite.
         """
-        values, z, k = self.curve_at(u)
-        probabilities = self.plain_answers_at(values, z, k)
-        terms = self._slope_terms(values, z, *self._plain_slopes(values, z, k, probabilities))
+        curve = self.curve_at(u)
+        probabilities = self.plain_answers_at(curve)
+        terms = self._slope_terms(curve, self._plain_slopes(curve, probabilities))
 
-        lapse_rise = np.exp(_log_hazard(values["lapse_score"])) / self.prior.lapse_rate_b
+        lapse_rise = np.exp(_log_hazard(curve.values["lapse_score"])) / self.prior.lapse_rate_b
         sums = [term.sum(axis=-1) for term in terms]
-        gradient = np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
+        gradient = np.stack(sums, axis=-1) * self._slope_units(curve.values, lapse_rise)
         return self._multinomial(probabilities), gradient
 
-    def _plain_slopes(
-        self,
-        values: NamedArrays,
-        z: FloatArray,
-        k: FloatArray | None,
-        probabilities: Sequence[FloatArray],
-    ) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-        """Slopes of the log likelihood of each pair in z, in ln k and in the lapse rate.
+    def _plain_slopes(self, curve: Curve, probabilities: Sequence[FloatArray]) -> Slopes:
+        """Slopes of the log likelihood of each pair.
 
         P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P. The
         factor 1 - lambda belongs to d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
         """
-        lapse, attend = map(np.exp, self._lapse_logs(values))
+        lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
+        z = curve.z
+        k = curve.k
         # The slope of n ln P in P, for each answer.
         by_answer = [*map(_per_answer, self._answer_counts, probabilities)]
         if k is not None and self.task.has_three_answers:
@@ -305,16 +297,17 @@ class ObserverRows(AnswerRows):
         Of three answers, those of the second question follow, as in :meth:`log_answers`. The slopes
         have the shape (rows, points, coordinates, pairs).
         """
-        values, z, k = self.curve_at(u)
-        answers = self._answers_at(values, z, k)
+        curve = self.curve_at(u)
+        answers = _first_answers(curve)
         # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))), here over 1 - lambda.
-        log_rise = (_log_hazard(values["lapse_score"]) - np.log(self.prior.lapse_rate_b))[..., None]
-        yes_slopes, no_slopes = self._question_slopes(values, z, k, answers, log_rise)
-        if k is None or not self.task.has_three_answers:
+        log_hazard = _log_hazard(curve.values["lapse_score"])
+        log_rise = (log_hazard - np.log(self.prior.lapse_rate_b))[..., None]
+        yes_slopes, no_slopes = self._question_slopes(curve, answers, log_rise)
+        if not self.task.has_three_answers:
             return answers, yes_slopes, no_slopes
 
-        directions = direction_answers(z, k, self._lapse_logs(values))
-        odds_slopes = self._in_coordinates(values, z, *self._odds_slopes(values, z, k, log_rise))
+        directions = _direction_answers(curve)
+        odds_slopes = self._in_coordinates(curve, _odds_slopes(curve, log_rise))
         # With the log odds y of 'second': d ln P(second) = P(first) dy.
         second_share, first_share = (np.exp(log_p)[..., None, :] for log_p in directions)
         yes_slopes = np.concatenate([yes_slopes, first_share * odds_slopes], axis=-1)
@@ -322,85 +315,50 @@ class ObserverRows(AnswerRows):
         return _joined(answers, directions), yes_slopes, no_slopes
 
     def _question_slopes(
-        self,
-        values: NamedArrays,
-        z: FloatArray,
-        k: FloatArray | None,
-        answers: LogAnswers,
-        log_rise: FloatArray,
+        self, curve: Curve, answers: LogAnswers, log_rise: FloatArray
     ) -> list[FloatArray]:
         """Slopes of both log answers to the one or the first question in every coordinate."""
-        log_lapse, log_attend = self._lapse_logs(values)
-        near = z
+        k = curve.k
+        near = curve.z
         rise_in_z = np.ones(1)
         in_log_k = None
         if k is not None:
             # The density at the far edge is phi(|z| + k) = phi(|z| - k) exp(-2 |z| k).
-            distance = np.abs(z)
+            distance = np.abs(curve.z)
             near = near_edge(distance, k)
-            rise_in_z = np.sign(z) * np.expm1(-2.0 * distance * k)
+            rise_in_z = np.sign(curve.z) * np.expm1(-2.0 * distance * k)
             rise_in_k = 1.0 + np.exp(-2.0 * distance * k)
 
         slopes = []
         for log_p, log_blind, sign in zip(answers, _blind_answers(k), (1.0, -1.0), strict=True):
             # The density at the near edge over P, with the sign of the answer.
-            edge = sign * np.exp(log_attend + log_normal(near) - log_p)
+            edge = sign * np.exp(curve.log_attend + log_normal(near) - log_p)
             if k is not None:
-                blind_edge = sign * 2.0 * np.exp(log_lapse + log_normal(k) - log_p)
+                blind_edge = sign * 2.0 * np.exp(curve.log_lapse + log_normal(k) - log_p)
                 in_log_k = (edge * rise_in_k + blind_edge) * k
             in_lapse = np.exp(log_rise + log_blind - log_p) - np.exp(log_rise)
-            slopes.append(self._in_coordinates(values, z, edge * rise_in_z, in_log_k, in_lapse))
+            by_pair = edge * rise_in_z, in_log_k, in_lapse
+            slopes.append(self._in_coordinates(curve, by_pair))
         return slopes
 
-    def _odds_slopes(
-        self, values: NamedArrays, z: FloatArray, k: FloatArray, log_rise: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Slopes of log P('second')/P('first') in z, ln k and the coordinate of the lapse rate."""
-        log_lapse, log_attend = lapses = self._lapse_logs(values)
-        log_second, log_first = unequal_logs(z, k, lapses)
-        # The densities at the criteria of 'second' and 'first' over the probabilities.
-        upper = np.exp(log_attend + log_normal(z - k) - log_second)
-        lower = np.exp(log_attend + log_normal(z + k) - log_first)
+    def _in_coordinates(self, curve: Curve, slopes: Slopes) -> FloatArray:
+        """Slopes in the coordinates, (rows, points, coordinates, pairs).
 
-        def difference(log_value: FloatArray) -> FloatArray:
-            """A value over P('second') minus the same value over P('first')."""
-            return np.exp(log_value - log_second) - np.exp(log_value - log_first)
-
-        in_k = lower - upper - difference(log_lapse + log_normal(k))
-        return upper + lower, k * in_k, difference(log_rise + log_ndtr(-k))
-
-    def _in_coordinates(
-        self,
-        values: NamedArrays,
-        z: FloatArray,
-        in_z: FloatArray,
-        in_log_k: FloatArray | None,
-        in_lapse: FloatArray,
-    ) -> FloatArray:
-        """Slopes in the coordinates, from those in z, in ln k and in the lapse rate.
-
-        The shape is (rows, points, coordinates, pairs).
+        Slopes in the lapse rate have the factor of its coordinate already.
         """
-        terms = self._slope_terms(values, z, in_z, in_log_k, in_lapse)
-        units = self._slope_units(values, np.ones(1))[..., None]
+        terms = self._slope_terms(curve, slopes)
+        units = self._slope_units(curve.values, np.ones(1))[..., None]
         return np.stack(np.broadcast_arrays(*terms), axis=-2) * units
 
-    def _slope_terms(
-        self,
-        values: NamedArrays,
-        z: FloatArray,
-        in_z: FloatArray,
-        in_log_k: FloatArray | None,
-        in_lapse: FloatArray,
-    ) -> list[FloatArray]:
+    def _slope_terms(self, curve: Curve, slopes: Slopes) -> list[FloatArray]:
         """Slopes of each pair in every quantity, in the order of the coordinates.
 
-        They follow from those in z, in ln k (None of which is stronger) and in the lapse rate, with
-        z = ((s2 - s1) - c + p (s1 - sbar)) / scale.
+        They follow with z = ((s2 - s1) - c + p (s1 - sbar)) / scale.
         """
-        in_log_scale = -in_z * z
+        in_z, in_log_k, in_lapse = slopes
+        in_log_scale = -in_z * curve.z
         in_noise_slope = in_log_scale * self.middle
-        in_shift = in_z * np.exp(-self._log_scale_at(values))
+        in_shift = in_z * np.exp(-curve.log_scale)
         if in_log_k is None:
             terms = [in_log_scale, in_lapse, in_noise_slope]
         else:
@@ -434,6 +392,51 @@ class ObserverRows(AnswerRows):
             return normal, normal, student, student, contraction
         peak = LogitOfBeta(self.prior.q0_a, self.prior.q0_b)
         return normal, peak, normal, student, student, student, contraction
+
+
+def _first_answers(curve: Curve) -> LogAnswers:
+    """Log probability of both answers to the one or the first question, with lapses."""
+    attending = second_answers(curve.z) if curve.k is None else equal_answers(curve.z, curve.k)
+    blind = _blind_answers(curve.k)
+    yes = np.logaddexp(curve.log_lapse + blind.yes, curve.log_attend + attending.yes)
+    no = np.logaddexp(curve.log_lapse + blind.no, curve.log_attend + attending.no)
+    return LogAnswers(yes, no)
+
+
+def _unequal_logs(curve: Curve) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Log of P('second') and of P('first') with three answers, and the criterion."""
+    k = cast(FloatArray, curve.k)  # three answers have one
+    log_guess = curve.log_lapse + log_ndtr(-k)
+    log_second = np.logaddexp(log_guess, curve.log_attend + log_ndtr(curve.z - k))
+    log_first = np.logaddexp(log_guess, curve.log_attend + log_ndtr(-curve.z - k))
+    return log_second, log_first, k
+
+
+def _direction_answers(curve: Curve) -> LogAnswers:
+    """Log of P('second') and of P('first') among the answers that are not 'equal'.
+
+    Where k is infinite, every answer is 'equal' and the share of 'second' is not defined: it is
+    1/2 here.
+    """
+    log_second, log_first, k = _unequal_logs(curve)
+    with np.errstate(invalid="ignore"):
+        log_odds = np.where(np.isfinite(k), log_second - log_first, 0.0)
+    return LogAnswers(log_expit(log_odds), log_expit(-log_odds))
+
+
+def _odds_slopes(curve: Curve, log_rise: FloatArray) -> Slopes:
+    """Slopes of log P('second')/P('first'), the last one in the coordinate of the lapse rate."""
+    log_second, log_first, k = _unequal_logs(curve)
+    # The densities at the criteria of 'second' and 'first' over the probabilities.
+    upper = np.exp(curve.log_attend + log_normal(curve.z - k) - log_second)
+    lower = np.exp(curve.log_attend + log_normal(curve.z + k) - log_first)
+
+    def difference(log_value: FloatArray) -> FloatArray:
+        """A value over P('second') minus the same value over P('first')."""
+        return np.exp(log_value - log_second) - np.exp(log_value - log_first)
+
+    in_k = lower - upper - difference(curve.log_lapse + log_normal(k))
+    return upper + lower, k * in_k, difference(log_rise + log_ndtr(-k))
 
 
 def _blind_answers(k: FloatArray | None) -> LogAnswers:

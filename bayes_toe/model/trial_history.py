@@ -36,7 +36,7 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.model.densities import Priors, StandardNormal
 from bayes_toe.model.models import ObserverPosterior, OrderModel
-from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverRows
+from bayes_toe.model.observer import DEFAULT_PRIOR, Curve, ObserverRows
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 
@@ -182,19 +182,16 @@ class HistoryRows(ObserverRows):
         # From (trials, points) to (1, points, answered trials), which are the cells.
         return self.first - expected[self.trials.is_answered].T[None]
 
-    def distance_at(self, values: NamedArrays) -> FloatArray:
-        """The distance z of every cell, (1, points, cells)."""
-        z = super().distance_at(values)
-        if self.history.has_previous_response and self.task.has_direction:
-            z = z + values["previous_response"][..., None] * self.previous
-        return z
-
-    def criterion_at(self, values: NamedArrays) -> FloatArray | None:
-        """The criterion of every cell, (1, points, cells); None of which is stronger."""
-        k = super().criterion_at(values)
-        if k is not None and self.history.has_previous_response and not self.task.has_direction:
-            k = k * np.exp(values["previous_response"][..., None] * self.previous)
-        return k
+    def curve_at(self, u: FloatArray) -> Curve:
+        """The curve of every point; arrays have cells in the place of pairs."""
+        curve = super().curve_at(u)
+        if not self.history.has_previous_response:
+            return curve
+        shift = curve.values["previous_response"][..., None] * self.previous
+        if self.task.has_direction:
+            return curve._replace(z=curve.z + shift)
+        assert curve.k is not None  # same or different
+        return curve._replace(k=curve.k * np.exp(shift))
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
         """Log likelihood, (1, points); -inf where abs(p) is 1 or more.
@@ -217,7 +214,7 @@ class HistoryRows(ObserverRows):
         """
         cells = []
         for part in self._parts(u):
-            probabilities = self.plain_answers_at(*self.curve_at(part))
+            probabilities = self.plain_answers_at(self.curve_at(part))
             # The last one is 'different' or 'first', which the task does not count.
             cells.append(probabilities[-2][0])
         return np.concatenate(cells)[:, self.cell]

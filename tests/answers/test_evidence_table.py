@@ -18,7 +18,7 @@ from bayes_toe.answers.evidence_table import (
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.fitted import importance_evidence
 from bayes_toe.inference.mixture import WeightedDraws
-from bayes_toe.inference.subject import AnalysisRequest, fitted_result
+from bayes_toe.inference.subject import fit_subject, model_evidence
 from bayes_toe.model.paper_model import paper_posterior
 
 CASES = hard_cases()
@@ -39,8 +39,8 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why(monkeypatch, analysis
     module = "bayes_toe.answers.evidence_table"
     monkeypatch.setattr(f"{module}.laplace", lambda *_: (None, np.array([np.nan])))
     posterior = paper_posterior(CASES["perfect observer"], bt.Prior())
-    result = fitted_result(posterior, 1, AnalysisRequest(evidence_draws=20_000))
-    row = subject_evidence(result, analysis.answers[0])
+    fitted = fit_subject(posterior, 1)
+    row = subject_evidence(fitted, model_evidence(fitted, 1, 20_000), analysis.answers[0])
     assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
     assert row.log_evidence_h1 is not None
     assert EvidenceTable((row,)).frame(full=True)["log_evidence_h1_laplace"].isna().all()
@@ -67,8 +67,7 @@ def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
 
 def paper_evidence(subject, draws, seed, **prior):
     posterior = paper_posterior(subject, **prior)
-    result = fitted_result(posterior, seed, AnalysisRequest(evidence_draws=draws))
-    return result.evidence.value
+    return model_evidence(fit_subject(posterior, seed), seed, draws).value
 
 
 def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
