@@ -310,7 +310,10 @@ def power(
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
     simulated = list[DataSet]()
-    for designs in designs_by_task(name_designs(design)):
+    by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
+    for name, pairs in name_designs(design).items():
+        by_task[pairs.task][name] = pairs
+    for designs in by_task.values():
         assumed = assume_observers(
             observers, data_sets, root, list(designs.values()), observer_prior, is_even=True
         )
@@ -320,14 +323,6 @@ def power(
                 planned.append((name, pairs.with_total(total)))
         simulated += simulate_power(planned, assumed, root, observer_prior, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
-
-
-def designs_by_task(designs: Mapping[str, StudyDesign]) -> list[dict[str, StudyDesign]]:
-    """The designs of each task, by name."""
-    by_task: dict[Task, dict[str, StudyDesign]] = {}
-    for name, design in designs.items():
-        by_task.setdefault(design.task, {})[name] = design
-    return list(by_task.values())
 
 
 def name_designs(
