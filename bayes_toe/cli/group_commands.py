@@ -73,7 +73,7 @@ def population(
         result.save,
         result.table.save,
         partial(write_table, result.subject_table, seed=seed),
-        partial(bt.plots.save_figure, bt.plots.population(result, check)),
+        partial(bt.plots.save_figure, bt.plots.population(result)),
     )
     written = context.write(dict(zip(files, writers, strict=True)), seed)
 
