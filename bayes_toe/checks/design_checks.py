@@ -211,46 +211,20 @@ def _columns(reading: Reading) -> Findings:
 
 
 def _similar_names(names: Iterable[str]) -> Findings:
-    """Names that are probably one subject's.
-
-    They look the same but for case, invisible characters and spaces, or are the same number.
-    """
+    """Names that are probably one subject's: they look alike, or are the same number."""
     groups = defaultdict(list)
     for name in names:
-        groups[_look(name)].append(name)
-    for look, alike in groups.items():
-        if len(alike) == 1:
-            continue
-        show = ascii  # so that invisible characters are seen
-        if len({name.casefold() for name in alike}) == 1:
-            code = "names_differ_in_case"
-            finding = "differ in case only"
-            show = repr
-        elif math.isnan(number(look)):
-            code = "names_look_alike"
-            finding = "look alike"
-        else:
-            code = "names_are_one_number"
-            finding = "are the same number"
-        subjects = ", ".join(map(show, alike))
-        yield Finding(
-            "",
-            code,
-            f"Subjects {subjects} {finding}. If they are one subject, give them one name.",
-        )
-
-
-def _look(name: str) -> str:
-    """A text that is the same for names that look alike: ' Ａ１' -> 'a1', '01' -> '1.0'."""
-    visible = []
-    for character in unicodedata.normalize("NFKC", name):
-        if unicodedata.category(character) not in ("Cf", "Cc"):  # control characters
-            visible.append(character)
-    folded = " ".join("".join(visible).split()).casefold()
-    # Folding may leave another form of a character.
-    look = unicodedata.normalize("NFKC", folded)
-    value = number(look)
-    return look if math.isnan(value) else repr(value)
+        # '01' and '1' are the same number, which is NaN for a text.
+        look = unicodedata.normalize("NFKC", name).casefold()
+        value = number(name)
+        groups[look if math.isnan(value) else value].append(name)
+    for alike in groups.values():
+        if len(alike) > 1:
+            subjects = ", ".join(map(ascii, alike))
+            message = (
+                f"Subjects {subjects} look alike. If they are one subject, give them one name."
+            )
+            yield Finding("", "names_look_alike", message)
 
 
 # --- The prior of the paper's model --------------------------------------------------------------
