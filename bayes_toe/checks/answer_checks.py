@@ -232,7 +232,11 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
 
     # Windows in a run have the same lag, so that the run repeats one earlier sequence. It ends with
     # the last row of its last window.
-    lag = _lag_to_first_copy(codes.ravel())
+    windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)
+    # Equal windows have equal hashes, and others hardly ever have.
+    hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
+    _, first, group = np.unique(windows @ hash_weights, return_index=True, return_inverse=True)
+    lag = np.arange(len(windows)) - first[group]  # to the first window with the same rows
     run_start = run_starts(lag)
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
@@ -244,18 +248,6 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
         is_copy[start:end] = True
     return is_copy
-
-
-def _lag_to_first_copy(codes: IntArray) -> IntArray:
-    """How many rows before each window of rows the first window with the same codes begins.
-
-    Equal windows have equal hashes, and others hardly ever have.
-    """
-    windows = np.lib.stride_tricks.sliding_window_view(codes, _WINDOW)
-    hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    hashes = windows @ hash_weights
-    _, first, group = np.unique(hashes, return_index=True, return_inverse=True)
-    return np.arange(len(windows)) - first[group]
 
 
 def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
