@@ -288,11 +288,6 @@ def list_jobs(home: Path) -> tuple[list[Job], list[str]]:
     return sorted(created, key=created.__getitem__, reverse=True), sorted(damaged)
 
 
-def result_files(results: Path) -> list[Path]:
-    """The files of a results folder."""
-    return sorted(path for path in results.rglob("*") if path.is_file())
-
-
 # --- Options --------------------------------------------------------------------------------------
 
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from tornado.httpserver import HTTPServer
-from tornado.web import Application, HTTPError, RequestHandler
+from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
 from bayes_toe.app.job import (
     RESULTS,
@@ -35,7 +35,6 @@ from bayes_toe.app.job import (
     list_jobs,
     named_files,
     require_options,
-    result_files,
     running_job,
 )
 from bayes_toe.arrays import Record, Texts
@@ -178,11 +177,6 @@ class Handler(RequestHandler):
         results = f"results/{self.site.key}/{job.name}/"
         self.finish({**job.state(), "reading": reading, "results": results})
 
-    def set_content_type(self, name: str) -> None:
-        """Say in the response what kind of file is sent, by the ending of its name."""
-        kind, _ = mimetypes.guess_type(name)
-        self.set_header("Content-Type", kind or "application/octet-stream")
-
     def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
         """Log bugs, not errors that :meth:`send_error` explains on the page."""
         if not isinstance(error, InputError | OSError):
@@ -218,7 +212,8 @@ class Page(Handler):
         name = name or "page.html"
         site = self.site
         self.set_cookie(site.cookie, site.token, httponly=True, samesite="Strict", path="/")
-        self.set_content_type(name)
+        kind, _ = mimetypes.guess_type(name)
+        self.set_header("Content-Type", str(kind))
         self.finish((files("bayes_toe.app") / name).read_bytes())
 
 
@@ -272,27 +267,27 @@ class OneJob(Handler):
             await self.send_state(job)
 
 
-class Results(Handler):
+class Results(Handler, StaticFileHandler):
     """Files of a results folder; they get an origin of their own by :data:`_REPORT_POLICY`."""
 
     def token(self) -> str | None:
         """The token of this server if the address has the key."""
-        if hmac.compare_digest(self.path_args[0], self.site.key):
+        key, _, _ = self.path_args[0].partition("/")
+        if hmac.compare_digest(key, self.site.key):
             return self.site.token
         return None
 
-    async def get(self, _: str, name: str, path: str) -> None:
-        """Send a file that the folder lists."""
-        folder = self.job(name).folder / RESULTS
-        listed = {file.relative_to(folder).as_posix(): file for file in result_files(folder)}
-        if path not in listed:
-            raise HTTPError(404, reason="There is no such file")
+    async def get(self, path: str, include_body: bool = True) -> None:
+        """Send a file of the folder; the path is 'KEY/STUDY/FILE'."""
+        _, name, file = path.split("/", 2)
+        if "\0" in file:  # no file of the system
+            raise HTTPError(404)
+        self.root = str(self.job(name).folder / RESULTS)
         self.set_header("Content-Security-Policy", _REPORT_POLICY)
-        self.set_content_type(path)
-        with open(listed[path], "rb") as file:
-            while part := file.read(2**16):  # in parts, since draws are large
-                self.write(part)
-                await self.flush()
+        await super().get(file, include_body)
+
+    def compute_etag(self) -> None:
+        """No mark of the content: Tornado keeps it, and another run changes the file."""
 
 
 def application(site: Site) -> Application:
@@ -303,16 +298,12 @@ def application(site: Site) -> Application:
             ("/(|page.js|page.css)", Page),
             ("/api/jobs", Jobs),
             (f"/api/jobs/{job}(?:|/(options|run|stop|delete))", OneJob),
-            (f"/results/([0-9a-f]+)/{job}/(.+)", Results),
+            ("/results/([0-9a-f]+/[0-9a-f]{16}/.+)", Results, {"path": ""}),
         ],
         default_handler_class=Handler,
-        log_function=_no_log,
+        log_function=lambda _: None,  # Log no request, because its address may hold the token.
         site=site,
     )
-
-
-def _no_log(_: RequestHandler) -> None:
-    """Log no request, because its address may hold the token."""
 
 
 # --- The command ----------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from typing import TypeAlias, cast
 import numpy as np
 from scipy.special import logit, logsumexp
 
-from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, NamedArrays, run_starts
+from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.checks.alarm_rate import (
     FALSE_ALARM_SHARE,
     REFUSAL_SHARE,
@@ -166,49 +166,28 @@ def uninterpretable_findings(study: Study) -> list[Finding]:
 
 def subject_findings(
     subject: Subject, n_subjects: int, alternatives: Alternatives | None
-) -> list[Finding]:
+) -> Findings:
     """Findings about the responses of one subject in a study of so many.
 
     `alternatives` are other explanations of the responses; None if the subject leaves no doubt.
     """
-    findings = []
-    for find in (
-        _repeated_trials,
-        _few_trials,
-        _one_answer,
-        _swapped_blocks,
-        _unlike_blocks,
-        _drift,
-    ):
-        finding = find(subject, n_subjects)
-        if finding is not None:
-            findings.append(finding)
-            # Swapped blocks explain what else may be found.
-            if finding.code == "swapped_blocks":
-                return findings
+    yield from _repeated_trials(subject, n_subjects)
+    if subject.total_trials < FEW_TRIALS:
+        trials = plural(subject.total_trials, "trial")
+        message = f"Only {trials}, so the prior has much influence."
+        yield Finding(subject.name, "few_trials", message)
+    answers = subject.answers_given
+    if len(answers) == 1:
+        yield Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")
+    swapped_blocks = [*_swapped_blocks(subject, n_subjects)]
+    yield from swapped_blocks
+    if swapped_blocks:  # They explain what else may be found.
+        return
+    yield from _unlike_blocks(subject, n_subjects)
+    yield from _drift(subject, n_subjects)
     if alternatives is not None:
         answered = cast(Subject, subject.two_answers)  # not None: there are alternatives
-        findings += _explained_otherwise(answered, alternatives, n_subjects)
-    return findings
-
-
-def _few_trials(subject: Subject, n_subjects: int) -> Finding | None:
-    """Too few trials, in a study of any size."""
-    if subject.total_trials >= FEW_TRIALS:
-        return None
-    return Finding(
-        subject.name,
-        "few_trials",
-        f"Only {plural(subject.total_trials, 'trial')}, so the prior has much influence.",
-    )
-
-
-def _one_answer(subject: Subject, n_subjects: int) -> Finding | None:
-    """One response only, in a study of any size."""
-    answers = subject.answers_given
-    if len(answers) > 1:
-        return None
-    return Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")
+        yield from _explained_otherwise(answered, alternatives, n_subjects)
 
 
 def _drawable_answers(subject: Subject) -> Answers | None:
@@ -221,25 +200,24 @@ def _drawable_answers(subject: Subject) -> Answers | None:
 # --- Trials that are there twice -----------------------------------------------------------------
 
 
-def _repeated_trials(subject: Subject, n_subjects: int) -> Finding | None:
+def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
     """Long sequences of trials that repeat earlier ones, stimuli and answers."""
     if subject.answers is None or not subject.answers.has_trial_rows:
-        return None
+        return
     answers = subject.answers.answered
     n_rows = len(answers.n_trials)
     if n_rows < 2 * _WINDOW:
-        return None
+        return
     is_copy = _copied_rows(subject, answers, n_subjects)
-    if not is_copy.any():
-        return None
-    return Finding(
-        subject.name,
-        "repeated_trials",
-        f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
-        f"{is_copy.argmax() + 1} on. "
-        "Remove the copies from the file. The option leaves out the whole subject.",
-        f"--exclude {cli_argument(subject.name)}",
-    )
+    if is_copy.any():
+        yield Finding(
+            subject.name,
+            "repeated_trials",
+            f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
+            f"{is_copy.argmax() + 1} on. "
+            "Remove the copies from the file. The option leaves out the whole subject.",
+            f"--exclude {cli_argument(subject.name)}",
+        )
 
 
 def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArray:
@@ -254,7 +232,11 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
 
     # Windows in a run have the same lag, so that the run repeats one earlier sequence. It ends with
     # the last row of its last window.
-    lag = _lag_to_first_copy(codes.ravel())
+    windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)
+    # Equal windows have equal hashes, and others hardly ever have.
+    hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
+    _, first, group = np.unique(windows @ hash_weights, return_index=True, return_inverse=True)
+    lag = np.arange(len(windows)) - first[group]  # to the first window with the same rows
     run_start = run_starts(lag)
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
@@ -266,18 +248,6 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
         is_copy[start:end] = True
     return is_copy
-
-
-def _lag_to_first_copy(codes: IntArray) -> IntArray:
-    """How many rows before each window of rows the first window with the same codes begins.
-
-    Equal windows have equal hashes, and others hardly ever have.
-    """
-    windows = np.lib.stride_tricks.sliding_window_view(codes, _WINDOW)
-    hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    hashes = windows @ hash_weights
-    _, first, group = np.unique(hashes, return_index=True, return_inverse=True)
-    return np.arange(len(windows)) - first[group]
 
 
 def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
@@ -452,70 +422,61 @@ def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTab
     return AnswerTable(n, k)
 
 
-def _swapped_blocks(subject: Subject, n_subjects: int) -> Finding | None:
+def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
     """Blocks with swapped response keys."""
     two_answers = subject.two_answers
     if two_answers is None:  # all of three answers are 'equal', which has no opposite
-        return None
+        return
     answers = _drawable_answers(two_answers)
     if answers is None or answers.block is None:
-        return None
+        return
     table = _tabulate(two_answers, answers, answers.block)
     if table.informative().freedom == 0:  # no pair with both answers is in two blocks
-        return None
+        return
 
     is_swapped = _find_swapped(table, two_answers.task, two_answers.s2 - two_answers.s1)
-    if not _explains_blocks(table, is_swapped):
-        return None
+    if not is_swapped.any() or is_swapped.all():
+        return
+    # Turning these blocks must halve the difference between blocks at least. Blocks that differ by
+    # chance have a ratio of 1.
+    excess = table.informative().ratio - 1.0
+    remaining_excess = _turned(table, is_swapped).informative().ratio - 1.0
+    if remaining_excess >= 0.5 * max(0.0, excess):
+        return
 
     corrected_answers = answers.swapped(is_swapped[answers.block])
     corrected = Subject.from_answers(subject.name, corrected_answers, two_answers.task)
     n_tests = n_subjects * len(is_swapped)  # one for each block
-    if log_bayes_factor(corrected, two_answers) <= evidence_limit(n_tests, REFUSAL_SHARE):
-        return None
-
-    blocks = [*compress(answers.blocks, is_swapped)]
-    noun = "block" if len(blocks) == 1 else "blocks"
-    return Finding(
-        subject.name,
-        "swapped_blocks",
-        f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}.",
-        f"--swap {cli_argument(subject.name, blocks)}",
-    )
+    if log_bayes_factor(corrected, two_answers) > evidence_limit(n_tests, REFUSAL_SHARE):
+        blocks = [*compress(answers.blocks, is_swapped)]
+        noun = "block" if len(blocks) == 1 else "blocks"
+        yield Finding(
+            subject.name,
+            "swapped_blocks",
+            f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}.",
+            f"--swap {cli_argument(subject.name, blocks)}",
+        )
 
 
-def _unlike_blocks(subject: Subject, n_subjects: int) -> Finding | None:
+def _unlike_blocks(subject: Subject, n_subjects: int) -> Findings:
     """Blocks that differ by more than chance."""
     answers = _drawable_answers(subject)
     if answers is None or answers.block is None:
-        return None
+        return
     table = _tabulate(subject, answers, answers.block).informative()
     # Blocks whose X^2 is at most its mean do not differ, so that no tables need be drawn.
     if table.freedom == 0 or table.ratio <= 1.0:
-        return None
+        return
 
     p = table.p_value(table.chi_square, subject.name)
-    if p > 0.5 * flag_limit(n_subjects):  # the test of drift has the other half
-        return None
-    block = answers.blocks[table.block_chi_square(table.k).argmax()]
-    return Finding(
-        subject.name,
-        "block_dispersion",
-        f"Block {display_name(block)} differs from the others ({describe_p_value(p)}). Intervals "
-        "are too narrow if blocks differ.",
-    )
-
-
-def _explains_blocks(table: AnswerTable, swapped: BoolArray) -> bool:
-    """Whether turning some blocks, but not all, halves the difference between blocks at least.
-
-    Blocks that differ by chance have a ratio of 1.
-    """
-    if not swapped.any() or swapped.all():
-        return False
-    excess = table.informative().ratio - 1.0
-    remaining_excess = _turned(table, swapped).informative().ratio - 1.0
-    return remaining_excess < 0.5 * max(0.0, excess)
+    if p <= 0.5 * flag_limit(n_subjects):  # the test of drift has the other half
+        block = answers.blocks[table.block_chi_square(table.k).argmax()]
+        yield Finding(
+            subject.name,
+            "block_dispersion",
+            f"Block {display_name(block)} differs from the others ({describe_p_value(p)}). "
+            "Intervals are too narrow if blocks differ.",
+        )
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -536,15 +497,7 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
         # Another point of subjective equality tilts the answers 'equal'.
         expects_counted = -np.abs(difference)
         tilt = difference
-    candidates = _camp_that_leans_wrongly(table, expects_counted - expects_counted.mean())
-    return _surely_swapped(table, candidates, tilt)
-
-
-def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
-    """The one of two camps of blocks, each of which agrees inside, that leans wrongly.
-
-    `lean`, shape (pairs,), is large where the task expects the counted answer more often.
-    """
+    lean = expects_counted - expects_counted.mean()
     is_turned: BoolArray = lean @ table.excess_yes < 0
     for _ in range(20):  # blocks might turn each other without an end
         turned = _turned(table, is_turned)
@@ -552,8 +505,9 @@ def _camp_that_leans_wrongly(table: AnswerTable, lean: FloatArray) -> BoolArray:
         if not disagrees.any():
             break
         is_turned = is_turned ^ disagrees
-    leans_wrongly = np.sum(lean @ _turned(table, is_turned).excess_yes) < 0
-    return ~is_turned if leans_wrongly else is_turned
+    if np.sum(lean @ _turned(table, is_turned).excess_yes) < 0:  # The turned blocks are right.
+        is_turned = ~is_turned
+    return _surely_swapped(table, is_turned, tilt)
 
 
 def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
@@ -597,14 +551,14 @@ def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
     return (k * logits - n * np.logaddexp(0.0, logits)).sum(axis=0)
 
 
-def _drift(subject: Subject, n_subjects: int) -> Finding | None:
+def _drift(subject: Subject, n_subjects: int) -> Findings:
     """Answers that change slowly over the trials: trends, and waves as of a moving criterion.
 
     A change of a share below 0.2 hardly matters for pooled counts.
     """
     answers = _drawable_answers(subject)
     if answers is None or not answers.has_trial_rows:
-        return None
+        return
     # Stretches of equally many trials: enough of them for three half waves.
     n_rows = len(answers.n_trials)
     n_stretches = min(10, n_rows)
@@ -612,9 +566,15 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     difference = (subject.s2 - subject.s1)[table.is_mixed]
     table = table.informative()
     if table.freedom == 0:
-        return None
+        return
 
-    kinds = _kinds_of_drift(subject, difference)
+    # What may drift, with the value that each pair's counted answer adds to it.
+    kinds = {
+        f"P({subject.task.yes})": np.ones(len(difference)),
+        "share of correct responses": subject.task.right(difference),
+    }
+    if subject.task.has_criterion:
+        kinds["order effect"] = np.sign(difference)
     time = (np.arange(n_stretches) + 0.5) / n_stretches
     # Half a wave, a whole one, and one and a half, from the first trial to the last one.
     waves = np.cos(np.pi * np.outer([1, 2, 3], time))
@@ -633,27 +593,15 @@ def _drift(subject: Subject, n_subjects: int) -> Finding | None:
     largest = np.square(observed).sum(-1).argmax()
     change = np.ptp((observed @ waves)[largest])
     if change < 0.2:
-        return None
+        return
     p = table.p_value(largest_power, subject.name)
-    if p > 0.5 * flag_limit(n_subjects):  # the test of blocks has the other half
-        return None
-    return Finding(
-        subject.name,
-        "drift",
-        f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "
-        f"{change:.2f} over the trials.",
-    )
-
-
-def _kinds_of_drift(subject: Subject, difference: FloatArray) -> NamedArrays:
-    """What may drift, with the value that each pair's counted answer adds to it, (pairs,)."""
-    kinds = {
-        f"P({subject.task.yes})": np.ones(len(difference)),
-        "share of correct responses": subject.task.right(difference),
-    }
-    if subject.task.has_criterion:
-        kinds["order effect"] = np.sign(difference)
-    return kinds
+    if p <= 0.5 * flag_limit(n_subjects):  # the test of blocks has the other half
+        yield Finding(
+            subject.name,
+            "drift",
+            f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "
+            f"{change:.2f} over the trials.",
+        )
 
 
 def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 import bayes_toe as bt
 from bayes_toe.cli import (
@@ -48,20 +48,12 @@ COMMANDS = {
 }
 
 
-class Commands(TyperGroup):
-    """The group of all commands; it stores in `TYPED` the words that were typed."""
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command that the first argument names."""
-        TYPED[:] = args
-        return super().resolve_command(ctx, args)
-
-
 class Command(TyperCommand):
     """A command whose help is one screen: only `check` lists how to read files in other layouts."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options, of which `--example` may be without its value."""
+        """Store in `TYPED` what was typed; read the options: `--example` may have no value."""
+        TYPED[:] = [str(self.name), *args]
         return super().parse_args(ctx, complete_example(args))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -78,7 +70,6 @@ class Command(TyperCommand):
 
 
 app = typer.Typer(
-    cls=Commands,
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,

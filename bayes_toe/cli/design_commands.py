@@ -63,10 +63,23 @@ class StudyPlan:
     observers: Observers = None
 
     def designs(self, files: Sequence[Path]) -> Mapping[str, StudyDesign]:
-        """Designs by the name of their file, or of file and task if there are several tasks."""
+        """Designs by the name of their file, or of file and task if there are several tasks.
+
+        If no file is given, it is the paper's design.
+        """
+        from bayes_toe.design.power import name_designs
+
+        names = [file.stem for file in files]
+        for name in names:
+            if names.count(name) > 1:
+                raise bt.InputError(
+                    f"Two design files have the name {quoted(name)}. Names must differ."
+                )
         designs = {}
         for question in self.questions.split(","):
-            for name, design in _read_designs(files, question, self.unit).items():
+            read = [bt.design.read_study_design(file, question, self.unit) for file in files]
+            given = read[0] if len(read) == 1 else dict(zip(names, read, strict=True))
+            for name, design in name_designs(given or None, question).items():
                 task = f", {design.task.short_name}" if "," in self.questions else ""
                 designs[name + task] = design
         return designs
@@ -155,24 +168,6 @@ def _write_power(
             groups.save(folder / "power_groups.csv")
         for name in _POWER_FIGURES:
             bt.plots.save_figure(bt.plots.power(table), folder / name)
-
-
-def _read_designs(
-    files: Sequence[Path], question: str, unit: str | None
-) -> Mapping[str, StudyDesign]:
-    """Designs by the names of their files; if no file is given, the paper's design."""
-    from bayes_toe.design.power import name_designs
-
-    designs = [bt.design.read_study_design(file, question, unit) for file in files]
-    if len(designs) < 2:
-        return name_designs(designs[0] if designs else None, question)
-    names = [file.stem for file in files]
-    for name in names:
-        if names.count(name) > 1:
-            raise bt.InputError(
-                f"Two design files have the name {quoted(name)}. Names must differ."
-            )
-    return dict(zip(names, designs, strict=True))
 
 
 def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:

@@ -73,7 +73,7 @@ def population(
         result.save,
         result.table.save,
         partial(write_table, result.subject_table, seed=seed),
-        partial(bt.plots.save_figure, bt.plots.population(result, check)),
+        partial(bt.plots.save_figure, bt.plots.population(result)),
     )
     written = context.write(dict(zip(files, writers, strict=True)), seed)
 
@@ -105,7 +105,8 @@ def contrast(
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """
     from bayes_toe.answers.study_summary import study_lines
-    from bayes_toe.cli.group_screen import print_contrast, print_one_observer
+    from bayes_toe.cli.answer_screen import print_subjects
+    from bayes_toe.cli.group_screen import print_contrast
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
@@ -136,8 +137,14 @@ def contrast(
     context.out.reasons("No result", table.failed)
     lines = table.sentences()
     if has_tasks:
-        print_one_observer(context.out, table, answers_file.name)
-        lines.append("If one observer does all tasks of a subject:")
+        heading = "If one observer does all tasks of a subject:"
+        context.out.line()
+        context.out.line(heading)
+        print_subjects(context.out, table.answers, answers_file.name)
+        context.out.line(
+            "This does not test whether one observer fits. 'evidence' tests the fit of each task."
+        )
+        lines.append(heading)
         lines += study_lines(table.answers, synthetic=study.synthetic)
     context.out.answer([*lines, written])
     context.end(table.failed)

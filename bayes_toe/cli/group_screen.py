@@ -20,7 +20,6 @@ from bayes_toe.answers.group_answer import (
 )
 from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SerialDependence
 from bayes_toe.answers.study_summary import count_words
-from bayes_toe.cli.answer_screen import print_subjects
 from bayes_toe.cli.terminal import OUTPUT, Rows, Terminal
 from bayes_toe.data.messages import capitalized, plural
 from bayes_toe.groups.population import PopulationResult
@@ -66,14 +65,6 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
     # Failures are problems, which the command prints by itself.
     reasons = {key: text for key, text in table.left_out.items() if key not in table.failed}
     out.reasons("Not compared", reasons, "-", file=file)
-
-
-def print_one_observer(out: Terminal, table: ContrastTable, file: str) -> None:
-    """Print the order effect of each subject, if one observer does all tasks."""
-    out.line()
-    out.line("If one observer does all tasks of a subject:")
-    print_subjects(out, table.answers, file)
-    out.line("This does not test whether one observer fits. 'evidence' tests the fit of each task.")
 
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:

@@ -231,38 +231,38 @@ def print_failed(out: Terminal, draws: bt.Draws) -> None:
 
 def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None:
     """Log evidences of the four models, and of the paper's model (H1) against H0."""
+    from statistics import median
+
+    from bayes_toe.answers.study_summary import APPENDIX_C
+
     # A space stands in place of the star that marks the best model.
     headings = ["subject", "none ", "constant ", "contraction ", "both "]
     headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
     rows = []
+    factors = []
     for row, answer in zip(table, table.answers, strict=True):
         cells = [row.subject]
         for model, value in answer.log_evidence.items():
             cells.append(f"{value:.2f}{'*' if model == answer.best_model else ' '}")
         cells += [f"{row.log_evidence_h0:.2f}", number(row.log_evidence_h1)]
         factor = row.log_bayes_factor
-        cells.append("-" if factor is None else f"{factor:+.1f}")
+        if factor is None:
+            cells.append("-")
+        else:
+            cells.append(f"{factor:+.1f}")
+            factors.append(factor)
         rows.append(cells)
 
     title = "Log model evidence. * marks the largest of the four models."
     # All columns but the names are numeric.
     out.table_of_subjects(headings, rows, len(rows), file, numeric=range(1, 8), title=title)
+    conclusion = f"{APPENDIX_C}."
+    if factors:
+        n_better = sum(factor > 0.0 for factor in factors)
+        conclusion = (
+            f"H1 predicts better than H0 for {n_better} of {plural(len(factors), 'subject')} "
+            f"(median ln BF {median(factors):.1f}). {conclusion}"
+        )
     out.line()
-    out.line(describe_h1(table))
+    out.line(conclusion)
     out.notes(notes_of(table), file=file)
-
-
-def describe_h1(table: EvidenceTable) -> str:
-    """The number of subjects for whom the paper's model (H1) predicts better than H0, in words."""
-    from statistics import median
-
-    from bayes_toe.answers.study_summary import APPENDIX_C
-
-    factors = [row.log_bayes_factor for row in table if row.log_bayes_factor is not None]
-    if not factors:
-        return f"{APPENDIX_C}."
-    n_better = sum(factor > 0.0 for factor in factors)
-    return (
-        f"H1 predicts better than H0 for {n_better} of {plural(len(factors), 'subject')} "
-        f"(median ln BF {median(factors):.1f}). {APPENDIX_C}."
-    )

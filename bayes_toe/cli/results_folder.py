@@ -77,7 +77,7 @@ def write_results(
         # Absolute paths, since a worker may be in another folder than this process.
         target = new_folder.absolute()
         draws.save(target / "posterior.nc")
-        _write_tables(analysis, check, target)
+        _write_tables(analysis, target)
         write_methods(analysis, target / "methods.md")
         if has_explorer:
             explore(draws).save(target / "explorer.html")
@@ -95,7 +95,7 @@ def write_results(
     return folder
 
 
-def _write_tables(analysis: Analysis, check: PredictiveCheck | None, folder: Path) -> None:
+def _write_tables(analysis: Analysis, folder: Path) -> None:
     """Write the tables of subjects, conditions and the group, with figures and draws of these."""
     study = analysis.study
     seed = analysis.settings.seed
@@ -111,7 +111,7 @@ def _write_tables(analysis: Analysis, check: PredictiveCheck | None, folder: Pat
     if group is not None:
         group.table.save(folder / "population.csv")
         write_table(group.subject_table, folder / "population_subjects.csv", group.settings.seed)
-        (folder / "population.png").write_bytes(png(plots.population(group, check)))
+        (folder / "population.png").write_bytes(png(plots.population(group)))
         group.save(folder / "population.nc")
 
 

@@ -126,19 +126,22 @@ class Observer:
         """
         s1 = np.asarray(s1, np.float64)
         s2 = np.asarray(s2, np.float64)
-        columns = (s1 - sbar - expected, s2 - s1, 0.5 * (s1 + s2) - sbar)
-        # Of the shape (rows, points, pairs): each trial is a row with one pair.
-        first, difference, middle = (column.reshape(-1, 1, 1) for column in columns)
 
         # With D = R = 1 the observer's units are those of its parameters, natural-log intensity.
         scales = StimulusScales(sbar, sbar, step=1.0, spread=1.0, first_spread=0.0)
         any_pair = each_once([0.0], [0.0], task=self.task)
         posterior = ObserverPosterior(any_pair.unanswered, OrderModel("both"), given_scales=scales)
-        rows = replace(posterior.rows, first=first, difference=difference, middle=middle)
+        # Of the shape (rows, points, pairs): each trial is a pair of the only row.
+        rows = replace(
+            posterior.rows,
+            first=(s1 - sbar - expected).reshape(1, 1, -1),
+            difference=(s2 - s1).reshape(1, 1, -1),
+            middle=(0.5 * (s1 + s2) - sbar).reshape(1, 1, -1),
+        )
         parameters = {name: np.asarray(value) for name, value in self.parameters.items()}
         point = posterior.points(parameters).reshape(1, 1, -1)
-        log_yes = rows.log_answers(point).yes[:, 0]  # (trials, questions)
-        return np.exp(log_yes.T).reshape(-1, *columns[0].shape)
+        log_yes = rows.log_answers(point).yes  # the trials of one question after the other
+        return np.exp(log_yes).reshape(-1, *s1.shape)
 
     def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
         """:meth:`p_questions` for trials in their order, shape (questions, trials).

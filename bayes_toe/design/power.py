@@ -197,36 +197,34 @@ class PowerTable(Table[PowerEstimate]):
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
     def sentences(self) -> list[str]:
-        """The effect that each design detects least often, and its false positives."""
-        return [self._describe_design(*key) for key in self.designs]
-
-    def _describe_design(self, design: str, trials: int) -> str:
-        """The effect that is detected least often, the next one, false positives, and open words.
+        """For each design, the effect that it detects least often, the next one, false positives.
 
         'Order effect: cannot be told.' follows where the design cannot show it.
         """
-        effects = []
-        false_positives = []
-        for kind in self.different("observers"):
-            estimate = self[design, trials, kind, "order_effect", DETECTED]
-            if self.has_effect(kind, "order_effect"):
-                effects.append(estimate)
-            else:
-                false_positives.append(f"false positives {estimate.percent}")
-        effects.sort(key=attrgetter("value"))
-        findings = []
-        if effects:
-            findings.append(f"{effects[0].observers} detected in {effects[0].percent}")
-        if len(effects) > 1:
-            # Rounded down, because it is a lower bound; 29 % is 28.999... in floating point.
-            percent = math.floor(round(100 * effects[1].value, 6))
-            least = "at least " if percent < 100 else ""
-            findings.append(f"every other effect in {least}{percent} %")
-        text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(findings + false_positives)}."
-        for question in QUESTIONS:
-            if self.is_unknown(design, trials, question):
-                text += f" {capitalized(question.replace('_', ' '))}: {Word.CANNOT_BE_TOLD}."
-        return text
+        lines = []
+        for design, trials in self.designs:
+            effects = []
+            findings = []
+            for kind in self.different("observers"):
+                estimate = self[design, trials, kind, "order_effect", DETECTED]
+                if self.has_effect(kind, "order_effect"):
+                    effects.append(estimate)
+                else:
+                    findings.append(f"false positives {estimate.percent}")
+            effects.sort(key=attrgetter("value"))
+            if len(effects) > 1:
+                # Rounded down, because it is a lower bound; 29 % is 28.999... in floating point.
+                percent = math.floor(round(100 * effects[1].value, 6))
+                least = "at least " if percent < 100 else ""
+                findings.insert(0, f"every other effect in {least}{percent} %")
+            if effects:
+                findings.insert(0, f"{effects[0].observers} detected in {effects[0].percent}")
+            text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(findings)}."
+            for question in QUESTIONS:
+                if self.is_unknown(design, trials, question):
+                    text += f" {capitalized(question.replace('_', ' '))}: {Word.CANNOT_BE_TOLD}."
+            lines.append(text)
+        return lines
 
     def is_unknown(self, design: str, trials: int, question: str) -> bool:
         """Whether a design cannot show an effect in any observer."""
@@ -310,7 +308,10 @@ def power(
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
     simulated = list[DataSet]()
-    for designs in designs_by_task(name_designs(design)):
+    by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
+    for name, pairs in name_designs(design).items():
+        by_task[pairs.task][name] = pairs
+    for designs in by_task.values():
         assumed = assume_observers(
             observers, data_sets, root, list(designs.values()), observer_prior, is_even=True
         )
@@ -320,14 +321,6 @@ def power(
                 planned.append((name, pairs.with_total(total)))
         simulated += simulate_power(planned, assumed, root, observer_prior, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
-
-
-def designs_by_task(designs: Mapping[str, StudyDesign]) -> list[dict[str, StudyDesign]]:
-    """The designs of each task, by name."""
-    by_task: dict[Task, dict[str, StudyDesign]] = {}
-    for name, design in designs.items():
-        by_task.setdefault(design.task, {})[name] = design
-    return list(by_task.values())
 
 
 def name_designs(

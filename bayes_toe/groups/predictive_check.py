@@ -34,7 +34,7 @@ class Statistic(NamedTuple):
         from the mean, in standard deviations.
     quantity : str
         What subjects differ in.
-    observed, q05, q50, q95 : float
+    observed, q05, q95 : float
     p_value : float
         Two-sided share of new groups that are as far out.
     is_above : bool
@@ -45,19 +45,9 @@ class Statistic(NamedTuple):
     quantity: str
     observed: float
     q05: float
-    q50: float
     q95: float
     p_value: float
     is_above: bool
-
-    @property
-    def label(self) -> str:
-        """The statistic in words."""
-        if self.kind == "spread":
-            return f"SD of {self.quantity}"
-        if self.kind == "skewness":
-            return f"skewness of {self.quantity}"
-        return f"farthest {self.quantity}, in SD"
 
     @property
     def warning(self) -> str:
@@ -187,5 +177,5 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
         # Two-sided. The observed group counts as one of the groups, so that p is never 0.
         p_value = min(1.0, 2.0 * (tail + 1) / (len(simulated) + 1))
-        q05, q50, q95 = np.quantile(simulated, (0.05, 0.5, 0.95)).tolist()
-        yield Statistic(kind, quantity, observed, q05, q50, q95, p_value, observed > q50)
+        q05, median, q95 = np.quantile(simulated, (0.05, 0.5, 0.95)).tolist()
+        yield Statistic(kind, quantity, observed, q05, q95, p_value, observed > median)

@@ -77,7 +77,13 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         unit = table.unit.for_percent(percents)
         _draw_subjects(ax, table, rows, unit)
         quantity_ticks(ax, observer_name(quantity))
-        ax.set_xlabel(_axis_label(quantity, comparison, unit), fontsize=LETTERS)
+        unit_name = unit.of_differences
+        if quantity == "contraction":  # a share
+            unit_name = "%"
+        label = f"{quantity}, {plain(comparison)} ({unit_name})"
+        if len(comparison) > _LONGEST_BESIDE:
+            label = f"{quantity} ({unit_name}),\n{plain(comparison)}"
+        ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
         ax.tick_params(labelleft=j == 0)
 
     title = f"What differs by {plain(table.conditions.name)}"
@@ -90,17 +96,6 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
 
     legend_outside(figure, columns=len(_MARKS))
     return figure
-
-
-def _axis_label(quantity: str, comparison: str, unit: StimulusUnit) -> str:
-    """Quantity, comparison and unit, as in 'JND, right − left (%)'."""
-    unit_name = unit.of_differences
-    if quantity == "contraction":  # a share
-        unit_name = "%"
-    label = f"{quantity}, {plain(comparison)} ({unit_name})"
-    if len(comparison) > _LONGEST_BESIDE:
-        label = f"{quantity} ({unit_name}),\n{plain(comparison)}"
-    return label.replace(" - ", " − ")
 
 
 def _draw_subjects(

@@ -157,9 +157,13 @@ def corner(
     fig = fig or _new_figure(len(spans))
     for sample in samples:  # all in the same panels
         axes = _draw_posterior(fig, sample, spans, is_single=len(samples) == 1)
-    if prior is not None:
+    if prior is not None:  # its marginals, as shares of the same bins
         for sample in samples:
-            _draw_prior(axes.diagonal(), sample, spans, draws.model, prior)
+            subject_of_sample = sample.target.subject
+            values = prior_values(model_posterior(draws.model, subject_of_sample, prior))
+            for ax, name, span in zip(axes.diagonal(), names, spans, strict=True):
+                shown = axis_values(name, values[name], unit)
+                ax.plot(*_smooth_density(shown, span), color=PRIOR, lw=1.4, ls=sample.line)
     _arrange_axes(axes)
     _write_key(fig, draws, samples, len(spans), has_prior=prior is not None)
     return fig
@@ -318,27 +322,25 @@ def support(target: SubjectPosterior, name: str) -> Span:
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
 
 
-def _require_possible(name: str, value: float, target: SubjectPosterior) -> None:
-    """Refuse a true value that the quantity cannot have."""
-    low, high = support(target, name)
-    rule = f"a finite number from {low:g} to {high:g}"
-    if name == "sigma_p":  # gamma = (sigma_l / sigma_p)^2 does not exist at 0
-        low = np.nextafter(0.0, 1.0)
-        rule = "a positive finite number"
-    require_kind(f"truths: {name}", value, Real, rule)
-    is_finite = np.isfinite(axis_values(name, value, target.subject.unit))
-    if not (is_finite and low <= value <= high):
-        raise InputError(f"truths: {name}={value!r}, allowed: {rule}")
-
-
 def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float]:
-    """True values and all that follow from them, as axes show them."""
+    """True values and all that follow from them, as axes show them.
+
+    A true value that the quantity cannot have is refused.
+    """
+    unit = target.subject.unit
     for name, value in truths.items():
         if name not in target.names.all:
             raise InputError(
                 f"truths: unknown quantity {name!r}; there are: {', '.join(target.names.all)}"
             )
-        _require_possible(name, value, target)
+        low, high = support(target, name)
+        rule = f"a finite number from {low:g} to {high:g}"
+        if name == "sigma_p":  # gamma = (sigma_l / sigma_p)^2 does not exist at 0
+            low = np.nextafter(0.0, 1.0)
+            rule = "a positive finite number"
+        require_kind(f"truths: {name}", value, Real, rule)
+        if not (np.isfinite(axis_values(name, value, unit)) and low <= value <= high):
+            raise InputError(f"truths: {name}={value!r}, allowed: {rule}")
 
     # An unknown value is NaN, and so is every quantity that depends on it.
     natural = {
@@ -349,7 +351,6 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
 
     true_values = {name: float(value) for name, value in derived.items() if np.isfinite(value)}
     true_values |= truths  # a given value goes before a derived one
-    unit = target.subject.unit
     return {name: float(axis_values(name, value, unit)) for name, value in true_values.items()}
 
 
@@ -472,21 +473,6 @@ def _draw_curves(
         else:
             ax.axvline(median, color=sample.colour, lw=1.0, ls=sample.line)
             ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, color=sample.colour, **_TRUTHS)
-
-
-def _draw_prior(
-    diagonal: Panels,
-    sample: _Sample,
-    spans: Sequence[Span],
-    model: str,
-    prior: Prior,
-) -> None:
-    """Draw the marginals of a prior over those of the posterior, as shares of the same bins."""
-    subject = sample.target.subject
-    draws = prior_values(model_posterior(model, subject, prior))
-    for ax, name, span in zip(diagonal, sample.names, spans, strict=True):
-        values = axis_values(name, draws[name], subject.unit)
-        ax.plot(*_smooth_density(values, span), color=PRIOR, lw=1.4, ls=sample.line)
 
 
 def _smooth_density(values: FloatArray, span: Span) -> ArrayPair:

@@ -1,7 +1,7 @@
-"""The figure of a group: subjects, means, predictive check, covariates and conditions.
+"""The figure of a group: subjects, means, covariates and conditions.
 
-It shows every subject, the mean of the group with its prior, the predictive check of a normal
-group, and the effects of covariates or the differences between conditions.
+It shows every subject, the mean of the group with its prior, and the effects of covariates or the
+differences between conditions.
 """
 
 from __future__ import annotations
@@ -18,13 +18,11 @@ from bayes_toe.answers.order_effect import format_bayes_factor
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, percent
 from bayes_toe.groups.population import PopulationResult
-from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 from bayes_toe.plots.style import (
     BAD,
     BAND,
     BELIEF,
-    EQUAL,
     LETTERS,
     MARKED,
     PAGE,
@@ -34,13 +32,11 @@ from bayes_toe.plots.style import (
     even_columns,
     grid_panels,
     grid_rows,
-    legend_above,
     legend_outside,
     name_rows,
     new_figure,
     plain,
     quantity_ticks,
-    rounded,
     style_axes,
     zero_line,
 )
@@ -60,21 +56,14 @@ _EFFECT_LABELS = {
     NOISE.name: "JND, relative change ({unit})",
     PEAK.name: "logit of largest P('equal')",
 }
-_BEYOND = {-1: "<", 0: "D", 1: ">"}  # markers of a group beyond the panel of the check
 
 
-def population(result: PopulationResult, check: PredictiveCheck | None = None) -> Figure:
-    """Draw the subjects of a group, the group mean with its prior, and the predictive check.
+def population(result: PopulationResult) -> Figure:
+    """Draw the subjects of a group, and the group mean with its prior.
 
     Above, for every parameter: median and 95 % interval of every subject (blue), of the group's
     mean (purple), and of a new subject (grey). Then the posterior of the mean over its prior.
-    Below: how subjects differ beside new groups, and what covariates or conditions do to the means.
-
-    Parameters
-    ----------
-    result : PopulationResult
-    check : PredictiveCheck, optional
-        Computed here where it is not given.
+    Below: what covariates or conditions do to the means.
     """
     names = result.names
     effects = _effects(result)
@@ -84,9 +73,9 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         comparisons = [f"{condition} {level} − {other}" for level, other in result.comparisons]
     n_subjects = len(result.subjects)
     is_crowded = n_subjects > MAX_NAMES_IN_GROUP
-    # Inches of the sections: forests, priors, predictive check, and effects if there are any.
+    # Inches of the sections: forests, priors, and effects if there are any.
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
-    heights = [0.3 + forest_height, 1.4, 2.4]
+    heights = [0.3 + forest_height, 1.4]
     n_columns = 1
     if effects:
         n_columns = even_columns(len(effects), largest=4)
@@ -108,10 +97,8 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
             f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS
         )
 
-    check_panel(sections[2].subplots(), predictive_check(result) if check is None else check)
-
     if effects:
-        _draw_effects(sections[3], result, effects, comparisons, n_columns)
+        _draw_effects(sections[2], result, effects, comparisons, n_columns)
     return figure
 
 
@@ -216,37 +203,6 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
     name_rows(ax, n_subjects, names)
     ax.set_xlabel(_LABELS[name].format(unit=unit.of_differences))
-
-
-def check_panel(ax: Axes, check: PredictiveCheck) -> None:
-    """Draw each statistic of the group, a point, over the 5 to 95 % of new groups, a bar.
-
-    Every row has a scale of its own: the median of new groups is at 0, and their 5 and 95 %
-    quantiles are at -1 and 1. A point beyond -2 or 2 stands there as an arrowhead.
-    """
-    for i, row in enumerate(check.statistics):
-        colour = BAD if row.p_value < CONTRADICTED else "black"
-        half_width = row.q95 - row.q50 if row.is_above else row.q50 - row.q05
-        distance = row.observed - row.q50
-        direction = int(np.sign(distance))
-        position = 2.0 * direction
-        marker = _BEYOND[direction]
-        if abs(distance) < 2.0 * half_width:
-            position = distance / half_width
-            marker = "D"
-        ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label="new groups, 5 to 95 %")
-        ax.plot([0.0, 0.0], [i - 0.18, i + 0.18], color=EQUAL, lw=0.8)
-        ax.plot(position, i, marker, ms=4.0, color=colour, label="observed", ls="")
-        low, high, observed = rounded(row.q05, row.q95, row.q05, row.q95, row.observed)
-        text = f"{observed}, expected {low} to {high}, test p = {row.p_value:.2g}"
-        ax.text(0.0, i - 0.24, text, ha="center", va="bottom", fontsize=SMALL, color=colour)
-
-    n_statistics = len(check.statistics)
-    ax.set_yticks(range(n_statistics), [fill(row.label, 30) for row in check.statistics])
-    ax.set(ylim=(n_statistics - 0.5, -0.6), xlim=(-2.2, 2.2), xticks=[])
-    legend_above(ax, columns=2, title="does a normal group fit?")
-    style_axes(ax).tick_params(axis="y", length=0)
-    ax.spines[:].set_visible(False)
 
 
 def _effects(result: PopulationResult) -> dict[str, tuple[FloatArray, str]]:

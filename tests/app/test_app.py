@@ -278,7 +278,7 @@ def test_requests_of_others_are_refused(server, job, headers):
 )
 def test_only_files_of_the_results_are_sent(server, job, path):
     results = server.state(job)["results"]
-    assert server.ask(f"/{results}{path[1:]}").code == 404
+    assert server.ask(f"/{results}{path[1:]}").code in (403, 404)
     assert server.ask(f"/results/0123/{job}{path}").code == 403
 
 

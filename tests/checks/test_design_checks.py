@@ -106,14 +106,6 @@ def test_stimuli_on_two_scales_are_named():
     assert finding.option == "--exclude 'S 1'", "a fault of recording needs a decision"
 
 
-def test_subjects_whose_stimuli_have_another_unit():
-    subjects = [make_subject([(shift, shift + 0.1)], name=f"S{shift}") for shift in (0, 1, 7)]
-    (finding,) = two_scales(subjects)
-    ranges = "The stimuli of S0, S1 are 0 to 1.1, those of other subjects 7 to 7.1."
-    assert finding.message.startswith(ranges)
-    assert two_scales(subjects[:2]) == []
-
-
 def test_a_lone_stimulus_far_from_the_others():
     pairs = [*itertools.product([0.0, 0.1, 0.3], repeat=2), (3.0, 3.0)]
     subject = Subject.from_counts("S01", *np.transpose(pairs), [0] * 10, [40] * 9 + [1])
@@ -122,28 +114,18 @@ def test_a_lone_stimulus_far_from_the_others():
 
 
 @pytest.mark.parametrize(
-    "names, code, message",
+    "names, message",
     [
-        (
-            ("vp1", "Vp1", "VP1", "vp3"),
-            "names_differ_in_case",
-            "Subjects 'vp1', 'Vp1', 'VP1' differ in case only. If they are one subject,",
-        ),
-        (
-            ("\u00e4", "a\u0308"),
-            "names_look_alike",
-            "Subjects '\\xe4', 'a\\u0308' look alike. If they are one subject,",
-        ),
-        (("S01", "S\u200b01", "s01\u200d"), "names_look_alike", "Subjects 'S01', 'S\\u200b01', 's"),
-        (("007", "7", "17"), "names_are_one_number", "Subjects '007', '7' are the same number. If"),
-        (("1e5", "100000"), "names_are_one_number", "Subjects '1e5', '100000' are the same number"),
-        (("7", "17", "a", "b"), "", ""),
+        (("vp1", "Vp1", "VP1", "vp3"), "Subjects 'vp1', 'Vp1', 'VP1' look alike. If they are one"),
+        (("\u00e4", "a\u0308"), "Subjects '\\xe4', 'a\\u0308' look alike. If"),
+        (("007", "7", "17"), "Subjects '007', '7' look alike. If"),
+        (("7", "17", "a", "b"), ""),
     ],
 )
-def test_names_that_may_be_of_one_subject(names, code, message):
+def test_names_that_may_be_of_one_subject(names, message):
     texts = messages(*(make_subject(GRID, name=name) for name in names))
-    assert list(texts) == ([code] if code else [])
-    assert texts.get(code, "").startswith(message)
+    assert texts.get("names_look_alike", "").startswith(message)
+    assert len(texts) == bool(message)
 
 
 def test_findings_of_subjects_follow_those_of_the_study():
@@ -151,8 +133,8 @@ def test_findings_of_subjects_follow_those_of_the_study():
     findings = bt.check(Study(subjects))
     assert findings[0] == Finding(
         "",
-        "names_differ_in_case",
-        "Subjects 'b', 'B' differ in case only. If they are one subject, give them one name.",
+        "names_look_alike",
+        "Subjects 'b', 'B' look alike. If they are one subject, give them one name.",
     )
     assert [(finding.subject, finding.code) for finding in findings[1:]] == [
         ("B", "not_identified"),

@@ -83,7 +83,7 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
     covariates = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
     group = made_result(study, covariates, n_divergent=2)
 
-    wrong = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, is_above=True)
+    wrong = Statistic("spread", "accuracy", 0.3, 0.1, 0.2, 0.004, is_above=True)
     check = PredictiveCheck((wrong,))
 
     out = write_results(

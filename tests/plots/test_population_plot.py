@@ -4,23 +4,13 @@ import re
 
 import numpy as np
 import pytest
-from conftest import made_subject
 from legible import marks_of, require_legible, words_of
 from populations import made_result, simulated_group, two_conditions, with_ages
 from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.plots.population import MAX_NAMES_IN_GROUP, forest
-from bayes_toe.plots.style import BAD, new_figure
-
-CHECK = PredictiveCheck(
-    (
-        Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, True),
-        Statistic("farthest", "share of 'second'", 1.5, 1.4, 1.6, 2.2, 0.7, False),
-    ),
-)
+from bayes_toe.plots.style import new_figure
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +24,7 @@ def panels(figure):
 
 
 def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
-    forests = panels(bt.plots.population(few, CHECK))
+    forests = panels(bt.plots.population(few))
     ax = forests["contraction (%)"]
     lines = {line.get_label(): line.get_xdata() for line in ax.lines}
     medians = np.median(few.draws.subjects, axis=(0, 1))
@@ -53,17 +43,17 @@ def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
 
 
 def test_the_title_has_both_effects_and_warns(few):
-    title = bt.plots.population(few, CHECK).get_suptitle()
+    title = bt.plots.population(few).get_suptitle()
     assert re.match(
         r"Group of 4 subjects \(synthetic data\)\nmean PSE shift .*\nmean contraction .*", title
     )
     wrong = made_result(few.study, n_divergent=3)
-    assert bt.plots.population(wrong, CHECK).get_suptitle().startswith("NOT RELIABLE")
+    assert bt.plots.population(wrong).get_suptitle().startswith("NOT RELIABLE")
 
 
 def test_the_mean_stands_before_its_prior(few):
     contraction_panel = 4  # after three forests, and the mean constant error
-    ax = bt.plots.population(few, CHECK).axes[contraction_panel]
+    ax = bt.plots.population(few).axes[contraction_panel]
     [prior] = [line for line in ax.lines if line.get_label() == "its prior"]
     x, density = prior.get_data()
     hyperprior = few.settings.hyperprior.contraction
@@ -75,17 +65,9 @@ def test_the_mean_stands_before_its_prior(few):
 
 @pytest.mark.parametrize("n_subjects", [4, 40])
 def test_the_figure_is_legible_and_fits_a_page(n_subjects):
-    figure = bt.plots.population(made_result(simulated_group(3, n_subjects, n_each=6)), CHECK)
+    figure = bt.plots.population(made_result(simulated_group(3, n_subjects, n_each=6)))
     require_legible(figure)
     assert 25.4 * figure.get_figheight() < 270.0
-
-
-def test_the_check_marks_what_contradicts_a_normal_group(few):
-    ax = bt.plots.population(few, CHECK).axes[6]
-    texts = {text.get_text(): text.get_color() for text in ax.texts}
-    assert texts["0.30, expected 0.10 to 0.20, test p = 0.004"] == BAD
-    assert texts["1.50, expected 1.40 to 2.20, test p = 0.7"] == "black"
-    assert len(marks_of(ax, ">")) == len(marks_of(ax, "D")) == 1
 
 
 def test_many_subjects_are_sorted_and_have_no_names():
@@ -99,7 +81,7 @@ def test_many_subjects_are_sorted_and_have_no_names():
 
 def require_effect(result, label, middle):
     """A forest with one effect on the PSE shift."""
-    axes = bt.plots.population(result, CHECK).axes
+    axes = bt.plots.population(result).axes
     ax = [ax for ax in axes if ax.get_xlabel() == "PSE shift (%)"][2]
     assert [text.replace("\n", " ") for text in words_of(ax.get_yticklabels())] == [label]
     [point] = marks_of(ax, "o")
@@ -118,11 +100,3 @@ def test_the_figure_shows_the_effect_of_a_condition():
     result = made_result(two_conditions(1, n_subjects=3))
     draws, *_ = result.difference("constant_error", ("right", "left"))
     require_effect(result, "hand right − left", np.median(draws))
-
-
-def test_a_group_without_anything_to_check_has_a_figure():
-    """The second subject has equal pairs alone: no right answers, and no share to compare."""
-    first = made_subject("0 0.2 15 20, 0.2 0 5 20, 0 0 10 20", "A", WHICH_STRONGER)
-    second = made_subject("0 0 9 20, 0.2 0.2 12 20", "B", WHICH_STRONGER)
-    result = made_result(bt.Study([first, second]))
-    require_legible(bt.plots.population(result, PredictiveCheck(())))
