@@ -13,6 +13,7 @@ import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -81,7 +82,7 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
 def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """Probable mistakes, which every command prints before its work."""
     findings = [Finding("", "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts]
-    findings += [*_raw_stimuli(study), *_two_scales(study)]
+    findings += [*_raw_stimuli(study), *_two_scales(study), *_scales_of_subjects(study)]
     if prior is not None:
         findings += _prior_scale(study, prior)
     return tuple(findings)
@@ -116,22 +117,18 @@ def _two_scales(study: Study) -> Findings:
         levels = np.unique(subject.stimuli)
         if len(levels) == 1:
             continue
-        gaps = np.diff(levels)
-        widest = gaps.argmax()
-        groups = np.split(levels, [widest + 1])  # the levels below and above the widest gap
-        other_gaps = np.delete(gaps, widest).sum()
+        gap = _widest_gap(levels)
         # A trial with a stimulus in each group counts in both.
-        is_below = np.stack([subject.s1, subject.s2]) <= levels[widest]
+        is_below = np.stack([subject.s1, subject.s2]) <= gap.below[-1]
         n_below = subject.n_trials[is_below.any(axis=0)].sum()
         n_above = subject.n_trials[~is_below.all(axis=0)].sum()
         n_in_smaller_group = min(n_below, n_above)
 
         # Two digits of the ratio; exp(700) is near the largest float.
-        rounded_ratio = float(f"{math.exp(min(gaps[widest], 700.0)):.2g}")
+        rounded_ratio = float(f"{math.exp(min(gap.size, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
-        ranges = [_range_of(group, subject.unit, study.reading) for group in groups]
-        # The gap of two scales is wider than a factor of 100.
-        if gaps[widest] > max(math.log(100.0), 2.0 * other_gaps):
+        ranges = [_range_of(group, subject.unit, study.reading) for group in gap[:2]]
+        if gap.separates_scales:
             yield Finding(
                 subject.name,
                 "two_scales",
@@ -139,7 +136,7 @@ def _two_scales(study: Study) -> Findings:
                 "in another unit or without a decimal point.",
                 f"--exclude {cli_argument(subject.name)}",
             )
-        elif gaps[widest] > other_gaps > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
+        elif gap.size > gap.others > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
             lone, remaining = ranges if n_below < n_above else ranges[::-1]
             yield Finding(
@@ -148,6 +145,46 @@ def _two_scales(study: Study) -> Findings:
                 f"In {trials}, a stimulus ({lone}) lies {factor} from all others ({remaining}). "
                 "Check its decimal point.",
             )
+
+
+def _scales_of_subjects(study: Study) -> Findings:
+    """Stimuli of some subjects that are a factor of 100 or more from those of all others."""
+    levels = np.unique(np.concatenate([subject.stimuli for subject in study]))
+    if study.conditions is not None or len(levels) == 1:
+        return
+    gap = _widest_gap(levels)
+    weak = [subject.name for subject in study if subject.stimuli.max() <= gap.below[-1]]
+    strong = [subject.name for subject in study if subject.stimuli.min() >= gap.above[0]]
+    if gap.separates_scales and len(weak) + len(strong) == len(study):
+        ranges = [_range_of(group, study.unit, study.reading) for group in gap[:2]]
+        yield Finding(
+            "",
+            "two_scales",
+            f"The stimuli of {join_names(map(display_name, weak))} are {ranges[0]}, those of other "
+            f"subjects {ranges[1]}. Correct them if they are in another unit.",
+        )
+
+
+class _Gap(NamedTuple):
+    """The widest gap between levels of the stimuli: the levels on both sides, and widths."""
+
+    below: FloatArray
+    above: FloatArray
+    size: float
+    others: float  # all other gaps together
+
+    @property
+    def separates_scales(self) -> bool:
+        """Whether it is wider than a factor of 100, and than twice all other gaps together."""
+        return self.size > max(math.log(100.0), 2.0 * self.others)
+
+
+def _widest_gap(levels: FloatArray) -> _Gap:
+    """The widest gap between sorted levels, of which there are at least two."""
+    gaps = np.diff(levels)
+    widest = gaps.argmax()
+    below, above = np.split(levels, [widest + 1])
+    return _Gap(below, above, float(gaps[widest]), float(np.delete(gaps, widest).sum()))
 
 
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:

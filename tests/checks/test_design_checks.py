@@ -106,6 +106,14 @@ def test_stimuli_on_two_scales_are_named():
     assert finding.option == "--exclude 'S 1'", "a fault of recording needs a decision"
 
 
+def test_subjects_whose_stimuli_have_another_unit():
+    subjects = [make_subject([(shift, shift + 0.1)], name=f"S{shift}") for shift in (0, 1, 7)]
+    (finding,) = two_scales(subjects)
+    ranges = "The stimuli of S0, S1 are 0 to 1.1, those of other subjects 7 to 7.1."
+    assert finding.message.startswith(ranges)
+    assert two_scales(subjects[:2]) == []
+
+
 def test_a_lone_stimulus_far_from_the_others():
     pairs = [*itertools.product([0.0, 0.1, 0.3], repeat=2), (3.0, 3.0)]
     subject = Subject.from_counts("S01", *np.transpose(pairs), [0] * 10, [40] * 9 + [1])
