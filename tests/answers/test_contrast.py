@@ -12,14 +12,10 @@ from scipy.special import ndtr
 
 import bayes_toe as bt
 from bayes_toe.answers.contrast import (
-    CHOICES,
     CONTRAST_COLUMNS,
     ORDER_EFFECT,
     WORDS,
-    condition_evidences,
 )
-from bayes_toe.model.condition_model import ConditionModels
-from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
 DIFFERS, _, UNDECIDED, *_ = WORDS
 NOT_DIFFERENT = set(WORDS[2:])  # undecided, or probably or surely no difference
@@ -87,24 +83,6 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
     # Difference of the order effect = difference of the contraction x spread of first stimuli.
     spread = np.std(FIRST)
     assert order.q50 == pytest.approx(abs(contraction.q50) * spread, rel=0.1)
-
-
-def test_a_bayes_factor_is_a_ratio_of_mean_evidences():
-    study = bt.read_study(condition_counts(subjects="A", trials=8))
-    models = ConditionModels(study.subjects, study.conditions.design())
-    evidence, with_lapses = condition_evidences(models, seed=1)
-    scaled_evidence = np.exp(evidence.log_evidence - evidence.log_evidence.max())
-    for parameters in ({CONTRACTION}, {CONSTANT_ERROR, CONTRACTION}):
-        # The mean evidence of models in which one of them differs, over that of the others.
-        differs = np.array([bool(parameters.intersection(choice)) for choice in CHOICES])
-        expected = scaled_evidence[differs].mean() / scaled_evidence[~differs].mean()
-        assert np.exp(evidence.log_bayes_factor(differs)) == pytest.approx(expected)
-        assert 0.0 < evidence.bayes_factor_error(differs) < 0.05
-
-    # Lapse rates differ in the second set of models alone.
-    lapse = models.array([()]).names.index("lapse_rate 1")
-    assert not any(draws.x[:, lapse].any() for draws in evidence.draws)
-    assert all(draws.x[:, lapse].any() for draws in with_lapses.draws)
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from serial_observers import neighbouring_pairs
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import (
-    FAULTS,
     Finding,
     answer_flags,
     check_answers,
@@ -77,11 +76,6 @@ def codes_by_subject(subjects):
 def messages(*subjects):
     """The message of each finding, by its code."""
     return {finding.code: finding.message for finding in findings_of(*subjects)}
-
-
-def test_five_flags_forbid_interpretation():
-    whole_subject = {"repeated_trials", "one_answer", "other_task", "reversed_answers"}
-    assert FAULTS.keys() == whole_subject | {"swapped_blocks"}
 
 
 def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
@@ -236,18 +230,6 @@ def test_a_strong_contraction_is_no_surprise(task, p):
 def test_a_group_in_a_hard_task_does_not_look_like_another_task():
     subjects = (simulated(i, WHICH_STRONGER, noise=0.75, name=f"S{i}") for i in range(40))
     assert {finding.code for finding in findings_of(*subjects)} <= {"independent_answers"}
-
-
-def test_three_reversed_subjects_of_13_are_three_subjects():
-    subjects = [simulated(i, WHICH_STRONGER, name=f"S{i}") for i in range(13)]
-    for i in (2, 5, 7):
-        subjects[i] = replace(subjects[i], n_yes=subjects[i].n_trials - subjects[i].n_yes)
-    findings = findings_of(*subjects)
-    assert [(finding.code, finding.option) for finding in findings] == [
-        ("reversed_answers", "--swap S2"),
-        ("reversed_answers", "--swap S5"),
-        ("reversed_answers", "--swap S7"),
-    ]
 
 
 @BOTH_TASKS

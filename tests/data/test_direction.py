@@ -397,12 +397,6 @@ def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp
     assert is_intended(table, first)
 
 
-def test_python_is_told_which_options_to_use_for_reversed_answers():
-    use = r"use ReadOptions\(second_code='s1', first_code='s2'\) if "
-    with pytest.raises(bt.InputError, match=use):
-        bt.read_study(IN_ORDER.assign(response=coded("second=s1 first=s2")))
-
-
 def subjects_with(n_subjects, slope, n=40):
     """Subjects whose P(second) rises with s2 - s1, or falls where the slope is negative."""
     levels = np.array([-0.3, -0.2, -0.1, 0.1, 0.2, 0.3])
@@ -496,13 +490,6 @@ def test_columns_of_psychopy_are_read_where_one_is_similar(names, expected):
     study = bt.read_study(table)
     assert " ".join(study.reading.read) == f"subject s1 s2 {expected}"
     assert study.frame().equals(INTENDED.frame())
-
-
-def test_two_columns_of_keys_are_proposed(tmp_path):
-    table = IN_ORDER.rename(columns={"response": "key_resp.keys"}).assign(**{"key_2.keys": "space"})
-    first, *_ = typed_lines(checked(tmp_path, table).stderr)
-    assert first == "--columns response=key_resp.keys"
-    assert checked(tmp_path, table, first).returncode == 0
 
 
 def test_all_that_is_missing_is_asked_at_once(tmp_path):

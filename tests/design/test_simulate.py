@@ -79,11 +79,6 @@ def test_answers_of_the_papers_observers_to_which_is_stronger():
     assert (np.abs(subject.n_yes / 4000 - p_second) < error).all()
 
 
-def test_what_is_carried_over_is_in_the_truth():
-    _, truth = bt.simulate({"A": PAPER}, batches=30, seed=1, carry_over=0.8)
-    assert truth["A"] == {**PAPER, "carry_over": 0.8}
-
-
 def test_expectations_of_trials_are_those_of_serial_dependence():
     options = {"task": "2afc", "design": "full", "batches": 20, "seed": 1}
     study, parameters = bt.simulate({"A": OBSERVER_2AFC}, carry_over=0.7, **options)

@@ -72,16 +72,6 @@ def test_an_entry_holds_draws_and_their_quantiles(entry, analysis):
     np.testing.assert_allclose(entry["marked"][position], quantiles, rtol=1e-9)
 
 
-def test_the_page_has_tabs_of_the_effects_and_of_the_papers_parameters(page_data):
-    assert page_data["index"]["tabs"] == ["effects", "paper's parameters"]
-
-
-def test_an_entry_has_a_badge_for_each_parameter_that_the_prior_determines(entry, analysis):
-    summary = analysis.draws.summary().query("subject == 'A' and posterior_contraction < 0.5")
-    badged = {name for kind, name in entry["badges"] if kind == "dominated"}
-    assert badged >= {*summary.parameter}
-
-
 def test_an_entry_has_the_true_values_of_the_parameters_of_its_model(entry, page_data, truth):
     assert entry["truth"]["sigma_p"] == truth["sigma_p"]
     # Three subjects have two entries each before it: of the paper's model, and of all four models.

@@ -24,8 +24,6 @@ from reference.tempering import (
     NOISE_SD,
     Q0_A,
     SLOPE_SCALE,
-    tempered_evidence,
-    tempered_points,
 )
 
 import bayes_toe as bt
@@ -57,22 +55,6 @@ def test_the_likelihood_of_the_paper_in_separate_code(name):
     value = PaperScores(SUBJECTS[name])(scores)
     expected = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()).log_likelihood(scores)
     np.testing.assert_allclose(value, expected, rtol=1e-11, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", ["S02", "one batch", "single pair"])
-def test_tempering_confirms_the_integration(name):
-    scores = PaperScores(SUBJECTS[name])
-    points, log_weights = tempered_points(scores, 4, runs=4, particles=2000, size=4000)
-    value, error = tempered_evidence(log_weights)
-    case = STORED["cases"][name]
-    assert value == pytest.approx(case["log_evidence"], abs=4 * error)
-    assert error < 0.03
-
-    theta = scores.natural(points.reshape(-1, 4))
-    weights = np.exp(log_weights - log_weights.max()).ravel()
-    for i, values in enumerate(theta):
-        mean = np.average(values, weights=weights)
-        assert mean == pytest.approx(case["means"][i], abs=0.1 * case["sds"][i])
 
 
 #: Ordinary subjects are alike: every fourth of them.
