@@ -140,26 +140,6 @@ def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, nam
         assert sorted(subject.stimuli) == pytest.approx(sorted(expected.ravel()))
 
 
-#: Names of columns of intensities, and what is typed; the signs of micro are two.
-FIRST_CHOICES = """
-    s1,s2 | --second-code j --unit a.u.
-    i1,i2 | --second-code j --unit a.u.
-    a1 \u00b5m,a2 \u00b5m | --second-code j
-    a1 \u03bcm,a2 \u03bcm | --second-code j
-"""
-
-
-@pytest.mark.parametrize("names, typed", text_table(FIRST_CHOICES))
-def test_the_first_choice_has_unit_and_code_and_works(names, typed):
-    table = trials(GRAMS, names).replace({"response": {"second": "j", "first": "k"}})
-    with pytest.raises(bt.InputError) as refusal:
-        bt.read_study(table)
-    remedies, _ = refusal.value.choices[0]
-    assert " ".join(remedy.typed for remedy in remedies) == typed
-    study = bt.read_study(table, typed_options(typed))
-    assert sorted(study["A"].stimuli) == pytest.approx(sorted(np.log(columns(GRAMS)).ravel()))
-
-
 @pytest.mark.parametrize("scale", [1.0, 0.01])
 @pytest.mark.parametrize("shift", [0.0, 5.0, 20.72])
 def test_natural_logs_need_no_unit_whatever_their_reference(scale, shift):

@@ -342,6 +342,8 @@ READ = {
     "grams_by_name.csv": labelled(IN_GRAMS, w1="weight1_g", w2="weight2_g").assign(
         rt1_ms=1, rt2_ms=2, click1_s=1, click2_s=2
     ),
+    "sign_of_micro.csv": labelled(IN_GRAMS, w1="a1 \u00b5m", w2="a2 \u00b5m"),
+    "letter_mu.csv": labelled(IN_GRAMS, w1="a1 \u03bcm", w2="a2 \u03bcm"),
     "units_in_cells.csv --unit g --columns i1=w1,i2=w2": IN_GRAMS.assign(
         w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format)
     ),
@@ -837,9 +839,8 @@ def check(folder, line, content):
 
 @pytest.mark.parametrize("line", READ)
 def test_a_shape_is_read_as_it_is_meant(line, tmp_path):
-    result = check(tmp_path, line, READ[line])
-    assert (result.returncode, result.stderr) == (0, "")
     name, _, options = line.partition(" ")
+    write(tmp_path / name, READ[line])
     study = bt.read_study(tmp_path / name, typed_options(options))
     expected = bt.read_study(READ_IN_PART.get(name, IN_LOGS))
     pd.testing.assert_frame_equal(comparable(study), comparable(expected))
