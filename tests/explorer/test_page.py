@@ -86,16 +86,6 @@ def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(entry, analysis):
         np.testing.assert_allclose(bt.model.equal_probability(s1, s2, *theta, q0), q0, atol=1e-6)
 
 
-def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_study):
-    draws = bt.sample(small_study.select(["A"]), model="both", draws=300, seed=3)
-    [entry] = entries(draws)
-    packed = entry.packed(100)
-    effects = ["constant_error", "contraction", "jnd"]
-    assert list(packed["main"]) == list(packed["names"][:3]) == effects
-    quantities = islands(page([entry]).html)["index"]["quantities"]
-    assert quantities["constant_error"][0] == "PSE shift c, %"
-
-
 def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     subject = bt.example_study("2afc")["S01"]
     block = np.arange(subject.total_trials) * 4 // subject.total_trials

@@ -13,7 +13,6 @@ from make_reference import belongs
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
-from reference.paper_density import PaperScores
 from reference.tempering import (
     CONSTANT_ERROR_SCALE,
     CONTRACTION_SD,
@@ -47,14 +46,6 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
         name, model = key.rsplit(": ", 1)
         assert belongs(ORDER_CASES[name], model).items() <= case.items()
         assert case["method"] == METHOD
-
-
-@pytest.mark.parametrize("name", hard_cases())
-def test_the_likelihood_of_the_paper_in_separate_code(name):
-    scores = 4.0 * default_rng(1).standard_normal((500, 4))
-    value = PaperScores(SUBJECTS[name])(scores)
-    expected = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()).log_likelihood(scores)
-    np.testing.assert_allclose(value, expected, rtol=1e-11, atol=1e-11)
 
 
 #: Ordinary subjects are alike: every fourth of them.
