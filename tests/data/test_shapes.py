@@ -1077,53 +1077,6 @@ def test_pairs_of_zeros_that_are_trials_stay(kind):
     assert study["P12"].total_trials == n_trials
 
 
-CHARACTERS = [*",;\t|.\"'059 -e\nx\u2212\u00a0é", ""]
-CELLS = ["", "NA", "999", "1,5", "1.050", "equal", "1e3", "inf", "+0.1", "0.30", "½"]
-ROWS = ["P03,-0.1,0.3,second\n", "P03,0.3\n", "\n"]
-#: A row that can mean only one thing.
-PLAIN_ROW = re.compile(r"\s*([^,\"]*[^,\"\s])\s*,(-?\d+\.?\d*),(-?\d+\.?\d*),(second|first)")
-
-
-def mutated(text, rng):
-    """A table with some characters, cells or delimiters changed, or with another row."""
-    for _ in range(rng.choice([1, 1, 2, 5])):
-        start, kind = rng.randrange(len(text)), rng.randrange(5)
-        if kind < 2:
-            text = text[:start] + rng.choice(CHARACTERS) + text[start + kind :]
-        elif kind == 2:
-            text = text.replace(rng.choice(text.split(",")), rng.choice(CELLS), 1)
-        elif kind == 3:
-            text = text.replace(rng.choice(",."), rng.choice(",;\t"))
-        else:
-            text += rng.choice(ROWS)
-    return text
-
-
-def plain_table(text):
-    """The rows of a table that can mean only one thing; None where a row is not plain."""
-    header, *lines = text.strip("\n").split("\n")
-    rows = list(map(PLAIN_ROW.fullmatch, lines))
-    if header != "subject,s1,s2,response" or None in rows:
-        return None
-    table = pd.DataFrame(map(re.Match.groups, rows), columns=[*IN_LOGS])
-    return table.astype({"s1": float, "s2": float})
-
-
-def test_a_changed_table_is_read_as_it_stands_or_refused(tmp_path):
-    text, path, n_plain = csv(IN_LOGS).decode(), tmp_path / "changed.csv", 0
-    rng = random.Random(1)
-    for _ in range(400):
-        changed = mutated(text, rng)
-        path.write_text(changed, encoding="utf-8")
-        table = plain_table(changed)
-        with suppress(bt.InputError):
-            study = bt.read_study(path)
-            if table is not None:
-                n_plain += 1
-                assert study.frame().equals(bt.read_study(table).frame()), changed
-    assert n_plain > 50
-
-
 @pytest.mark.parametrize("name", ["vectors.mat", "table.xlsx"])
 def test_a_file_with_changed_bytes_is_read_or_refused(name, tmp_path):
     rng = random.Random(1)
