@@ -209,7 +209,7 @@ def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
     path = tmp_path / SUBJECTS
     content = (saved / SUBJECTS).read_bytes()
     random_bytes = random.Random(1)
-    for i in range(40):
+    for i in range(20):
         changed = bytearray(content)
         end = len(content) if i % 2 else 20_000  # anywhere, or among the headers of HDF5
         for _ in range(3):
@@ -235,7 +235,7 @@ def test_a_command_names_a_file_of_another_kind(saved):
     assert "population.nc: draws of a group, allowed: those of subjects, a posterior.nc" in message
 
 
-@pytest.mark.parametrize("room", [0, 2000, 50_000, 500_000])
+@pytest.mark.parametrize("room", [2000, 500_000])
 def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path, room):
     """HDF5 itself ends the process with a segmentation fault here."""
     save_on_a_full_disk(saved / SUBJECTS, tmp_path / SUBJECTS, room)
