@@ -4,7 +4,6 @@ import contextlib
 import json
 import random
 import shutil
-import tracemalloc
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -112,15 +111,6 @@ def test_a_file_names_its_run(analysis):
     other = bt.sample(study.swap("A"), model="none", draws=20, seed=1)
     hashes = [draws.tree.attrs["counts_hash"] for draws in (analysis.draws, repeated, other)]
     assert hashes[0] == hashes[1] != hashes[2]
-
-
-def test_draws_are_not_in_memory_twice_when_they_are_saved(analysis, tmp_path):
-    n_bytes = analysis.draws.tree.nbytes
-    tracemalloc.start()
-    analysis.draws.save(tmp_path / "posterior.nc")
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 0.5 * n_bytes
 
 
 # --- What is refused ------------------------------------------------------------------------------
