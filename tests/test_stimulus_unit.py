@@ -79,15 +79,6 @@ def test_screens_have_the_unit(decibels, tmp_path):
     assert "PSE shift, %" not in screen
 
 
-def test_raw_intensities_are_shown_in_their_unit(logs):
-    grams = as_read(logs, 10.0 * np.exp(logs.frame()[["s1", "s2"]]), "g", 10.0)
-    # The reference is 10 g, so that a natural log of 2 is 20 g.
-    assert grams.unit.describe(np.log(2.0)) == "20 g"
-    assert grams.unit.of_differences == "%"
-    assert grams.unit.stimuli(grams.unit.logs(12.5)) == pytest.approx(12.5)
-    assert grams.unit.describe(grams["S01"].s1[0]) == "10 g"
-
-
 @pytest.mark.parametrize("digits", [2, 3, 6])
 @pytest.mark.parametrize("task", ["which is stronger", "same/different"])
 def test_rounded_intensities_are_judged_as_exact_ones(task, digits):

@@ -504,8 +504,3 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path):
     assert checked(tmp_path, table, first).returncode == 0
     for line in other_lines:  # it leads to the next question, or to an answer
         assert "found together" not in checked(tmp_path, table, line).stderr
-
-
-def test_columns_may_be_named_in_several_options(tmp_path):
-    table = IN_ORDER.rename(columns={"s1": "a", "s2": "b"})
-    assert checked(tmp_path, table, "--columns s1=a --columns s2=b").returncode == 0
