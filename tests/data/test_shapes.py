@@ -726,6 +726,10 @@ REFUSED = {
         "subject,s1,s2,same,different,n_trials\na,0,0.3,1,5,7\n",
         "row 2, column n_trials: found '7', allowed: the sum of same and different, 6",
     ),
+    "counts_of_three_that_do_not_add_up.csv": (
+        "subject,s1,s2,n_first,n_equal,n_second,n_trials\na,0,1,1,2,1,4\na,1,0,1,1,1,4\n",
+        "row 3, column n_trials: found '4', allowed: the sum",
+    ),
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
         "p_second=cell', allowed",
