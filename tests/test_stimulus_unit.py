@@ -79,15 +79,6 @@ def test_screens_have_the_unit(decibels, tmp_path):
     assert "PSE shift, %" not in screen
 
 
-def test_raw_intensities_are_shown_in_their_unit(logs):
-    grams = as_read(logs, 10.0 * np.exp(logs.frame()[["s1", "s2"]]), "g", 10.0)
-    # The reference is 10 g, so that a natural log of 2 is 20 g.
-    assert grams.unit.describe(np.log(2.0)) == "20 g"
-    assert grams.unit.of_differences == "%"
-    assert grams.unit.stimuli(grams.unit.logs(12.5)) == pytest.approx(12.5)
-    assert grams.unit.describe(grams["S01"].s1[0]) == "10 g"
-
-
 @pytest.mark.parametrize("digits", [2, 3, 6])
 @pytest.mark.parametrize("task", ["which is stronger", "same/different"])
 def test_rounded_intensities_are_judged_as_exact_ones(task, digits):
@@ -138,26 +129,6 @@ def test_what_cannot_be_a_natural_log_is_refused_with_units_that_work(pairs, nam
         if remedy.value != "ln":
             expected = np.log(expected)
         assert sorted(subject.stimuli) == pytest.approx(sorted(expected.ravel()))
-
-
-#: Names of columns of intensities, and what is typed; the signs of micro are two.
-FIRST_CHOICES = """
-    s1,s2 | --second-code j --unit a.u.
-    i1,i2 | --second-code j --unit a.u.
-    a1 \u00b5m,a2 \u00b5m | --second-code j
-    a1 \u03bcm,a2 \u03bcm | --second-code j
-"""
-
-
-@pytest.mark.parametrize("names, typed", text_table(FIRST_CHOICES))
-def test_the_first_choice_has_unit_and_code_and_works(names, typed):
-    table = trials(GRAMS, names).replace({"response": {"second": "j", "first": "k"}})
-    with pytest.raises(bt.InputError) as refusal:
-        bt.read_study(table)
-    remedies, _ = refusal.value.choices[0]
-    assert " ".join(remedy.typed for remedy in remedies) == typed
-    study = bt.read_study(table, typed_options(typed))
-    assert sorted(study["A"].stimuli) == pytest.approx(sorted(np.log(columns(GRAMS)).ravel()))
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.01])

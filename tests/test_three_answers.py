@@ -62,24 +62,6 @@ def test_trials_codes_and_counts_say_the_same(text, options):
     assert subject.n_first.tolist() == [1, 0]
 
 
-def test_trials_that_are_not_the_sum_of_the_counts_are_refused():
-    text = csv(f"{COUNTS},n_trials", "a,0,1,1,2,1,4", "a,1,0,1,1,1,4")
-    with pytest.raises(bt.InputError, match="row 3, column n_trials: found '4', allowed: the sum"):
-        read(text)
-
-
-def test_codes_of_three_answers_are_asked_for_and_the_advice_works():
-    # 1 is given where the second stimulus is stronger, 2 to an equal pair, 3 in the other order.
-    trials = csv(TRIALS, *["a,0,1,1", "a,0.5,0.5,2", "a,1,0,3"] * 20)
-    with pytest.raises(bt.InputError) as refusal:
-        read(trials)
-    first_choice, _ = refusal.value.choices[0]
-    options = " ".join(remedy.typed for remedy in first_choice)
-    assert options == "--equal-code 2 --second-code 1"
-    (subject,) = read(trials, options)
-    assert subject.n_second.tolist() == [20, 0, 0]
-
-
 def test_a_stray_word_in_a_study_of_two_answers_is_doubted():
     rows = ["a,0,1,second"] * 60 + ["a,1,0,first"] * 60 + ["a,0,1,equal"]
     (doubt,) = read(csv(TRIALS, *rows)).reading.doubts

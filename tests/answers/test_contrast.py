@@ -12,14 +12,10 @@ from scipy.special import ndtr
 
 import bayes_toe as bt
 from bayes_toe.answers.contrast import (
-    CHOICES,
     CONTRAST_COLUMNS,
     ORDER_EFFECT,
     WORDS,
-    condition_evidences,
 )
-from bayes_toe.model.condition_model import ConditionModels
-from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
 DIFFERS, _, UNDECIDED, *_ = WORDS
 NOT_DIFFERENT = set(WORDS[2:])  # undecided, or probably or surely no difference
@@ -87,24 +83,6 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
     # Difference of the order effect = difference of the contraction x spread of first stimuli.
     spread = np.std(FIRST)
     assert order.q50 == pytest.approx(abs(contraction.q50) * spread, rel=0.1)
-
-
-def test_a_bayes_factor_is_a_ratio_of_mean_evidences():
-    study = bt.read_study(condition_counts(subjects="A", trials=8))
-    models = ConditionModels(study.subjects, study.conditions.design())
-    evidence, with_lapses = condition_evidences(models, seed=1)
-    scaled_evidence = np.exp(evidence.log_evidence - evidence.log_evidence.max())
-    for parameters in ({CONTRACTION}, {CONSTANT_ERROR, CONTRACTION}):
-        # The mean evidence of models in which one of them differs, over that of the others.
-        differs = np.array([bool(parameters.intersection(choice)) for choice in CHOICES])
-        expected = scaled_evidence[differs].mean() / scaled_evidence[~differs].mean()
-        assert np.exp(evidence.log_bayes_factor(differs)) == pytest.approx(expected)
-        assert 0.0 < evidence.bayes_factor_error(differs) < 0.05
-
-    # Lapse rates differ in the second set of models alone.
-    lapse = models.array([()]).names.index("lapse_rate 1")
-    assert not any(draws.x[:, lapse].any() for draws in evidence.draws)
-    assert all(draws.x[:, lapse].any() for draws in with_lapses.draws)
 
 
 @pytest.fixture
@@ -186,16 +164,14 @@ def test_the_asymmetry_of_fit_has_rows_for_each_condition(two_hands):
 
 def test_tasks_agree_but_for_what_differs(tmp_path):
     """The subject has a contraction in both tasks, and a constant error in 2AFC alone."""
-    rng = default_rng(5)
-    trials = pd.DataFrame({"subject": "A", "s1": np.repeat(FIRST, 60), "s2": np.repeat(SECOND, 60)})
-    distance = (trials.s2 - trials.s1 + 0.3 * (trials.s1 - 0.45)) / 0.25  # in units of the noise
-    perceived = distance - 1.0 + rng.standard_normal(len(trials))
-    stronger = np.where(perceived > 0.0, "second", "first")
-    perceived = distance + rng.standard_normal(len(trials))
-    equal = np.where(np.abs(perceived) < 1.3, "equal", "different")
-    of_2afc = trials.assign(response=stronger, task="2afc")
-    of_same_different = trials.assign(response=equal, task="same/different")
-    pd.concat([of_2afc, of_same_different]).to_csv(tmp_path / "study.csv", index=False)
+    design = tmp_path / "design.csv"
+    pd.DataFrame({"s1": FIRST, "s2": SECOND}).to_csv(design, index=False)
+    observer, tables = {"noise": 0.25, "contraction": 0.3}, []
+    for task, parameters in (("2afc", {"constant_error": 0.25}), ("same/different", {"q0": 0.8})):
+        observers = {"A": observer | parameters}
+        study, _ = bt.simulate(observers, design=str(design), batches=60, seed=1, task=task)
+        tables.append(study.frame().drop(columns="synthetic").assign(task=task))
+    pd.concat(tables).to_csv(tmp_path / "study.csv", index=False)
     assert "bayes-toe contrast" in good("check study.csv --condition task", cwd=tmp_path)
     assert "--where task=2afc" in refused("run study.csv --condition task", cwd=tmp_path)
     screen = good("contrast study.csv --condition task --seed 1", cwd=tmp_path)

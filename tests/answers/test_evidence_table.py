@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import few_pairs, made_subject
+from conftest import made_subject
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
@@ -15,7 +15,6 @@ from bayes_toe.answers.evidence_table import (
     frequency_evidence_laplace,
     subject_evidence,
 )
-from bayes_toe.errors import NumericalError
 from bayes_toe.inference.fitted import importance_evidence
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.subject import fit_subject, model_evidence
@@ -84,18 +83,3 @@ def test_real_vibrotactile_subjects_go_both_ways(vibrotactile):
         factors.append(h1 - frequency_evidence(subject))
     assert np.count_nonzero(np.greater(factors, 0)) == 6
     assert (min(factors), max(factors)) == pytest.approx((-17, 18.5), abs=0.5)
-
-
-def test_a_numerical_failure_leaves_the_other_subjects(monkeypatch):
-    def finite(evidence):
-        if evidence.subject.name == "B":
-            return NumericalError("not a finite number")
-        return evidence
-
-    monkeypatch.setattr("bayes_toe.inference.order_evidence._finite", finite)
-    table = bt.evidence(few_pairs("ABC"), seed=1)
-    assert [row.subject for row in table] == ["A", "C"]
-    assert table.failed == {"B": "not a finite number"}
-    frame = table.frame(full=True)
-    assert frame["subject"].tolist() == ["A", "C", "B"]
-    assert frame["p_order_effect"].isna().tolist() == [False, False, True]

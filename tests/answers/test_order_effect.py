@@ -163,13 +163,6 @@ def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
     assert sentence.endswith(" A constant error may be due to it.") == is_2afc
 
 
-def test_what_the_design_cannot_tell_has_no_word(evidence):
-    unidentifiable = Identification(dict.fromkeys(QUESTIONS, "one order only"))
-    answer = order_effect(evidence, unidentifiable)
-    assert {answer.word(question) for question in QUESTIONS} == {"cannot be told"}
-    assert answer.notes == ("one order only",)
-
-
 def test_an_imitated_contraction_has_no_word_and_the_other_questions_keep_theirs(evidence):
     imitated = Identification({"contraction": IMITATION})
     answer = order_effect(evidence, imitated)

@@ -122,15 +122,10 @@ def test_the_command_ends_with_code_3_if_a_subject_has_no_result(tmp_path, monke
         return [NumericalError("no maximum"), *evidences]
 
     monkeypatch.setattr("bayes_toe.answers.serial_dependence.try_order_evidence", without_the_first)
-    lines = ["subject,trial,s1,s2,response"]
-    for trial in range(1, 41, 2):
-        for name in "AB":
-            lines.append(f"{name},{trial},0,0.3,second")
-            lines.append(f"{name},{trial + 1},0.3,0,first")
-    (tmp_path / "trials.csv").write_text("\n".join(lines))
+    good("simulate -o trials.csv --task 2afc --subjects 2 --batches 5 --seed 1", cwd=tmp_path)
     completed = inside("history trials.csv --seed 1 --workers 1", cwd=tmp_path)
     assert completed.returncode == 3
-    assert "A  No result: no maximum" in completed.stdout
+    assert "S01  No result: no maximum" in completed.stdout
 
 
 def test_the_figure_shows_every_subject(table):

@@ -171,14 +171,6 @@ def test_files_get_different_names_of_bounded_length_and_others_are_refused():
         assert all(repr(name) in str(refusal.value) for name in names[1:])
 
 
-def test_the_same_files_are_the_same_study(tmp_path):
-    first, second = TWO_FILES.items()
-    job = job_of(tmp_path, TWO_FILES)
-    assert job_of(tmp_path, dict([second, first])) == job
-    for different in ([first], [first, ("v.csv", b"")], [first, ("w.csv", second[1])]):
-        assert job_of(tmp_path, dict(different)) != job
-
-
 def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again(tmp_path):
     records = {"0" * 16: "", "1" * 16: "[]", "2" * 16: '{"files": ["../x.csv"]}', "exp": "{}"}
     for name, record in records.items():

@@ -112,14 +112,6 @@ def test_a_study_of_which_is_stronger_has_a_lapse_rate_and_bands_about_half():
     assert low[0] < high[0] < 0.5 < low[1] < high[1]
 
 
-def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):
-    reverse = small_study.select(list(small_study.names)[::-1])
-    plain = bt.fit(small_study, replicates=20, seed=5, workers=1).frame(full=True)
-    other_order = bt.fit(reverse, replicates=20, seed=5, workers=2).frame(full=True)
-    assert other_order[::-1].reset_index(drop=True).equals(plain)
-    assert not bt.fit(small_study, replicates=20, seed=6).frame(full=True).equals(plain)
-
-
 def test_intervals_bands_and_notes_are_those_of_the_replicates():
     values = np.array([0.1, 0.3, 0.1, 0.9]) + default_rng(2).uniform(-0.1, 0.1, size=(400, 4))
     fitted = np.array([9.0, 0.3, 0.1, 0.9])

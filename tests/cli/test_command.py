@@ -39,13 +39,6 @@ def test_without_a_file_a_command_says_what_to_type(command, tmp_path):
     ]
 
 
-def test_the_example_takes_the_place_of_a_file():
-    study = StudyFile(example="2afc")
-    assert study.read().names == bt.example_study().names
-    paper = StudyFile(example="same-different")
-    assert paper.read().task.yes == "equal"
-
-
 EXAMPLES = """
     --example | 2afc
     --example -q | 2afc

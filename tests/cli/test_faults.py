@@ -28,14 +28,12 @@ def folder(tmp_path):
 
 
 def test_a_subject_that_fails_is_marked_and_the_study_goes_on(folder, monkeypatch, blank_pictures):
-    def run_without_the_first(jobs, workers):
-        for index, job in enumerate(jobs):
-            results = job()
-            if index == 0:
-                results[0] = NumericalError(FAILURE)
-            yield index, results
+    def finite(evidence):
+        if evidence.subject.name == "A":
+            return NumericalError(FAILURE)
+        return evidence
 
-    monkeypatch.setattr("bayes_toe.result_store.run_jobs", run_without_the_first)
+    monkeypatch.setattr("bayes_toe.inference.order_evidence._finite", finite)
     completed = inside("run study.csv -o out --draws 100 --figures none --seed 1", cwd=folder)
     assert (completed.returncode, completed.stderr) == (3, "")
     assert f"! A  No result: {FAILURE}" in completed.stdout

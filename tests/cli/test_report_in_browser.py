@@ -43,16 +43,22 @@ def names(page):
     return page.locator("#overview-table tbody tr:visible td.name a").all_inner_texts()
 
 
+WHITE, BLACK = "rgb(255, 255, 255)", "rgb(23, 24, 27)"
+INK, CHALK = "rgb(28, 28, 28)", "rgb(228, 228, 228)"
+
+
 @pytest.mark.parametrize(
-    "medium, width, scheme, background",
+    "medium, width, scheme, background, ink",
     [
-        ("screen", 400, "light", "rgb(255, 255, 255)"),
-        ("screen", 400, "dark", "rgb(23, 24, 27)"),
-        ("screen", 1200, "dark", "rgb(23, 24, 27)"),
-        ("print", A4, "dark", "rgb(255, 255, 255)"),
+        ("screen", 400, "light", WHITE, INK),
+        ("screen", 400, "dark", BLACK, CHALK),
+        ("screen", 1200, "dark", BLACK, CHALK),
+        ("print", A4, "dark", WHITE, "rgb(0, 0, 0)"),
     ],
 )
-def test_nothing_overflows(opened, medium, width, scheme, background):
+def test_nothing_overflows_and_figures_have_the_colours_of_the_page(
+    opened, medium, width, scheme, background, ink
+):
     built = opened(width, medium, scheme)
     if medium == "screen":
         built.page.evaluate(
@@ -61,6 +67,8 @@ def test_nothing_overflows(opened, medium, width, scheme, background):
     assert built.page_width() == width
     colour = "getComputedStyle(document.body).backgroundColor"
     assert built.page.evaluate(colour) == background
+    text = built.page.locator("figure svg text").first
+    assert text.evaluate("text => getComputedStyle(text).fill") == ink
 
 
 def test_folded_it_has_four_screens_with_answer_and_figure_in_the_first(opened):
@@ -71,14 +79,6 @@ def test_folded_it_has_four_screens_with_answer_and_figure_in_the_first(opened):
     boxes = [page.locator(position).first.bounding_box() for position in places]
     assert [box["y"] for box in boxes] == sorted(box["y"] for box in boxes)
     assert boxes[1]["y"] + 0.5 * boxes[1]["height"] < SCREEN
-
-
-@pytest.mark.parametrize(
-    "scheme, ink", [("light", "rgb(28, 28, 28)"), ("dark", "rgb(228, 228, 228)")]
-)
-def test_figures_follow_the_colours_of_the_page(opened, scheme, ink):
-    text = opened(scheme=scheme).page.locator("figure svg text").first
-    assert text.evaluate("text => getComputedStyle(text).fill") == ink
 
 
 def test_paper_has_answer_table_and_trust_but_nothing_else(opened):

@@ -142,15 +142,6 @@ def test_blocks_of_counts_without_blocks_are_refused():
     assert problems(changed, few_pairs("AB"), swap=["A:2"]) == [message]
 
 
-def test_subjects_that_are_numbers_are_named_by_numbers():
-    study = bt.Study([made_subject("0 0.3 4 5, 0.3 0 2 5", name) for name in "789"])
-    assert study.exclude([7, 8]).changes == ("--exclude 7", "--exclude 8")
-    assert study.exclude(["7", 8]).names == ("9",)
-    assert study.swap([7, 8]).changes == ("--swap 7", "--swap 8")
-    with pytest.raises(bt.InputError, match="no subject '70'"):
-        study.exclude([7, 70])
-
-
 def test_results_remember_what_was_changed(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
     options = "--swap A --exclude C --seed 1 --draws 100"

@@ -397,12 +397,6 @@ def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp
     assert is_intended(table, first)
 
 
-def test_python_is_told_which_options_to_use_for_reversed_answers():
-    use = r"use ReadOptions\(second_code='s1', first_code='s2'\) if "
-    with pytest.raises(bt.InputError, match=use):
-        bt.read_study(IN_ORDER.assign(response=coded("second=s1 first=s2")))
-
-
 def subjects_with(n_subjects, slope, n=40):
     """Subjects whose P(second) rises with s2 - s1, or falls where the slope is negative."""
     levels = np.array([-0.3, -0.2, -0.1, 0.1, 0.2, 0.3])
@@ -498,13 +492,6 @@ def test_columns_of_psychopy_are_read_where_one_is_similar(names, expected):
     assert study.frame().equals(INTENDED.frame())
 
 
-def test_two_columns_of_keys_are_proposed(tmp_path):
-    table = IN_ORDER.rename(columns={"response": "key_resp.keys"}).assign(**{"key_2.keys": "space"})
-    first, *_ = typed_lines(checked(tmp_path, table).stderr)
-    assert first == "--columns response=key_resp.keys"
-    assert checked(tmp_path, table, first).returncode == 0
-
-
 def test_all_that_is_missing_is_asked_at_once(tmp_path):
     """Columns, order and codes; the first line answers all of them."""
     table = with_order("Reihenfolge", "1", "2", coded("second=j first=f")).rename(
@@ -517,8 +504,3 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path):
     assert checked(tmp_path, table, first).returncode == 0
     for line in other_lines:  # it leads to the next question, or to an answer
         assert "found together" not in checked(tmp_path, table, line).stderr
-
-
-def test_columns_may_be_named_in_several_options(tmp_path):
-    table = IN_ORDER.rename(columns={"s1": "a", "s2": "b"})
-    assert checked(tmp_path, table, "--columns s1=a --columns s2=b").returncode == 0

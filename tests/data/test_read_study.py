@@ -3,7 +3,6 @@
 import csv
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -764,15 +763,6 @@ def test_a_path_that_cannot_be_read_is_one_line(name, tmp_path):
     (problem,) = problems(bt.read_study, tmp_path / name)
     assert "cannot be read" in problem
     assert problem.isprintable()
-
-
-def test_a_file_without_permission_is_one_line(monkeypatch):
-    def forbidden(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "open", forbidden)
-    with pytest.raises(InputError, match=r"test_read_study\.py: cannot be read \(Permission denie"):
-        bt.read_study(__file__)
 
 
 # --- Properties -----------------------------------------------------------------------------------

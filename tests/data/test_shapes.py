@@ -342,6 +342,8 @@ READ = {
     "grams_by_name.csv": labelled(IN_GRAMS, w1="weight1_g", w2="weight2_g").assign(
         rt1_ms=1, rt2_ms=2, click1_s=1, click2_s=2
     ),
+    "sign_of_micro.csv": labelled(IN_GRAMS, w1="a1 \u00b5m", w2="a2 \u00b5m"),
+    "letter_mu.csv": labelled(IN_GRAMS, w1="a1 \u03bcm", w2="a2 \u03bcm"),
     "units_in_cells.csv --unit g --columns i1=w1,i2=w2": IN_GRAMS.assign(
         w1=TRIALS.w1.map("{} g".format), w2=TRIALS.w2.map("{}g".format)
     ),
@@ -724,6 +726,10 @@ REFUSED = {
         "subject,s1,s2,same,different,n_trials\na,0,0.3,1,5,7\n",
         "row 2, column n_trials: found '7', allowed: the sum of same and different, 6",
     ),
+    "counts_of_three_that_do_not_add_up.csv": (
+        "subject,s1,s2,n_first,n_equal,n_second,n_trials\na,0,1,1,2,1,4\na,1,0,1,1,1,4\n",
+        "row 3, column n_trials: found '4', allowed: the sum",
+    ),
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
         "p_second=cell', allowed",
@@ -837,9 +843,8 @@ def check(folder, line, content):
 
 @pytest.mark.parametrize("line", READ)
 def test_a_shape_is_read_as_it_is_meant(line, tmp_path):
-    result = check(tmp_path, line, READ[line])
-    assert (result.returncode, result.stderr) == (0, "")
     name, _, options = line.partition(" ")
+    write(tmp_path / name, READ[line])
     study = bt.read_study(tmp_path / name, typed_options(options))
     expected = bt.read_study(READ_IN_PART.get(name, IN_LOGS))
     pd.testing.assert_frame_equal(comparable(study), comparable(expected))
@@ -1074,53 +1079,6 @@ def test_pairs_of_zeros_that_are_trials_stay(kind):
     table, n_trials = ZEROS[kind]
     study = bt.read_study(table, bt.ReadOptions(second_code="1"))
     assert study["P12"].total_trials == n_trials
-
-
-CHARACTERS = [*",;\t|.\"'059 -e\nx\u2212\u00a0é", ""]
-CELLS = ["", "NA", "999", "1,5", "1.050", "equal", "1e3", "inf", "+0.1", "0.30", "½"]
-ROWS = ["P03,-0.1,0.3,second\n", "P03,0.3\n", "\n"]
-#: A row that can mean only one thing.
-PLAIN_ROW = re.compile(r"\s*([^,\"]*[^,\"\s])\s*,(-?\d+\.?\d*),(-?\d+\.?\d*),(second|first)")
-
-
-def mutated(text, rng):
-    """A table with some characters, cells or delimiters changed, or with another row."""
-    for _ in range(rng.choice([1, 1, 2, 5])):
-        start, kind = rng.randrange(len(text)), rng.randrange(5)
-        if kind < 2:
-            text = text[:start] + rng.choice(CHARACTERS) + text[start + kind :]
-        elif kind == 2:
-            text = text.replace(rng.choice(text.split(",")), rng.choice(CELLS), 1)
-        elif kind == 3:
-            text = text.replace(rng.choice(",."), rng.choice(",;\t"))
-        else:
-            text += rng.choice(ROWS)
-    return text
-
-
-def plain_table(text):
-    """The rows of a table that can mean only one thing; None where a row is not plain."""
-    header, *lines = text.strip("\n").split("\n")
-    rows = list(map(PLAIN_ROW.fullmatch, lines))
-    if header != "subject,s1,s2,response" or None in rows:
-        return None
-    table = pd.DataFrame(map(re.Match.groups, rows), columns=[*IN_LOGS])
-    return table.astype({"s1": float, "s2": float})
-
-
-def test_a_changed_table_is_read_as_it_stands_or_refused(tmp_path):
-    text, path, n_plain = csv(IN_LOGS).decode(), tmp_path / "changed.csv", 0
-    rng = random.Random(1)
-    for _ in range(400):
-        changed = mutated(text, rng)
-        path.write_text(changed, encoding="utf-8")
-        table = plain_table(changed)
-        with suppress(bt.InputError):
-            study = bt.read_study(path)
-            if table is not None:
-                n_plain += 1
-                assert study.frame().equals(bt.read_study(table).frame()), changed
-    assert n_plain > 50
 
 
 @pytest.mark.parametrize("name", ["vectors.mat", "table.xlsx"])

@@ -11,6 +11,7 @@ from conftest import problems, text_table
 from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.design.simulate import make_design, read_observers
+from bayes_toe.design.study_design import read_study_design
 
 
 def _design(path):
@@ -27,6 +28,7 @@ def _population(path):
 
 READERS = {
     "design": _design,
+    "study design": read_study_design,
     "population": _population,
     "covariates": read_covariates,
 }
@@ -68,6 +70,10 @@ REFUSED = """
     design | s1,s2 / "1,5",1 | row 2, column s1: found '1,5', allowed: a finite number; decimal comm
     design | s1,s2,s1 / 0,1,0 | row 1, column s1: found 2 columns of this name, allowed: one
     design | s2,x / 1,0 | row 1, column s1: missing, found 's2', 'x', allowed: a column of this name
+    study design | s1,s2 / 0,0 | row 1, column n_trials: missing
+    study design | s1,s2,n_trials / 0,0,2.5 | row 2, column n_trials: found '2.5', allowed: a whole
+    study design | s1,s2,n_trials / 0,0,0 | row 2, column n_trials: found '0', allowed: a whole num
+    study design | s1,s2,n_trials / 0,x,1 | row 2, column s2: found 'x', allowed: a finite number
     population | subject,mu1,sigma_p,sigma_l,q0 / a,0,1 | row 2: found 3 cells, allowed: 5 cells as
     population | subject,mu1,sigma_p,sigma_l,q0 / a,0,1,,1 | row 2, column sigma_l: found '', allowe
     population | subject,mu1,sigma_p,sigma_l,q0 / a,0,1,nan,1 | row 2, column sigma_l: found 'nan'

@@ -1,6 +1,5 @@
 """Optimised designs and their information, against finite differences and brute force."""
 
-from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations_with_replacement
 
@@ -158,23 +157,6 @@ def test_the_command_writes_the_design_and_its_figure(tmp_path):
     files = {path.name for path in tmp_path.glob("d*")}
     assert files == {"d.csv", "d.png", "d_compared.csv"}
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
-
-
-def test_the_progress_bar_of_a_search_is_full_at_its_end(tmp_path, monkeypatch):
-    """Two designs, each with two observers of one kind."""
-    totals = []
-    finished = []
-
-    @contextmanager
-    def recorded(_, label, total):
-        totals.append(total)
-        yield finished.append
-
-    monkeypatch.setattr("bayes_toe.cli.terminal.Terminal.progress", recorded)
-    options = "--lowest -0.75 --highest 1.25 --step 0.5 --observers both --simulated 2 --seed 1"
-    good(f"design -o d.csv {options}", cwd=tmp_path)
-    assert totals == [4]
-    assert len(finished) == 4
 
 
 #: Options of `design`, and what they are refused with. raw.csv has intensities without a unit, and

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtri
 
 import bayes_toe as bt
 from bayes_toe.data import read_study
@@ -62,21 +62,6 @@ def test_the_bundled_studies_are_what_their_commands_write(tmp_path, command):
     good(*words, cwd=tmp_path)
     for written in tmp_path.iterdir():
         assert written.read_text() == (data / written.name).read_text()
-
-
-def test_answers_of_the_papers_observers_to_which_is_stronger():
-    """Memory decays toward mu1, both stimuli are measured anew and the stored value diffuses."""
-    study, truth = bt.simulate({"A": PAPER_2AFC}, batches=4000, seed=1, task="2afc")
-    assert (study.task.yes, truth["A"]) == ("second", PAPER_2AFC)
-    subject = study["A"]
-    gamma = (0.1 / 0.2) ** 2
-    ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
-    memory = subject.s1 / ratio + (1 - 1 / ratio) * -0.7
-    z = (subject.s2 - memory) / (ratio * 0.2)
-    p_second = 0.05 + 0.9 * ndtr(z)
-    # 5 standard errors: of these pairs a false alarm in 100,000
-    error = 5.0 * np.sqrt(p_second * (1.0 - p_second) / 4000)
-    assert (np.abs(subject.n_yes / 4000 - p_second) < error).all()
 
 
 def test_what_is_carried_over_is_in_the_truth():

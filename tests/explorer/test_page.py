@@ -72,16 +72,6 @@ def test_an_entry_holds_draws_and_their_quantiles(entry, analysis):
     np.testing.assert_allclose(entry["marked"][position], quantiles, rtol=1e-9)
 
 
-def test_the_page_has_tabs_of_the_effects_and_of_the_papers_parameters(page_data):
-    assert page_data["index"]["tabs"] == ["effects", "paper's parameters"]
-
-
-def test_an_entry_has_a_badge_for_each_parameter_that_the_prior_determines(entry, analysis):
-    summary = analysis.draws.summary().query("subject == 'A' and posterior_contraction < 0.5")
-    badged = {name for kind, name in entry["badges"] if kind == "dominated"}
-    assert badged >= {*summary.parameter}
-
-
 def test_an_entry_has_the_true_values_of_the_parameters_of_its_model(entry, page_data, truth):
     assert entry["truth"]["sigma_p"] == truth["sigma_p"]
     # Three subjects have two entries each before it: of the paper's model, and of all four models.
@@ -94,16 +84,6 @@ def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(entry, analysis):
     *theta, q0 = (values.ravel()[rows(entry)] for values in natural)
     for s1, s2 in zip(entry["ends"], numbers(entry["axis"]).reshape(2, entry["rows"]), strict=True):
         np.testing.assert_allclose(bt.model.equal_probability(s1, s2, *theta, q0), q0, atol=1e-6)
-
-
-def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_study):
-    draws = bt.sample(small_study.select(["A"]), model="both", draws=300, seed=3)
-    [entry] = entries(draws)
-    packed = entry.packed(100)
-    effects = ["constant_error", "contraction", "jnd"]
-    assert list(packed["main"]) == list(packed["names"][:3]) == effects
-    quantities = islands(page([entry]).html)["index"]["quantities"]
-    assert quantities["constant_error"][0] == "PSE shift c, %"
 
 
 def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):

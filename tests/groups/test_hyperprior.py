@@ -5,30 +5,9 @@ import pytest
 from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.model.densities import from_half_normal_score, half_normal_score
-from bayes_toe.model.parameters import group_parameters
 from bayes_toe.model.prior import Hyperprior, ParameterHyperprior
 from bayes_toe.model.prior_file import hyperprior_from
-
-ROWS = [getattr(Hyperprior(), row.name) for row in group_parameters(SAME_DIFFERENT)]
-NUMBERS = HyperpriorNumbers.from_rows(ROWS)
-
-
-def test_densities_are_those_of_the_table():
-    means = np.array([0.4, -0.1, 0.7, 1.1])
-    student = stats.t(3)
-    expected = [
-        student.logpdf(0.4 / 0.5) - np.log(0.5),
-        stats.norm.logpdf(-0.1, 0.0, 0.2),
-        stats.norm.logpdf(0.7, 0.0, 0.6),
-        stats.norm.logpdf(1.1, 1.8, 1.0),
-    ]
-    assert NUMBERS.prior_of_mean(means)[0] == pytest.approx(expected, rel=1e-12)
-    sd = np.abs(means)
-    values, *_ = NUMBERS.sds(half_normal_score(sd / [0.3, 0.15, 0.4, 1.0]))
-    assert values == pytest.approx(sd, rel=1e-12)
 
 
 def test_a_difference_is_half_as_wide_as_a_mean():

@@ -4,7 +4,6 @@ import contextlib
 import json
 import random
 import shutil
-import tracemalloc
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -118,15 +117,6 @@ def test_a_file_names_its_run(analysis):
     assert hashes[0] == hashes[1] != hashes[2]
 
 
-def test_draws_are_not_in_memory_twice_when_they_are_saved(analysis, tmp_path):
-    n_bytes = analysis.draws.tree.nbytes
-    tracemalloc.start()
-    analysis.draws.save(tmp_path / "posterior.nc")
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 0.5 * n_bytes
-
-
 # --- What is refused ------------------------------------------------------------------------------
 
 
@@ -213,7 +203,7 @@ def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
     path = tmp_path / SUBJECTS
     content = (saved / SUBJECTS).read_bytes()
     random_bytes = random.Random(1)
-    for i in range(40):
+    for i in range(20):
         changed = bytearray(content)
         end = len(content) if i % 2 else 20_000  # anywhere, or among the headers of HDF5
         for _ in range(3):
@@ -239,7 +229,7 @@ def test_a_command_names_a_file_of_another_kind(saved):
     assert "population.nc: draws of a group, allowed: those of subjects, a posterior.nc" in message
 
 
-@pytest.mark.parametrize("room", [0, 2000, 50_000, 500_000])
+@pytest.mark.parametrize("room", [2000, 500_000])
 def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path, room):
     """HDF5 itself ends the process with a segmentation fault here."""
     save_on_a_full_disk(saved / SUBJECTS, tmp_path / SUBJECTS, room)

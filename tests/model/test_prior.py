@@ -40,21 +40,6 @@ def test_a_small_pull_keeps_its_digits():
     assert target.prior_quantile("pull", 0.05) == pytest.approx(gamma, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "numbers, message",
-    [
-        ({"sigma_p_scale": 0.0}, "prior: sigma_p_scale: found 0.0, allowed: a number from 1e-100"),
-        ({"sigma_p_scale": np.inf}, "found inf, allowed: a number from 1e-100"),
-        ({"mu1_mean": np.nan}, "mu1_mean: found nan, allowed: a number from .* or 'stimuli'"),
-        ({"mu1_mean": None}, "mu1_mean: found None, allowed"),
-        ({"gamma_a": 1e-5}, "gamma_a: found 1e-05, allowed: a number from 0.05 to 1000$"),
-    ],
-)
-def test_numbers_that_are_refused(numbers, message):
-    with pytest.raises(bt.InputError, match=message):
-        Prior(**numbers)
-
-
 # --- files ----------------------------------------------------------------------------------------
 
 

@@ -1,12 +1,14 @@
 """The paper's observer who says which stimulus was stronger, against other routes."""
 
 import numpy as np
+import pytest
 from numpy.random import default_rng
 from populations import S1, S2
 
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.model.paper_equations import pull, variance_ratio
+from bayes_toe.design.simulate import PaperObserver
+from bayes_toe.model.paper_equations import Natural, pull, variance_ratio
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import Prior
 
@@ -27,6 +29,8 @@ def test_answers_are_those_of_a_simulated_belief():
     x = target.points({name: np.array([value]) for name, value in theta.items()})
     p = np.exp(target.log_answers(x)[0][0])
     rng, s1, s2 = default_rng(1), target.subject.s1, target.subject.s2
+    observer = PaperObserver("A", Natural(*theta.values()), WHICH_STRONGER)
+    assert observer.p_trials(s1, s2, 0.0)[0] == pytest.approx(p, rel=1e-9)
     memory = s1 + pull(gamma) * (mu1 - s1) + sigma_p * np.sqrt(ratio) * rng.standard_normal((n, 1))
     simulated = (s2 + sigma_l * rng.standard_normal((n, 1)) > memory).mean(axis=0)
     largest_standard_error = np.sqrt(0.25 / n)

@@ -3,15 +3,23 @@
 import numpy as np
 import pytest
 from numpy.random import default_rng
-from reference.calibration_statistics import uniformity
+from reference.calibration_statistics import POINTS, counts_below, uniformity
+from scipy.stats import binom
 
 
-@pytest.mark.parametrize("size, p", [(40, 0.1), (150, 0.01)])
-def test_uniform_ranks_have_a_small_p_value_as_often_as_it_says(size, p):
-    """4 standard errors: a false alarm in 16,000 runs."""
-    rng, n_runs = default_rng(11), 4000
-    p_values = [uniformity(ranks) for ranks in rng.uniform(size=(n_runs, size))]
-    share = np.mean(np.array(p_values) <= p)
-    standard_error = np.sqrt(p * (1.0 - p) / n_runs)
-    # Counts are whole numbers, so that the share is a little below p.
-    assert 0.8 * p - 4.0 * standard_error < share < p + 4.0 * standard_error
+def rarest_tail(values):
+    """The smallest tail probability of the counts below each point."""
+    counts, size = counts_below(values), len(values)
+    return np.min([binom.cdf(counts, size, POINTS), binom.sf(counts - 1, size, POINTS)])
+
+
+@pytest.mark.parametrize("power", [1.0, 1.1, 1.2])
+def test_the_p_value_is_the_share_of_uniform_numbers_that_deviate_as_far(power):
+    """4 standard errors, for numbers that are ever less uniform: a false alarm in 5,000 runs."""
+    rng, n_sets = default_rng(11), 4000
+    values = rng.uniform(size=150) ** power
+    simulated = [rarest_tail(uniform) for uniform in rng.uniform(size=(n_sets, 150))]
+    share = np.mean(np.less_equal(simulated, rarest_tail(values) * (1.0 + 1e-9)))
+    p_value = uniformity(values)
+    error = np.sqrt(p_value * (1.0 - p_value) / n_sets)
+    assert share == pytest.approx(p_value, abs=4.0 * error)
