@@ -1,7 +1,8 @@
-"""The paper's likelihood by SciPy, and the posterior of the observer with any number of digits.
+"""Log posteriors term by term with any number of digits, from the definitions.
 
-From the definitions, probabilities by subtraction, and slopes by differences: an independent route
-to values and gradients.
+Parameters from coordinates, probabilities by subtraction, slopes by differences whose steps are so
+small that half of the digits are left. An independent route to values and gradients over the whole
+range of floats.
 """
 
 import mpmath
@@ -21,6 +22,14 @@ def normal(value, mean, sd):
     return -(((value - mpf(mean)) / mpf(sd)) ** 2) / 2 - log(mpf(sd) * sqrt(2 * mpmath.pi))
 
 
+def answers(task, z, share):
+    """P of the answer that the task counts, and of the other one."""
+    if task == SAME_DIFFERENT:
+        yes = share * exp(-log(2) * z**2)
+        return yes, 1 - yes
+    return tuple(share / 2 + (1 - share) * mpmath.ncdf(sign * z) for sign in (1, -1))
+
+
 def log_power(p, n):
     """Log of p^n, where 0^0 is 1."""
     return n * log(p) if n else 0
@@ -29,6 +38,40 @@ def log_power(p, n):
 def beta(x, a, b):
     """Log density of the logit of a share."""
     return a * log(expit(x)) + b * log(1 - expit(x)) - log(mpmath.beta(a, b))
+
+
+def probit_of_beta(v, a, b):
+    """Log density of the probit of a share."""
+    shares = (a - 1) * log(mpmath.ncdf(v)) + (b - 1) * log(mpmath.ncdf(-v))
+    return shares + normal(v, 0, 1) - log(mpmath.beta(a, b))
+
+
+def terms(target, x):
+    """Every term of the log posterior of H1: one for each pair, and those of the prior."""
+    s, prior = target.subject, target.prior
+    score, spread, gamma_probit, share_probit = x
+    mu1 = mpf(prior.mu1_mean) + mpf(prior.mu1_sd) * score
+    gamma = mpmath.ncdf(gamma_probit)
+    power = mpf(1.5) if s.task == SAME_DIFFERENT else mpf(1)  # the width is sigma_p G^power
+    ratio = (1 + sqrt(1 + 4 * gamma)) / 2
+    p = gamma / ratio**2
+    if prior.width_median is None:
+        half_normal_score = sqrt(2) * mpmath.erfinv(mpmath.ncdf(spread))
+        width = mpf(prior.sigma_p_scale) * half_normal_score * ratio**power
+    else:
+        width = mpf(prior.width_median) * exp(mpf(prior.width_sd) * spread)
+    result = []
+    for s1, s2, k, n in zip(s.s1, s.s2, s.n_yes, s.n_trials, strict=True):
+        first, second = mpf(float(s1)), mpf(float(s2))
+        z = ((second - first) + p * (first - mu1)) / width
+        share = mpmath.ncdf(share_probit)
+        yes, no = answers(s.task, z, share)
+        result.append(log_power(yes, int(k)) + log_power(no, int(n - k)))
+    result += [normal(score, 0, 1), normal(spread, 0, 1)]
+    result.append(probit_of_beta(gamma_probit, mpf(prior.gamma_a), mpf(prior.gamma_b)))
+    a, b = (mpf(getattr(prior, f"{s.task.lapses}_{end}")) for end in "ab")
+    result.append(probit_of_beta(share_probit, a, b))
+    return result
 
 
 def gradient(target, x):
@@ -45,6 +88,40 @@ def slopes(function, x, step=1e-5):
     for change in step * np.eye(x.shape[-1]):
         derivatives.append((function(x + change) - function(x - change)) / (2 * step))
     return np.stack(derivatives, axis=-1)
+
+
+def exact_slopes(function, x, step):
+    """The derivative by each coordinate, from central differences."""
+    derivatives = []
+    for i in range(len(x)):
+        ahead, backward = list(map(mpf, x)), list(map(mpf, x))
+        ahead[i] += step
+        backward[i] -= step
+        derivatives.append((function(ahead) - function(backward)) / (2 * step))
+    return derivatives
+
+
+def assert_agrees(target, x, digits=120):
+    """Value and gradient within so much of the sum of their terms' sizes, as rounding is."""
+
+    def term_array(point):
+        return np.array(terms(target, point))
+
+    value, gradient_at_x = gradient(target, [x])
+    with mpmath.workdps(digits):
+        assert_sum_of_terms(value[0], terms(target, list(map(mpf, x))), 1e-12)
+        expected = exact_slopes(term_array, x, step=mpf(10) ** (25 - digits // 2))
+        for slope, slopes_of_terms in zip(gradient_at_x[0], expected, strict=True):
+            assert_sum_of_terms(slope, slopes_of_terms, 1e-11)
+
+
+def assert_sum_of_terms(value, summands, tolerance):
+    """A float within so much of the terms' sizes; terms beyond the largest float do not count."""
+    size = mpmath.fsum(summands, absolute=True)
+    if size < mpf("1e300"):
+        near = 4e-15  # the rounding of a coordinate next to the middle of its prior
+        error = abs(mpf(float(value)) - mpmath.fsum(summands))
+        assert error <= tolerance * max(size, mpf("1e-80")) + near, (value, summands)
 
 
 def paper_log_likelihood(subject, mu1, sigma_p, gamma, last):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from populations import made_result, simulated_group, two_conditions
 from scipy.stats import norm
 
@@ -76,6 +77,30 @@ def test_a_subject_of_another_kind_contradicts_a_normal_group():
     result = replace(made_result(study), study=bt.Study([odd, *remaining]))
     warnings = "\n".join(predictive_check(result).warnings)
     assert "farthest in its share of 'second'" in warnings
+
+
+def test_covariates_move_the_means():
+    """Constant errors of group b are 0.8 D larger, and ages are random."""
+    group_a = simulated_group(1, n_subjects=6).subjects
+    group_b = []
+    for i, subject in enumerate(simulated_group(2, n_subjects=7, mean_c=0.8)):
+        group_b.append(replace(subject, name=f"Q{i}"))
+    study = bt.Study([*group_a, *group_b])
+    # Twelve values for thirteen subjects, so that the last one, Q6, gets none.
+    groups = dict(zip(study.names, 6 * ["a"] + 6 * ["b"], strict=False))
+    ages = dict(zip(study.names, default_rng(4).normal(30.0, 5.0, 12).tolist(), strict=False))
+    covariates = {"group": groups, "age": ages}
+    with pytest.warns(bt.ConvergenceWarning, match=r"subjects left out: 'Q6' \(no covariates\)"):
+        result = bt.population(study, covariates=covariates, seed=1)
+    rows = {(row.level, row.parameter): row for row in result.table.select("effect")}
+    group = rows["group b", "constant_error"]
+    assert group.q025 < 0.8 < group.q975
+    assert group.ln_bf_zero < -1.0
+    assert group.p_direction == pytest.approx(1.0, abs=0.01)
+    age = rows["age", "contraction"]
+    assert age.q025 < 0.0 < age.q975
+    mean_of_group_a = result.table.row("mean", "constant_error")
+    assert mean_of_group_a.q025 < 0.0 < mean_of_group_a.q975
 
 
 def test_a_group_differs_between_conditions_in_the_constant_error_alone():

@@ -24,6 +24,7 @@ from bayes_toe.model.densities import (
     StandardStudent,
 )
 from bayes_toe.model.models import ObserverPosterior, OrderModel
+from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior
 
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER, THREE_ANSWERS)
@@ -74,7 +75,10 @@ def prior_draws(posterior, size=200, seed=1):
 
 @pytest.mark.parametrize("model", ORDER_MODELS)
 def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
-    """Also far from the draws of the prior, where the density is low."""
+    """Also far from the draws of the prior, where the density is low.
+
+    Slopes take long: those of two draws, and of the two points that are far.
+    """
     posterior = posterior_of(subject, model)
     # Clipped, because a contraction of 4 prior SDs is 1, where the density ends.
     far = np.clip(4.0 * prior_draws(posterior, 2, seed=5), -3.5, 3.5)
@@ -87,8 +91,9 @@ def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
 
     with mpmath.workdps(70):
         assert values == pytest.approx([float(log_density(point)) for point in x], rel=1e-12)
-    slopes = definitions.slopes(posterior.log_density, x)
-    assert gradient == pytest.approx(slopes, rel=1e-5, abs=1e-4)
+        for point, slopes in zip(x[2:], gradient[2:], strict=True):
+            expected = definitions.exact_slopes(log_density, point, step=mpmath.mpf(10) ** -25)
+            assert slopes == pytest.approx(np.array(expected, float), rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("value", FAR_VALUES)
@@ -139,6 +144,22 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
 
     scale = 1.0 + np.abs(slope).max(axis=-1, keepdims=True)
     assert np.abs((plain_slope - slope) / scale).max() < 1e-10
+
+
+# --- Rows and pairs -------------------------------------------------------------------------------
+
+
+def test_rows_of_several_subjects_are_those_of_each_alone(task):
+    """The second subject has fewer pairs: its row is filled with pairs without trials."""
+    first, second, third = example_subjects(task)
+    subjects = [first, some_pairs(second, slice(-2)), third]
+    rows = ObserverRows.from_subjects(subjects, PRIOR)
+    u = default_rng(6).normal(size=(3, 50, len(rows.coordinates)))
+    values, slopes, _ = rows.scoring(u)
+    for i, subject in enumerate(subjects):
+        value, slope, _ = posterior_of(subject).rows.scoring(u[[i]])
+        assert values[i] == pytest.approx(value[0], rel=1e-14)
+        assert slopes[i] == pytest.approx(slope[0], rel=1e-11, abs=1e-11)
 
 
 # --- What alters nothing --------------------------------------------------------------------------

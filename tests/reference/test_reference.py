@@ -13,6 +13,7 @@ from make_reference import belongs
 from numpy.random import default_rng
 from reference.hard_cases import hard_cases
 from reference.order_cases import order_cases
+from reference.paper_density import PaperScores
 from reference.tempering import (
     CONSTANT_ERROR_SCALE,
     CONTRACTION_SD,
@@ -23,6 +24,8 @@ from reference.tempering import (
     NOISE_SD,
     Q0_A,
     SLOPE_SCALE,
+    tempered_evidence,
+    tempered_points,
 )
 
 import bayes_toe as bt
@@ -46,6 +49,30 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
         name, model = key.rsplit(": ", 1)
         assert belongs(ORDER_CASES[name], model).items() <= case.items()
         assert case["method"] == METHOD
+
+
+@pytest.mark.parametrize("name", hard_cases())
+def test_the_likelihood_of_the_paper_in_separate_code(name):
+    scores = 4.0 * default_rng(1).standard_normal((500, 4))
+    value = PaperScores(SUBJECTS[name])(scores)
+    expected = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()).log_likelihood(scores)
+    np.testing.assert_allclose(value, expected, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["S02", "one batch", "single pair"])
+def test_tempering_confirms_the_integration(name):
+    scores = PaperScores(SUBJECTS[name])
+    points, log_weights = tempered_points(scores, 4, runs=4, particles=2000, size=4000)
+    value, error = tempered_evidence(log_weights)
+    case = STORED["cases"][name]
+    assert value == pytest.approx(case["log_evidence"], abs=4 * error)
+    assert error < 0.03
+
+    theta = scores.natural(points.reshape(-1, 4))
+    weights = np.exp(log_weights - log_weights.max()).ravel()
+    for i, values in enumerate(theta):
+        mean = np.average(values, weights=weights)
+        assert mean == pytest.approx(case["means"][i], abs=0.1 * case["sds"][i])
 
 
 #: Ordinary subjects are alike: every fourth of them.
