@@ -71,8 +71,6 @@ class Analysis:
         What differs between conditions within subjects, where the study has conditions.
     group : PopulationResult or None
         The group of the interpretable subjects, where there are at least six.
-    group_of_good_fits : PopulationResult or None
-        The group without the subjects whom the model does not fit, where there are any.
     """
 
     study: Study
@@ -83,7 +81,6 @@ class Analysis:
     summary_rows: tuple[SummaryRow, ...]
     contrast: ContrastTable | None
     group: PopulationResult | None
-    group_of_good_fits: PopulationResult | None
 
     def __repr__(self) -> str:
         return f"<Analysis of {self.study!r}: answers, draws, evidence, summary()>"
@@ -176,45 +173,19 @@ def run(
         differences = contrast(
             study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep
         )
-    group, group_of_good_fits = _groups(study, table.answers, settings)
-    return Analysis(
-        study,
-        Draws(tree),
-        table,
-        settings,
-        tuple(curves),
-        summary,
-        differences,
-        group,
-        group_of_good_fits,
-    )
-
-
-def _groups(
-    study: Study, answers: Sequence[OrderEffect], settings: Settings
-) -> tuple[PopulationResult | None, PopulationResult | None]:
-    """The group of the interpretable subjects, and the group without those that do not fit.
-
-    The second one is None where all fit, and where there is no group.
-    """
-    interpretable = [answer for answer in answers if answer.is_interpretable]
-    # `fits` is None where the fit cannot be judged: such a subject stays.
-    good_fits = [answer for answer in interpretable if answer.fits is not False]
-    group = _group(study, interpretable, settings)
-    if group is None or len(good_fits) == len(interpretable):
-        return group, None
-    return group, _group(study, good_fits, settings)
+    group = _group(study, table.answers, settings)
+    return Analysis(study, Draws(tree), table, settings, tuple(curves), summary, differences, group)
 
 
 def _group(
     study: Study, answers: Sequence[OrderEffect], settings: Settings
 ) -> PopulationResult | None:
-    """The group of some answers; None if they are of too few subjects.
+    """The group of the interpretable subjects; None if they are too few.
 
-    A subject with several conditions has an answer in each. If one of them is missing here, the
-    subject is left out. The result itself says whether it is reliable, so no warning is raised.
+    A subject with several conditions has an answer in each. If one of them is not interpretable,
+    the subject is left out. The result itself says whether it is reliable, so no warning is raised.
     """
-    chosen = {answer.subject for answer in answers}
+    chosen = {answer.subject for answer in answers if answer.is_interpretable}
     left_out = {unit.subject_name for unit in study if unit.name not in chosen}
     names = [unit.name for unit in study if unit.subject_name not in left_out]
     if len({unit.subject_name for unit in study} - left_out) < FEWEST_FOR_GROUP:
