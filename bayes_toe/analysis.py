@@ -14,7 +14,6 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
@@ -158,14 +157,15 @@ def run(
     table = _table(analyses, settings, failed, study.task)
 
     all_draws = []
+    summary: list[SummaryRow] = []
     curves = []
     for subject, analysis in zip(study, analyses, strict=True):
         # Both are there, because each subject has chains.
         if analysis.draws is not None and analysis.curve_draws is not None:
             all_draws.append(analysis.draws)
+            summary += analysis.draws.summary
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, analysis.curve_draws))
-    summary = tuple(chain.from_iterable(subject.summary for subject in all_draws))
     tree = subjects_tree(study, stack, all_draws, settings, failed, faults)
 
     differences = None
@@ -174,7 +174,9 @@ def run(
             study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep
         )
     group = _group(study, table.answers, settings)
-    return Analysis(study, Draws(tree), table, settings, tuple(curves), summary, differences, group)
+    return Analysis(
+        study, Draws(tree), table, settings, tuple(curves), tuple(summary), differences, group
+    )
 
 
 def _group(
