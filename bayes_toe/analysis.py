@@ -14,7 +14,6 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
@@ -71,8 +70,6 @@ class Analysis:
         What differs between conditions within subjects, where the study has conditions.
     group : PopulationResult or None
         The group of the interpretable subjects, where there are at least six.
-    group_of_good_fits : PopulationResult or None
-        The group without the subjects whom the model does not fit, where there are any.
     """
 
     study: Study
@@ -83,7 +80,6 @@ class Analysis:
     summary_rows: tuple[SummaryRow, ...]
     contrast: ContrastTable | None
     group: PopulationResult | None
-    group_of_good_fits: PopulationResult | None
 
     def __repr__(self) -> str:
         return f"<Analysis of {self.study!r}: answers, draws, evidence, summary()>"
@@ -161,14 +157,15 @@ def run(
     table = _table(analyses, settings, failed, study.task)
 
     all_draws = []
+    summary: list[SummaryRow] = []
     curves = []
     for subject, analysis in zip(study, analyses, strict=True):
         # Both are there, because each subject has chains.
         if analysis.draws is not None and analysis.curve_draws is not None:
             all_draws.append(analysis.draws)
+            summary += analysis.draws.summary
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, analysis.curve_draws))
-    summary = tuple(chain.from_iterable(subject.summary for subject in all_draws))
     tree = subjects_tree(study, stack, all_draws, settings, failed, faults)
 
     differences = None
@@ -176,45 +173,21 @@ def run(
         differences = contrast(
             study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep
         )
-    group, group_of_good_fits = _groups(study, table.answers, settings)
+    group = _group(study, table.answers, settings)
     return Analysis(
-        study,
-        Draws(tree),
-        table,
-        settings,
-        tuple(curves),
-        summary,
-        differences,
-        group,
-        group_of_good_fits,
+        study, Draws(tree), table, settings, tuple(curves), tuple(summary), differences, group
     )
-
-
-def _groups(
-    study: Study, answers: Sequence[OrderEffect], settings: Settings
-) -> tuple[PopulationResult | None, PopulationResult | None]:
-    """The group of the interpretable subjects, and the group without those that do not fit.
-
-    The second one is None where all fit, and where there is no group.
-    """
-    interpretable = [answer for answer in answers if answer.is_interpretable]
-    # `fits` is None where the fit cannot be judged: such a subject stays.
-    good_fits = [answer for answer in interpretable if answer.fits is not False]
-    group = _group(study, interpretable, settings)
-    if group is None or len(good_fits) == len(interpretable):
-        return group, None
-    return group, _group(study, good_fits, settings)
 
 
 def _group(
     study: Study, answers: Sequence[OrderEffect], settings: Settings
 ) -> PopulationResult | None:
-    """The group of some answers; None if they are of too few subjects.
+    """The group of the interpretable subjects; None if they are too few.
 
-    A subject with several conditions has an answer in each. If one of them is missing here, the
-    subject is left out. The result itself says whether it is reliable, so no warning is raised.
+    A subject with several conditions has an answer in each. If one of them is not interpretable,
+    the subject is left out. The result itself says whether it is reliable, so no warning is raised.
     """
-    chosen = {answer.subject for answer in answers}
+    chosen = {answer.subject for answer in answers if answer.is_interpretable}
     left_out = {unit.subject_name for unit in study if unit.name not in chosen}
     names = [unit.name for unit in study if unit.subject_name not in left_out]
     if len({unit.subject_name for unit in study} - left_out) < FEWEST_FOR_GROUP:

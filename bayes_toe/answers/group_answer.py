@@ -136,42 +136,14 @@ def _describe_effect(result: PopulationResult, name: str) -> str:
         f"is {sd}."
     )
     log_factor = log_factor_of_mean(result, name)
-    text += f" {capitalized(_differs_from_0(log_factor, 'this mean'))}."
+    word = word_of_bayes_factor(log_factor)
+    differs = capitalized(claim(word, "this mean", "differ", "from 0"))
+    text += f" {differs} (BF {format_bayes_factor(log_factor)})."
     row = result.table.row("mean", name)
     # An interval that excludes 0 does not decide whether the mean differs from 0.
-    if word_of_bayes_factor(log_factor) is Word.UNDECIDED and row.q025 * row.q975 > 0.0:
+    if word is Word.UNDECIDED and row.q025 * row.q975 > 0.0:
         text += " The interval assumes a nonzero mean."
     return text
-
-
-def _differs_from_0(log_factor: float, noun: str) -> str:
-    """Whether a mean differs from 0, with its Bayes factor."""
-    text = claim(word_of_bayes_factor(log_factor), noun, "differ", "from 0")
-    return f"{text} (BF {format_bayes_factor(log_factor)})"
-
-
-def good_fits_answer(group: PopulationResult, good_fits: PopulationResult | None) -> list[str]:
-    """A sentence on the means whose word changes without the subjects whom the model does not fit.
-
-    Parameters
-    ----------
-    group : PopulationResult
-    good_fits : PopulationResult or None
-        The group without these subjects; None if there is none.
-    """
-    if good_fits is None:
-        return []
-    changes = []
-    for name in EFFECTS:
-        if name not in group.identified:
-            continue
-        log_factor = log_factor_of_mean(good_fits, name)
-        word = word_of_bayes_factor(log_factor)
-        if word != word_of_bayes_factor(log_factor_of_mean(group, name)):
-            changes.append(_differs_from_0(log_factor, f"the mean {LABELS[name]}"))
-    if not changes:
-        return []
-    return [f"Without the subjects whom the model does not fit, {' and '.join(changes)}."]
 
 
 def _reference(result: PopulationResult) -> str:

@@ -90,13 +90,13 @@ def _print_conclusion(
     out: Terminal, analysis: Analysis, problems: Collection[str], folder: Path
 ) -> None:
     """Print the answer of the study and of the group, and the file with which to go on."""
-    from bayes_toe.answers.group_answer import good_fits_answer, group_answer
+    from bayes_toe.answers.group_answer import group_answer
     from bayes_toe.cli.answer_screen import print_answer, without_decision
 
     group = analysis.group
     lines = []
     if group is not None:
-        lines = group_answer(group) + good_fits_answer(group, analysis.group_of_good_fits)
+        lines = group_answer(group)
     if analysis.contrast is not None:
         lines += analysis.contrast.sentences()
     closing = without_decision(analysis.answers, problems)

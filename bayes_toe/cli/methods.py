@@ -21,7 +21,6 @@ from jinja2 import Environment, StrictUndefined
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers import words
 from bayes_toe.answers.group_answer import (
-    good_fits_answer,
     group_answer,
 )
 from bayes_toe.answers.order_effect import (
@@ -81,7 +80,6 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         describe_meaning=describe_meaning,
         escaped=_escaped,
         exp=exp,
-        good_fits_answer=good_fits_answer,
         group_answer=group_answer,
         in_paper=_in_paper,
         join_words=join_words,

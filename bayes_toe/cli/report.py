@@ -23,7 +23,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers import words
 from bayes_toe.answers.contrast import LEGEND
-from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
+from bayes_toe.answers.group_answer import group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
@@ -144,7 +144,6 @@ def _environment() -> Environment:
         describe_fit=describe_fit,
         describe_p=describe_p_value,
         describe_pair=describe_pair,
-        good_fits_answer=good_fits_answer,
         group_answer=group_answer,
         group_tables=group_tables,
         join_names=join_names,

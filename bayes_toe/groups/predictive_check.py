@@ -92,9 +92,14 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
     first_question = slice(rows.first.shape[-1])
     observed = rows.n_yes[:, 0, first_question].astype(np.int64)
     n_trials = observed + rows.n_no[:, 0, first_question].astype(np.int64)
-    points = likelihood.row_points(_new_subjects(result, rng))
-    log_yes = rows.log_answers(points).yes[..., first_question]  # (rows, groups, pairs)
-    p_yes = np.exp(np.minimum(log_yes, 0.0))  # rounding may take it above 1
+    points = _new_subjects(result, rng)
+    log_yes = []
+    # Some subjects at a time, so that temporary arrays stay small.
+    for block in np.array_split(np.arange(len(points)), 1 + len(points) // 32):
+        part = likelihood.part(block)
+        log_yes.append(part.rows.log_answers(part.row_points(points[block])).yes)
+    # (rows, groups, pairs); rounding may take a probability above 1.
+    p_yes = np.exp(np.minimum(np.concatenate(log_yes), 0.0))[..., first_question]
     simulated = rng.binomial(n_trials[:, None], p_yes)
     counts = np.concatenate([observed[:, None], simulated], axis=1)
     return PredictiveCheck(tuple(_compare(result.study.subjects, likelihood, counts, n_trials)))

@@ -34,7 +34,7 @@ from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tasks import THREE_ANSWERS, task_of
+from bayes_toe.data.tasks import task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
@@ -131,11 +131,10 @@ def subjects_tree(
 def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
     """A tree of these groups, with the counts of the study and the attributes of every file."""
     tree = xr.DataTree.from_dict(groups)
-    observed = _by_pair(study, "n_yes").rename(n_yes=study.task.count)
-    if study.task == THREE_ANSWERS:
-        observed["n_second"] = _by_pair(study, "n_second")["n_second"]
+    counts = _counts_by_pair(study)
+    observed = counts.drop_vars("n_trials").rename(n_yes=study.task.count)
     tree["observed_data"] = xr.DataTree(observed)
-    tree["constant_data"] = xr.DataTree(_by_pair(study, "n_trials"))
+    tree["constant_data"] = xr.DataTree(counts[["n_trials"]])
 
     tree.attrs |= {
         "format": FORMAT,
@@ -158,13 +157,13 @@ def _counts_hash(study: Study) -> str:
     return digest.hexdigest()
 
 
-def _by_pair(study: Study, count: str) -> xr.Dataset:
-    """One count ("n_yes") of every subject and pair, with the pair as coordinates."""
+def _counts_by_pair(study: Study) -> xr.Dataset:
+    """The counts of every subject and pair, with the pair as coordinates."""
     keys = ["s1", "s2"]
     n_pairs = [subject.n_pairs for subject in study]
     owner = np.repeat(np.array(study.names, object), n_pairs)
     table = xr.Dataset(coords={"obs": np.arange(len(owner)), "subject": ("obs", owner)})
-    for key in (*keys, count):
+    for key in (*keys, *study.task.counts):
         table[key] = ("obs", np.concatenate([getattr(subject, key) for subject in study]))
     return table.set_coords(keys)
 
@@ -189,14 +188,10 @@ def stored_study(tree: xr.DataTree) -> Study:
     task = task_of(record["task"])
     stimulus_unit = StimulusUnit(**record["stimulus_unit"])
 
-    observed = tree["observed_data"].to_dataset()
-    constant = tree["constant_data"].to_dataset()
-    columns: Record = {key: observed[key].values for key in ("s1", "s2")}
-    columns |= {"n_yes": observed[task.count].values, "n_trials": constant["n_trials"].values}
-    if task == THREE_ANSWERS:
-        columns["n_second"] = observed["n_second"].values
-
-    names = observed["subject"].values  # of each row; the rows of a subject are together
+    table = tree["observed_data"].to_dataset().rename({task.count: "n_yes"})
+    table["n_trials"] = tree["constant_data"].to_dataset()["n_trials"]
+    columns: Record = {key: table[key].values for key in ("s1", "s2", *task.counts)}
+    names = table["subject"].values  # of each row; the rows of a subject are together
     rows_by_subject = np.split(np.arange(len(names)), run_starts(names)[1:])
     subjects = []
     for rows in rows_by_subject:

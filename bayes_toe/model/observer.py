@@ -67,7 +67,7 @@ Slopes = tuple[FloatArray, FloatArray | None, FloatArray]
 class Curve(NamedTuple):
     """The parameters at points, and what follows for every pair, (rows, points, pairs) each."""
 
-    values: NamedArrays  # the quantities, (rows, points) each
+    values: NamedArrays  # the quantities, and the criterion at the middle, (rows, points) each
     log_lapse: FloatArray  # log of the lapse rate, and of its complement, (rows, points, 1)
     log_attend: FloatArray
     log_scale: FloatArray  # log of the noise
@@ -168,7 +168,8 @@ class ObserverRows(AnswerRows):
 
         k = None
         if self.task.has_criterion:
-            log_k = np.log(criterion(values["logit_q0"]))[..., None]
+            values["criterion"] = criterion(values["logit_q0"])
+            log_k = np.log(values["criterion"])[..., None]
             with np.errstate(over="ignore"):
                 k = np.exp(log_k + values["criterion_slope"][..., None] * self.middle)
 
@@ -374,9 +375,9 @@ class ObserverRows(AnswerRows):
         """
         slopes = self.units | {"lapse_score": lapse_rise}
         if self.task.has_criterion:
-            criteria = criterion(values["logit_q0"])
+            k = values["criterion"]
             # The slope of ln k, in which the slopes of the answers are.
-            slopes["logit_q0"] = criterion_slope(values["logit_q0"], criteria) / criteria
+            slopes["logit_q0"] = criterion_slope(values["logit_q0"], k) / k
         columns = [np.atleast_2d(slope) for slope in slopes.values()]
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
@@ -469,7 +470,6 @@ def _joined(first: LogAnswers, second: LogAnswers) -> LogAnswers:
 
 def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
     """Counts over probabilities; 0 for an answer that was never given."""
-    counts, probability = np.broadcast_arrays(counts, probability)
     zeros = np.zeros(probability.shape)
     return np.divide(counts, probability, out=zeros, where=counts > 0.0)
 

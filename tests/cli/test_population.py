@@ -11,7 +11,7 @@ from conftest import few_pairs, grouped_csv, text_table
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
-from bayes_toe.answers.group_answer import good_fits_answer, group_answer, group_tables
+from bayes_toe.answers.group_answer import group_answer, group_tables
 from bayes_toe.answers.order_effect import (
     Size,
     format_share,
@@ -135,19 +135,3 @@ def test_conditions_have_a_line_and_a_table():
     [ratio] = built.table.select("difference", "noise")
     low, median, high = np.exp([ratio.q025, ratio.q50, ratio.q975])
     assert differences[2][2] == f"{median:.2f} [{low:.2f}, {high:.2f}]"
-
-
-def test_means_whose_word_changes_without_poor_fits_are_named(monkeypatch):
-    group = made_result(simulated_group(1, n_subjects=6))
-    of_good_fits = replace(group)
-    factors = {(False, "constant_error"): 0.0, (True, "constant_error"): 0.5}
-    factors |= {(False, "contraction"): 0.5, (True, "contraction"): 4.0}
-    monkeypatch.setattr(
-        "bayes_toe.answers.group_answer.log_factor_of_mean",
-        lambda result, name: factors[result is of_good_fits, name],
-    )
-    assert good_fits_answer(group, of_good_fits) == [
-        "Without the subjects whom the model does not fit, the mean contraction differs from 0 "
-        "(BF 55)."
-    ]
-    assert good_fits_answer(group, None) == []
