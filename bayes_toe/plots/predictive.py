@@ -145,8 +145,7 @@ def _draw_subject(
     )
 
     title = plain(counts.name, 20)
-    not_interpreted = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
-    if counts.name in not_interpreted:
+    if not analysis.evidence[counts.name].answer.is_interpretable:
         title += "\nnot interpreted"
     elif has_room:
         title += f"\n{is_outside.sum()} of {len(index)} pairs outside"
