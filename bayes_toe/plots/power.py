@@ -30,7 +30,6 @@ from bayes_toe.plots.style import (
     style_axes,
 )
 
-_CANNOT_BE_TOLD = Word.CANNOT_BE_TOLD.value
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
 _LARGEST = 160.0  # area of the most frequent pair, square points
@@ -72,8 +71,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         # Each number of trials has a place of width 1. The kinds share the middle 0.8 of it.
         shift = 0.8 * ((index + 0.5) / len(kinds) - 0.5)
         for position, n_trials in enumerate(trials):
-            not_shown = table[design, n_trials, kind, question, _CANNOT_BE_TOLD]
-            if not_shown.value < 1.0:  # the design can show the effect to some observers
+            if not table.is_unknown(design, n_trials, question):
                 share = table[design, n_trials, kind, question, DETECTED]
                 points.append((position + shift, share.value, share.low, share.high))
         if not points:
@@ -88,7 +86,8 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
 
     if not ax.lines:
-        ax.text(0.5, 0.5, _CANNOT_BE_TOLD, transform=ax.transAxes, ha="center", fontsize=LETTERS)
+        word = Word.CANNOT_BE_TOLD.value
+        ax.text(0.5, 0.5, word, transform=ax.transAxes, ha="center", fontsize=LETTERS)
     ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
     ax.set_xticks(range(len(trials)), list(map("{:,}".format, trials)))
     style_axes(ax)
