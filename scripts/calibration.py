@@ -43,7 +43,7 @@ from scipy import stats
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import subject_evidence
 from bayes_toe.classical.fit import SubjectFit, subject_fit
-from bayes_toe.design.simulate import PaperObserver, simulate_trials
+from bayes_toe.design.simulate import PaperObserver, answer_trials
 from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, fit_subject, model_evidence
 from bayes_toe.model.paper_equations import NATURAL, Natural, variance_ratio
@@ -90,8 +90,7 @@ def simulate_h1(
     true_point = drawn.sample_prior(generator(seed, name, "observer"), 1)
     parameters = drawn.quantities(true_point[0])
     observer = PaperObserver(name, Natural(*(parameters[key] for key in NATURAL)))
-    (trials,) = simulate_trials([observer], pairs, seed)
-    subject = bt.Subject.from_answers(name, trials.answers)
+    subject = bt.Subject.from_answers(name, answer_trials(observer, pairs, seed))
     return subject, drawn.for_subject(subject), true_point
 
 

@@ -134,6 +134,12 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
     pairs = all_trials.pairs
     n_yes = all_trials.n_yes.tolist()
     n_trials = all_trials.n_trials.tolist()
+    described = []
+    for finding in findings:
+        target = ""  # the value of its option: 'A08:2' of '--swap A08:2'
+        if finding.option.startswith(("--swap ", "--exclude ")):
+            _, target = shlex.split(finding.option)
+        described.append({**asdict(finding), "target": target})
     return {
         "answer": study.task.yes,
         "subjects": len({subject.subject_name for subject in study}),
@@ -143,16 +149,8 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
         "stimuli": [[*map(study.unit.describe, pair)] for pair in pairs],
         "unit": study.unit.of_stimuli,
         "notes": study.notes,
-        "findings": [_describe_finding(finding) for finding in findings],
+        "findings": described,
     }
-
-
-def _describe_finding(finding: Finding) -> dict[str, str]:
-    """A finding in words, and the value of its option: 'A08:2' of '--swap A08:2'."""
-    target = ""
-    if finding.option.startswith(("--swap ", "--exclude ")):
-        _, target = shlex.split(finding.option)
-    return {**asdict(finding), "target": target}
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Probable mistakes in a file, and what its design cannot show.
 
 `check` gives all findings of a study. `check_design` gives those that do not use the responses: raw
-stimuli, missing decimal points, times in milliseconds, similar names, ignored columns, a prior in
+stimuli, missing decimal points, similar names, ignored columns, a prior in
 another unit, pairs in one order, conditions that differ in time or stimuli. `urgent_findings` gives
 those that every command prints.
 """
@@ -323,14 +323,12 @@ def _conditions(study: Study) -> Findings:
         )
 
 
-def _stimuli_by_condition(
-    name: str, units: Sequence[Subject], largest_distance: float = 0.25
-) -> Findings:
+def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
     """Conditions of a subject that differ in their mean stimulus, or share no pair."""
     means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
     distance = 0.0 if scales is None else np.ptp(means) / scales.spread
-    if distance > largest_distance:
+    if distance > 0.25:
         message = (
             f"The mean stimulus differs between conditions by {distance:.2g} standard deviations. "
             "A difference between conditions may be an effect of the stimuli."

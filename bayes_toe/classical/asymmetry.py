@@ -33,7 +33,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.stats import boschloo_exact, fisher_exact
 
-from bayes_toe.arrays import FloatArray, Texts
+from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.messages import plural
 from bayes_toe.data.stimulus_unit import StimulusUnit
@@ -113,14 +113,11 @@ class SubjectAsymmetry:
         Share of correct responses over all pairs, from 0 to 1.
     comparisons : tuple of Comparison
         By (s_weak, s_strong); empty where no pair was presented in both orders.
-    n_one_order : int
-        Pairs of different stimuli left out because they were presented in one order only.
     """
 
     subject: str
     accuracy: float
     comparisons: tuple[Comparison, ...]
-    n_one_order: int
 
     @property
     def maximal(self) -> Comparison | None:
@@ -146,24 +143,6 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         """The responses of which q is the share, in words."""
         answer = self.task.compared_answer
         return f"'{answer}'" if answer == self.task.yes else answer
-
-    @property
-    def notes(self) -> Texts:
-        """Notes on the pairs that were presented in one order only."""
-        notes = []
-        for row in self.rows:
-            if not row.comparisons:
-                notes.append(
-                    f"{row.subject}: no pair of different stimuli was presented in both orders; "
-                    "its asymmetry cannot be observed"
-                )
-            elif row.n_one_order:
-                pairs = "pair was" if row.n_one_order == 1 else "pairs were"
-                notes.append(
-                    f"{row.subject}: {row.n_one_order} {pairs} presented in one order only "
-                    "and left out"
-                )
-        return tuple(notes)
 
     def _full_frame(self) -> pd.DataFrame:
         """One row per subject and comparison, with the columns of asymmetry.csv.
@@ -210,7 +189,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     Returns
     -------
     AsymmetryTable
-        Its notes name the pairs that were presented in one order only.
+        Without pairs that were presented in one order only, which `check` names.
 
     Raises
     ------
@@ -278,9 +257,7 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     }
     rows = pd.DataFrame(columns).itertuples(index=False, name=None)
     comparisons = tuple(Comparison(subject.name, *row) for row in rows)
-    in_any_order = {frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]}
-    n_one_order = len(in_any_order) - len(comparisons)
-    return SubjectAsymmetry(subject.name, accuracy(subject), comparisons, n_one_order)
+    return SubjectAsymmetry(subject.name, accuracy(subject), comparisons)
 
 
 @lru_cache(maxsize=1 << 16)

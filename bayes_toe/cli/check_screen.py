@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import chain
@@ -183,10 +183,9 @@ def describe_pairs(study: Study) -> str:
     'Pairs: 1 equal one, and 1 different one, in both orders'
     """
     pairs = set(chain.from_iterable(subject.pairs for subject in study))
-    orders = Counter(tuple(sorted(pair)) for pair in pairs)  # (low, high): 1 or 2 orders
-    n_equal = sum(low == high for low, high in orders)
-    n_both = sum(n_orders == 2 for n_orders in orders.values())
-    n_single = len(orders) - n_equal - n_both
+    n_equal = sum(first == second for first, second in pairs)
+    n_single = sum(pair[::-1] not in pairs for pair in pairs)
+    n_both = (len(pairs) - n_equal - n_single) // 2
     parts = []
     if n_equal:
         parts.append(plural(n_equal, "equal one"))

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.stimulus_unit import StimulusUnit
     from bayes_toe.design.optimal_pairs import DesignGoal
-    from bayes_toe.design.power import GroupPowerTable, PowerTable
     from bayes_toe.design.study_design import StudyDesign
 
 _POWER_FIGURES = ("power.png", "power.pdf")
@@ -103,6 +102,8 @@ def power(
     [bold]Example[/bold]: bayes-toe power design.csv --trials 240 --subjects 10,20,40 --seed 1
     """
     from bayes_toe.cli.design_screens import print_groups, print_power
+    from bayes_toe.data.tables import write_table
+    from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS
     from bayes_toe.design.power import group_power
     from bayes_toe.model.prior_file import preset_or_file
@@ -128,7 +129,13 @@ def power(
         prior=context.prior,
     )
     groups = group_power(table, numbers_of_subjects, preset_or_file(context.prior).observer)
-    _write_power(table, groups, output, overwrite=context.overwrite)
+    with whole_folder(output, _POWER_FILES, overwrite=context.overwrite) as folder:
+        table.save(folder / "power.csv")
+        write_table(table.data_sets_frame(), folder / "power_data_sets.csv", table.seed)
+        if groups.rows:
+            groups.save(folder / "power_groups.csv")
+        for name in _POWER_FIGURES:
+            bt.plots.save_figure(bt.plots.power(table), folder / name)
 
     if numbers_of_subjects:
         print_groups(context.out, table, groups, bt.ReadOptions(unit=plan.unit).stimulus_unit)
@@ -152,22 +159,6 @@ def _count_simulated(designs: Iterable[StudyDesign], observers: str | None, n_ea
     for design in designs:
         n_data_sets += len(assume_observers(observers, n_each, 0, [design]))
     return n_data_sets
-
-
-def _write_power(
-    table: PowerTable, groups: GroupPowerTable, output: Path, *, overwrite: bool
-) -> None:
-    """Write the tables and the figure of power, that of groups only if it has rows."""
-    from bayes_toe.data.tables import write_table
-    from bayes_toe.data.whole_files import whole_folder
-
-    with whole_folder(output, _POWER_FILES, overwrite=overwrite) as folder:
-        table.save(folder / "power.csv")
-        write_table(table.data_sets_frame(), folder / "power_data_sets.csv", table.seed)
-        if groups.rows:
-            groups.save(folder / "power_groups.csv")
-        for name in _POWER_FIGURES:
-            bt.plots.save_figure(bt.plots.power(table), folder / name)
 
 
 def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
@@ -385,7 +376,7 @@ def _list_trials(
     import pandas as pd
 
     from bayes_toe.data.tables import write_table
-    from bayes_toe.design.simulate import read_differences, subject_names
+    from bayes_toe.design.simulate import read_differences, simulated_conditions, subject_names
     from bayes_toe.seeds import root_seed
 
     # A given design is not searched for: only options by which it is read may be typed.
@@ -401,10 +392,10 @@ def _list_trials(
     context.require_files(lists.list_output)
 
     levels: Texts = ()
-    # It checks the names of conditions; nobody is simulated, so that nothing differs between them.
-    differences = read_differences(lists.conditions, differ=None)
-    if differences is not None:
-        levels = differences.conditions.levels
+    # Nobody is simulated, so that nothing differs between the conditions.
+    conditions = simulated_conditions(*read_differences(lists.conditions, differ=None))
+    if conditions is not None:
+        levels = conditions.levels
     study_design = bt.design.read_study_design(file, search.question, search.unit)
     seed = root_seed(context.seed)
     tables = []
@@ -487,16 +478,10 @@ def simulate(
 
     [bold]Example[/bold]: bayes-toe simulate -o study.csv --truth truth.csv --seed 1
     """
+    import pandas as pd
+
     from bayes_toe.data.tables import write_table
-    from bayes_toe.data.tasks import task_of
-    from bayes_toe.design.simulate import (
-        draw_population,
-        make_design,
-        read_differences,
-        simulate_trials,
-        trial_frame,
-        truth_frame,
-    )
+    from bayes_toe.design.simulate import make_design, read_differences, trial_frame
     from bayes_toe.seeds import root_seed
 
     context.require_files(*filter(None, (output, truth_output)))
@@ -504,22 +489,26 @@ def simulate(
 
     options = bt.ReadOptions(unit=study.unit)
     design = make_design(study.design, study.batches, study.trials, options)
-    task = task_of(study.question)
-    observers = draw_population(study.kind, study.subjects, seed, design, task)
-    simulated = simulate_trials(
-        observers,
-        design,
-        seed,
+    levels, sizes = read_differences(study.conditions, study.differ)
+    simulated, truth = bt.simulate(
+        study.subjects,
+        population=study.kind,
+        design=design,
+        seed=seed,
+        task=study.question,
         carry_over=study.carry_over,
-        differences=read_differences(study.conditions, study.differ),
+        conditions=levels,
+        differ=sizes,
     )
 
-    writers = {output: partial(write_table, trial_frame(simulated, options.stimulus_unit))}
+    trials = trial_frame(simulated, design, options.stimulus_unit)
+    writers = {output: partial(write_table, trials)}
     if truth_output is not None:
-        writers[truth_output] = partial(write_table, truth_frame(simulated))
+        # A row for each subject, or for a subject in a condition.
+        rows = [{"subject": name, **truth[name]} for name in simulated.names]
+        frame = pd.DataFrame(rows).drop(columns="carry_over", errors="ignore")
+        writers[truth_output] = partial(write_table, frame)
     context.write(writers, seed)
 
-    total = sum(len(subject_trials.batch) for subject_trials in simulated)
-    context.print_written(
-        f"{plural(len(observers), 'synthetic subject')}, {plural(total, 'trial')} in {output}", seed
-    )
+    n_subjects = plural(trials["subject"].nunique(), "synthetic subject")
+    context.print_written(f"{n_subjects}, {plural(len(trials), 'trial')} in {output}", seed)

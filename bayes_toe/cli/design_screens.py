@@ -40,8 +40,7 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
         cells = [f"{trials:,}" if not rows else "", kind]
         for question in QUESTIONS:
             estimate = table[design, trials, kind, question, DETECTED]
-            unknown = table[design, trials, kind, question, Word.CANNOT_BE_TOLD.value]
-            if unknown.value == 1.0:
+            if table.is_unknown(design, trials, question):
                 cells.append("cannot be told")
             elif table.has_effect(kind, question):
                 cells.append(estimate.percent)

@@ -52,7 +52,14 @@ def population(
     from bayes_toe.data.tables import write_table
     from bayes_toe.groups.predictive_check import predictive_check
 
-    files = _population_files(output)
+    if output.suffix != ".nc":
+        raise bt.InputError(
+            f"{output}: the ending is {output.suffix!r}. Draws need .nc; tables and figure have "
+            "the same name with another ending."
+        )
+    # The draws, the table of the group, that of its subjects, and the figure.
+    endings = (".nc", ".csv", "_subjects.csv", ".png")
+    files = [output.with_name(f"{output.stem}{ending}") for ending in endings]
     if categorical and covariates is None:
         raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
 
@@ -81,17 +88,6 @@ def population(
     context.print_uninterpretable(study)
     context.out.answer([*group_answer(result), written])
     context.end(not result.is_reliable)
-
-
-def _population_files(output: Path) -> list[Path]:
-    """The draws, the table of the group, that of its subjects, and the figure."""
-    if output.suffix != ".nc":
-        raise bt.InputError(
-            f"{output}: the ending is {output.suffix!r}. Draws need .nc; tables and figure have "
-            "the same name with another ending."
-        )
-    endings = (".nc", ".csv", "_subjects.csv", ".png")
-    return [output.with_name(f"{output.stem}{ending}") for ending in endings]
 
 
 def contrast(

@@ -121,7 +121,6 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
     out.line(
         f"q is the share of {table.share_of} responses, r the weaker and c the stronger stimulus."
     )
-    out.remarks(f"{note}." for note in table.notes)
 
 
 def print_fits(out: Terminal, table: FitTable) -> None:

@@ -10,13 +10,12 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, cast
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, IntArray, Record, Rng
+from bayes_toe.arrays import FloatArray, Record, Rng
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
@@ -151,66 +150,18 @@ def subject_names(size: int) -> list[str]:
 # --- Conditions -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class ConditionDifferences:
-    """Conditions within subjects, and what differs between the first and the last of them.
-
-    Steps go evenly from -1/2 at the first level to 1/2 at the last. If levels x are numbers, the
-    steps are (x - mean)/range. An observer has its own parameters at step 0.
-
-    Attributes
-    ----------
-    conditions : Conditions
-    sizes : mapping
-        The differences by the names in :data:`DIFFERING`.
+def simulated_conditions(levels: Sequence[str], sizes: Sizes) -> Conditions | None:
+    """Check the levels, and the sizes of what differs; None without levels.
 
     Examples
     --------
-    >>> differences = condition_differences(["2", "6", "4"], {"contraction": 0.2})
-    >>> differences.steps.tolist(), differences.sizes
-    ([-0.5, 0.5, 0.0], {'contraction': 0.2})
+    >>> simulated_conditions(["left", "right"], {"contraction": 0.2}).levels
+    ('left', 'right')
     """
-
-    conditions: Conditions
-    sizes: Sizes
-
-    @property
-    def steps(self) -> FloatArray:
-        """The position of each level between the first and the last one, shape (levels,)."""
-        if self.conditions.numeric:
-            return self.conditions.design()[:, 0]  # the only column of a numeric condition
-        return np.linspace(-0.5, 0.5, len(self.conditions.levels))
-
-    def observers(self, observer: SimulatedObserver) -> dict[str, SimulatedObserver]:
-        """An observer in every condition, by level, named such as S01@left."""
-        if self.sizes and isinstance(observer, PaperObserver):
-            raise InputError(
-                "--differ: allowed with observers of the four models, such as --observers both"
-            )
-        observers: dict[str, SimulatedObserver] = {}
-        for level, step in zip(self.conditions.levels, self.steps.tolist(), strict=True):
-            name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
-            if isinstance(observer, PaperObserver):
-                observers[level] = replace(observer, name=name)
-                continue
-            parameters = dict(observer.parameters)
-            for key, size in self.sizes.items():
-                if key == "noise":  # its logarithm differs
-                    parameters[key] *= float(np.exp(step * size))
-                else:
-                    parameters[key] += step * size
-            observers[level] = replace(observer, name=name, parameters=parameters)
-        return observers
-
-
-def condition_differences(
-    levels: Sequence[str], differ: Sizes | None
-) -> ConditionDifferences | None:
-    """Check the levels and the differences; the result is None without levels."""
     if isinstance(levels, str):
         raise InputError(f"conditions: found the text {levels!r}, allowed: a list of levels")
     if not levels:
-        if differ:
+        if sizes:
             raise InputError("--differ: allowed with --conditions, between which observers differ")
         return None
     numbers = [*map(number, levels)]  # NaN for a text
@@ -222,22 +173,55 @@ def condition_differences(
             f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
             f"each once, without {CONDITION_SEPARATOR}"
         )
-    sizes = dict(differ or {})
     for name, size in sizes.items():
         if name not in DIFFERING or not np.isfinite(size):
             raise InputError(
                 f"--differ: found {quoted(f'{name}={size:g}')}, allowed: {_ALLOWED_DIFFERENCE}"
             )
-    return ConditionDifferences(Conditions("condition", names, is_numeric), sizes)
+    return Conditions("condition", names, is_numeric)
 
 
-def read_differences(conditions: str | None, differ: str | None) -> ConditionDifferences | None:
-    """The differences of `--conditions` and `--differ`; None without conditions.
+def in_conditions(
+    observer: SimulatedObserver, conditions: Conditions, sizes: Sizes
+) -> dict[str, SimulatedObserver]:
+    """An observer in every condition, by level, named such as S01@left.
+
+    `sizes` has what differs between the first and the last level, by the names in
+    :data:`DIFFERING`. Steps go evenly from -1/2 at the first level to 1/2 at the last. If levels x
+    are numbers, the steps are (x - mean)/range. An observer has its own parameters at step 0.
+    """
+    if sizes and isinstance(observer, PaperObserver):
+        raise InputError(
+            "--differ: allowed with observers of the four models, such as --observers both"
+        )
+    steps = np.linspace(-0.5, 0.5, len(conditions.levels))
+    if conditions.numeric:
+        steps = conditions.design()[:, 0]  # the only column of a numeric condition
+    observers: dict[str, SimulatedObserver] = {}
+    for level, step in zip(conditions.levels, steps.tolist(), strict=True):
+        name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
+        if isinstance(observer, PaperObserver):
+            observers[level] = replace(observer, name=name)
+            continue
+        parameters = dict(observer.parameters)
+        for key, size in sizes.items():
+            if key == "noise":  # its logarithm differs
+                parameters[key] *= float(np.exp(step * size))
+            else:
+                parameters[key] += step * size
+        observers[level] = replace(observer, name=name, parameters=parameters)
+    return observers
+
+
+def read_differences(
+    conditions: str | None, differ: str | None
+) -> tuple[list[str], dict[str, float]]:
+    """The levels of `--conditions` and the sizes of `--differ`.
 
     Examples
     --------
-    >>> read_differences("left,right", "contraction=0.2,noise=0.3").sizes
-    {'contraction': 0.2, 'noise': 0.3}
+    >>> read_differences("left,right", "contraction=0.2,noise=0.3")
+    (['left', 'right'], {'contraction': 0.2, 'noise': 0.3})
     """
     sizes = {}
     texts = differ.split(",") if differ else []
@@ -253,7 +237,7 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
                 f"--differ: found {quoted(difference)}, allowed: {_ALLOWED_DIFFERENCE}"
             ) from None
     levels = [] if conditions is None else [level.strip() for level in conditions.split(",")]
-    return condition_differences(levels, sizes)
+    return levels, sizes
 
 
 # --- Trials ---------------------------------------------------------------------------------------
@@ -261,96 +245,32 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
 SimulatedObserver: TypeAlias = "Observer | PaperObserver"
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedTrials:
-    """Single trials of one synthetic subject in the order of presentation.
+def answer_trials(
+    observer: SimulatedObserver, design: StudyDesign, seed: int, carry_over: float = 0.0
+) -> Answers:
+    """Simulate one observer's answers to the trials of a design, a row a trial.
 
-    Attributes
-    ----------
-    subject : str
-    condition : str
-        Empty without conditions.
-    observer : Observer or PaperObserver
-        In a condition it is named such as S01@left.
-    batch : ndarray, shape (trials,)
-    answers : Answers
-        A row a trial.
-    """
-
-    subject: str
-    condition: str
-    observer: SimulatedObserver
-    batch: IntArray
-    answers: Answers
-
-    @property
-    def responses(self) -> npt.NDArray[np.str_]:
-        """The responses in words, shape (trials,)."""
-        answers = self.answers
-        words = np.array(self.observer.task.answers)
-        index = 1 - answers.n_yes  # the first word is the counted answer
-        if answers.n_second is not None:  # of equal, second and first, what is neither is 'first'
-            index = np.where(answers.n_yes + answers.n_second > 0, index, 2)
-        return words[index]
-
-
-def simulate_trials(
-    observers: Iterable[SimulatedObserver],
-    design: StudyDesign,
-    seed: int,
-    *,
-    carry_over: float = 0.0,
-    differences: ConditionDifferences | None = None,
-) -> list[SimulatedTrials]:
-    """Simulate the answers of every observer, in every condition if there are conditions.
-
-    Each random stream is keyed by the observer's name.
-
-    Parameters
-    ----------
-    observers : iterable
-    design : StudyDesign
-        Its trials are shown in equal batches, as many as there can be, each in a random order.
-    seed : int
-    carry_over : float
-        Share of what is expected after a trial that is carried over to the next one.
-    differences : ConditionDifferences, optional
+    The trials are shown in equal batches, as many as there can be, each in a random order. The
+    random stream is keyed by the observer's name. `carry_over` is the share of what is expected
+    after a trial that is carried over to the next one.
     """
     require_number("--carry-over", carry_over, 0, 0.999, Real)
-    trials = []
-    for observer in observers:
-        by_condition = {"": observer}
-        if differences is not None:
-            by_condition = differences.observers(observer)
-        for condition, unit in by_condition.items():
-            batch, answers = _answer_trials(unit, design, seed, carry_over)
-            trials.append(SimulatedTrials(observer.name, condition, unit, batch, answers))
-    return trials
-
-
-def _answer_trials(
-    observer: SimulatedObserver, design: StudyDesign, seed: int, carry_over: float
-) -> tuple[IntArray, Answers]:
-    """Simulate one observer's trials: the batch of each trial, and the answers."""
     rng = generator(seed, observer.name, "trials")
-    # The most batches that have every pair equally often.
-    n_batches = np.gcd.reduce(design.n_trials)
-    pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // n_batches)
+    pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // design.n_batches)
     # A random order of each batch: sorted uniform numbers, (batches, trials of a batch).
-    order = np.argsort(rng.uniform(size=(n_batches, len(pairs_of_batch))), axis=1)
+    order = np.argsort(rng.uniform(size=(design.n_batches, len(pairs_of_batch))), axis=1)
     pair = pairs_of_batch[order.ravel()]
     s1 = design.s1[pair]
     s2 = design.s2[pair]
 
     probabilities = observer.p_trials(s1, s2, carry_over)
-    batch = np.repeat(np.arange(1, n_batches + 1), len(pairs_of_batch))
     is_yes = rng.uniform(size=len(pair)) < probabilities[0]
     n_trials = np.ones(len(pair), int)  # each row is a trial
     counts = {"n_yes": is_yes.astype(int), "n_trials": n_trials, "place": np.arange(len(pair))}
     if observer.task.has_three_answers:  # 'second' or 'first', where the answer is not 'equal'
         is_second = rng.uniform(size=len(pair)) < probabilities[1]
         counts["n_second"] = (~is_yes & is_second).astype(int)
-    return batch, Answers(np.column_stack([s1, s2]), has_trial_rows=True, **counts)
+    return Answers(np.column_stack([s1, s2]), has_trial_rows=True, **counts)
 
 
 # --- A study --------------------------------------------------------------------------------------
@@ -420,32 +340,31 @@ def simulate(  # each is a choice of its own, and has a default
     task = task_of(task)
     root = root_seed(seed)
     study_design = make_design(design, batches)
-    differences = condition_differences(conditions, differ)
+    sizes = dict(differ or {})
+    levels = simulated_conditions(conditions, sizes)
     if not isinstance(observers, Mapping):
         require_number("observers", observers)
         simulated = draw_population(population, observers, root, study_design, task)
     else:
         simulated = _stated_observers(observers, task)
 
-    trials = simulate_trials(
-        simulated,
-        study_design,
-        root,
-        carry_over=carry_over,
-        differences=differences,
-    )
     extra = {"carry_over": carry_over} if carry_over else {}
     subjects = []
     truth = {}
-    for unit in trials:
-        subject = Subject.from_answers(unit.observer.name, unit.answers, task)
-        subjects.append(replace(subject, condition=unit.condition))
-        truth[subject.name] = {**unit.observer.parameters, **extra}
+    for observer in simulated:
+        by_condition = {"": observer}
+        if levels is not None:
+            by_condition = in_conditions(observer, levels, sizes)
+        for condition, unit in by_condition.items():
+            answers = answer_trials(unit, study_design, root, carry_over)
+            subject = Subject.from_answers(unit.name, answers, task)
+            subjects.append(replace(subject, condition=condition))
+            truth[unit.name] = {**unit.parameters, **extra}
 
     study = Study(tuple(subjects), f"simulated, seed {root}", synthetic=True)
-    if differences is not None:
+    if levels is not None:
         units = with_shared_scales(study)
-        study = replace(study, subjects=units, conditions=differences.conditions)
+        study = replace(study, subjects=units, conditions=levels)
     return Simulated(study, truth)
 
 
@@ -561,31 +480,31 @@ def make_design(
     return study_design if trials is None else study_design.with_total(trials)
 
 
-def trial_frame(trials: Sequence[SimulatedTrials], unit: StimulusUnit) -> pd.DataFrame:
-    """Trials as a table that `bayes-toe` reads.
+def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.DataFrame:
+    """The trials of a simulated study as a table that `bayes-toe` reads.
 
     The first batch of a subject comes in one condition after the other, then the second batch, and
     so on. The column `synthetic` marks the trials in every file.
     """
+    words = np.array(study.task.answers)
+    batch = np.repeat(np.arange(1, design.n_batches + 1), design.total // design.n_batches)
     frames = []
-    for unit_trials in trials:
-        columns: Record = {"subject": unit_trials.subject}
-        if unit_trials.condition:
-            columns["condition"] = unit_trials.condition
+    for subject in study:
+        answers = cast(Answers, subject.answers)
+        columns: Record = {"subject": subject.subject_name}
+        if subject.condition:
+            columns["condition"] = subject.condition
         # Trials are numbered below, over all conditions; the column has its place here.
-        columns |= {"batch": unit_trials.batch, "trial": 0}
-        s1, s2 = unit_trials.answers.keys.T
+        columns |= {"batch": batch, "trial": 0}
+        s1, s2 = answers.keys.T
         columns |= stimulus_columns(s1, s2, unit)
-        columns |= {"response": unit_trials.responses, "synthetic": 1}
+        index = 1 - answers.n_yes  # the first word is the counted answer
+        if answers.n_second is not None:  # of equal, second and first, what is neither is 'first'
+            index = np.where(answers.n_yes + answers.n_second > 0, index, 2)
+        columns |= {"response": words[index], "synthetic": 1}
         frames.append(pd.DataFrame(columns))
     frame = pd.concat(frames)
-    subject, _ = pd.factorize(frame["subject"])  # subjects in their order, not in that of names
-    order = np.lexsort([frame["batch"].to_numpy(), subject])
+    subject_order, _ = pd.factorize(frame["subject"])  # not in the order of their names
+    order = np.lexsort([frame["batch"].to_numpy(), subject_order])
     frame = frame.iloc[order].reset_index(drop=True)
     return frame.assign(trial=frame.groupby("subject", sort=False).cumcount() + 1)
-
-
-def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
-    """True parameters, one row a subject, or a subject in a condition."""
-    rows = [{"subject": unit.observer.name, **unit.observer.parameters} for unit in trials]
-    return pd.DataFrame(rows)

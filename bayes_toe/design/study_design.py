@@ -94,6 +94,11 @@ class StudyDesign:
         """Trials of all pairs."""
         return int(self.n_trials.sum())
 
+    @property
+    def n_batches(self) -> int:
+        """The most batches that have every pair equally often."""
+        return int(np.gcd.reduce(self.n_trials))
+
     def answered(
         self, n_yes: npt.ArrayLike, name: str = "design", n_second: IntArray | None = None
     ) -> Subject:

@@ -124,18 +124,16 @@ def entries(
             listing = join_names([*map(repr, all_names)], 20)
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
 
-    selected = {}
-    for label, model_draws in by_label.items():
-        selected[label] = tuple(name for name in names if name in model_draws.names)
-    n_entries = sum(map(len, selected.values()))
+    n_entries = sum(name in part.names for part in by_label.values() for name in names)
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
     page_entries = []
     for label, model_draws in by_label.items():
+        selected = tuple(name for name in names if name in model_draws.names)
         true_values = truths
         if not truths and model_draws.study.source == EXAMPLE:
             true_values = example_truth(model_draws.study.task)
-        page_entries += entries_of(model_draws, label, selected[label], true_values)
+        page_entries += entries_of(model_draws, label, selected, true_values)
     _require_quantities(truths, page_entries)
     return page_entries
 

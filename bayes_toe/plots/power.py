@@ -1,7 +1,7 @@
 """Figures of how often a design detects an effect.
 
 `power` draws the share of simulated observers with 'yes' or 'probably' over the number of trials.
-`design` draws the pairs of an optimised design, and its power beside that of an even design.
+`design` draws the pairs of an optimised design.
 """
 
 from __future__ import annotations
@@ -23,17 +23,13 @@ from bayes_toe.plots.style import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     Style,
-    draw_intervals,
-    legend_above,
     legend_outside,
-    name_rows,
     new_figure,
     plain,
     stimulus_scale,
     style_axes,
 )
 
-_CANNOT_BE_TOLD = Word.CANNOT_BE_TOLD.value
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
 _LARGEST = 160.0  # area of the most frequent pair, square points
@@ -75,8 +71,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         # Each number of trials has a place of width 1. The kinds share the middle 0.8 of it.
         shift = 0.8 * ((index + 0.5) / len(kinds) - 0.5)
         for position, n_trials in enumerate(trials):
-            not_shown = table[design, n_trials, kind, question, _CANNOT_BE_TOLD]
-            if not_shown.value < 1.0:  # the design can show the effect to some observers
+            if not table.is_unknown(design, n_trials, question):
                 share = table[design, n_trials, kind, question, DETECTED]
                 points.append((position + shift, share.value, share.low, share.high))
         if not points:
@@ -91,7 +86,8 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
 
     if not ax.lines:
-        ax.text(0.5, 0.5, _CANNOT_BE_TOLD, transform=ax.transAxes, ha="center", fontsize=LETTERS)
+        word = Word.CANNOT_BE_TOLD.value
+        ax.text(0.5, 0.5, word, transform=ax.transAxes, ha="center", fontsize=LETTERS)
     ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
     ax.set_xticks(range(len(trials)), list(map("{:,}".format, trials)))
     style_axes(ax)
@@ -101,21 +97,12 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
 
 
 def design(optimal: OptimalDesign) -> Figure:
-    """Draw the pairs of a design, and how often this and the other design show effects.
+    """Draw the pairs of a design over the information that one more trial of any pair would add.
 
-    Left: the pairs, with an area in proportion to their trials, over the information that one more
-    trial of each pair would add. Right: the share of each kind of observers with 'yes' or
-    'probably' about the order effect; the kinds without one are hollow.
+    The area of a mark is in proportion to the trials of its pair.
     """
-    figure = new_figure(PAGE, 3.5)
-    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-    _draw_pairs(left, optimal)
-    _draw_compared(right, optimal)
-    return figure
-
-
-def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
-    """Draw the pairs of a design over the information of one more trial of any pair."""
+    figure = new_figure(4.4, 3.5)
+    ax = figure.subplots()
     design = optimal.design
     plane = optimal.plane
     first, column = np.unique(plane.s1, return_inverse=True)
@@ -127,7 +114,7 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     mesh = ax.pcolormesh(
         first, second, 1000.0 * worth, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
     )
-    bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
+    bar = figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
     bar.set_label("what one more trial adds,\nthousandths of a nat")
     style_axes(bar.ax)
     # A line of equal stimuli.
@@ -159,31 +146,6 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
         ax.set_xticks(ticks, texts)
         ax.set_yticks(ticks, texts)
         ax.set(xlabel=f"first {scale.label}", ylabel=f"second {scale.label}")
-    legend_above(ax)
     style_axes(ax)
-
-
-def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
-    """Draw how often both designs show the order effect of each kind of observers."""
-    table = optimal.power
-    trials = optimal.design.total
-    kinds = table.different("observers")
-    has_effect = [table.has_effect(kind, "order_effect") for kind in kinds]
-
-    colours = (STRONGER_FIRST, EQUAL)
-    for index, (name, colour) in enumerate(zip(optimal.designs, colours, strict=False)):
-        shares = [table[name, trials, kind, "order_effect", DETECTED] for kind in kinds]
-        sizes = np.array([(share.low, share.value, share.high) for share in shares])
-        y = np.arange(len(kinds)) + 0.22 * (index - 0.5)  # one design above the other
-        style: Style = {"marker": _MARKERS[index], "ms": 4.5, "colour": colour, "line": 0.8}
-        draw_intervals(ax, y, sizes.T, mfc="white", **style)
-        # Full markers over the hollow ones of the kinds that have the effect.
-        style["label"] = f"{name} design"
-        draw_intervals(ax, y[has_effect], sizes[has_effect].T, **style)
-
-    name_rows(ax, len(kinds), [plain(kind) for kind in kinds])
-    ax.set(
-        xlim=(-0.03, 1.03),
-        xlabel="share with order effect yes or probably\n(hollow: without effect)",
-    )
-    legend_above(ax, columns=2, title=f"{trials:,} trials")
+    legend_outside(figure, side="upper")
+    return figure

@@ -151,8 +151,7 @@ def _draw_subject(
     )
 
     title = plain(subject.name, 20)
-    not_interpreted = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
-    if subject.name in not_interpreted:
+    if not analysis.evidence[subject.name].answer.is_interpretable:
         title += "\nnot interpreted"
     elif has_room:
         title += f"\n{is_outside.sum()} of {len(index)} pairs outside"

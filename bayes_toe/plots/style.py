@@ -343,49 +343,28 @@ def name_rows(ax: Axes, n_rows: int, names: Sequence[str]) -> None:
 
 # --- legends --------------------------------------------------------------------------------------
 
-_LEGEND: Style = {
-    "fontsize": SMALL,
-    "handletextpad": 0.3,
-    "borderaxespad": 0.2,
-    "frameon": False,
-}
-
 
 def legend_outside(figure: Figure | SubFigure, *, columns: int = 3, side: str = "lower") -> None:
     """Put one legend in small letters below the panels, or above them ("upper").
 
-    Points may be anywhere in the panels.
+    Points may be anywhere in the panels. Each label stands once, error bars first, because
+    matplotlib itself lists all lines first.
     """
-    loc: Any = f"outside {side} center"
-    figure.legend(
-        *_legend_entries(figure.axes), loc=loc, ncols=columns, columnspacing=1.2, **_LEGEND
-    )
-
-
-def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
-    """Put the legend of a panel above it in small letters, with a title if there is one."""
-    ax.legend(
-        *_legend_entries([ax]),
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=columns,
-        columnspacing=1.0,
-        title=title,
-        title_fontsize=SMALL,
-        labelspacing=0.25,
-        **_LEGEND,
-    )
-
-
-def _legend_entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
-    """Handles and their labels, each label once, error bars first.
-
-    Matplotlib itself lists all lines first.
-    """
-    handles = {}
-    for ax in panels:
+    handles: dict[str, Any] = {}
+    for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles[label] = handle
     # Sorting keeps the order among equal keys, and False comes before True.
     labels = sorted(handles, key=lambda label: not isinstance(handles[label], ErrorbarContainer))
-    return [*map(handles.get, labels)], labels
+    loc: Any = f"outside {side} center"
+    figure.legend(
+        [handles[label] for label in labels],
+        labels,
+        loc=loc,
+        ncols=columns,
+        columnspacing=1.2,
+        fontsize=SMALL,
+        handletextpad=0.3,
+        borderaxespad=0.2,
+        frameon=False,
+    )

@@ -16,15 +16,12 @@ import bayes_toe as bt
 from bayes_toe.data import read_study
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.design.simulate import (
-    PaperObserver,
     draw_population,
     read_differences,
-    simulate_trials,
 )
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.errors import InputError
 from bayes_toe.model.models import OrderModel
-from bayes_toe.model.paper_equations import Natural
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
 from bayes_toe.seeds import generator
 
@@ -34,22 +31,20 @@ OBSERVER = {"noise": 0.25, "q0": 0.9, "lapse_rate": 0.05, "constant_error": 0.1,
 OBSERVER_2AFC = {"noise": 0.25, "lapse_rate": 0.05, "constant_error": 0.1, "contraction": 0.3}
 
 
-def simulated_trials(names):
-    """Trials of observers of the paper's model in 20 batches of its 13 pairs."""
-    observers = [PaperObserver(name, Natural(0.0, 0.3, 0.1, 0.9)) for name in names]
-    return simulate_trials(observers, reference_design(batches=20), seed=1)
+def simulated_study(names):
+    """Observers of the paper's model in 20 batches of its 13 pairs."""
+    return bt.simulate(dict.fromkeys(names, PAPER), batches=20, seed=1).study
 
 
 def test_every_batch_holds_every_pair_once_in_random_order():
-    (trials,) = simulated_trials("A")
-    batches = [trials.answers.keys[trials.batch == batch] for batch in range(1, 21)]
-    orders = {tuple(map(tuple, pairs)) for pairs in batches}
+    batches = simulated_study("A")["A"].answers.keys.reshape(20, 13, 2)
+    orders = {tuple(map(tuple, pairs)) for pairs in batches.tolist()}
     assert len(orders) == 20
     assert all(len(set(order)) == 13 for order in orders)
 
 
 def test_an_observer_answers_alike_whoever_else_there_is():
-    (_, together), (alone,) = simulated_trials("AB"), simulated_trials("B")
+    together, alone = simulated_study("AB")["B"], simulated_study("B")["B"]
     assert np.array_equal(together.answers.n_yes, alone.answers.n_yes)
 
 
