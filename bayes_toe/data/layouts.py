@@ -39,11 +39,7 @@ from bayes_toe.data.messages import Texts, display_name, join_names, join_words,
 from bayes_toe.data.options import COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
-from bayes_toe.data.validation import (
-    ambiguous_number,
-    number,
-    number_by_sign,
-)
+from bayes_toe.data.validation import number, number_by_sign
 from bayes_toe.errors import InputError, Remedy
 
 #: What the column of the interval may hold.
@@ -195,7 +191,8 @@ def _standard_first_by_text(
 ) -> Mapping[str, bool | None]:
     """Whether the standard came first, by the texts of the column that options name.
 
-    The code that the options give decides first.
+    The code that the options give decides first. One or two codes whose meaning is not certain are
+    refused, and so is a column of another stimulus.
     """
     owner = "comparison" if options.comparison_interval else "standard"
     is_first = _order_by_text(column, owner)
@@ -206,14 +203,6 @@ def _standard_first_by_text(
             is_first = dict.fromkeys(is_first, False)
         return {**is_first, str(code): True}
 
-    _require_certain(table, column, is_first, owner)
-    return is_first
-
-
-def _require_certain(
-    table: TextTable, column: Column, is_first: Mapping[str, bool | None], owner: str
-) -> None:
-    """Refuse one or two codes whose meaning is not certain, and a column of another stimulus."""
     if None in is_first.values() and len(is_first) <= 2:
         counts = join_names(column.counts(is_first))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
@@ -226,6 +215,7 @@ def _require_certain(
     if intervals and len(stimuli) == 1 and owner not in stimuli and not has_flags:
         problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
         _ask_order(table, column, problem, intervals[:1], stimuli[0])
+    return is_first
 
 
 def _ask_order(
@@ -334,15 +324,19 @@ def _require_decimal_sign(
 ) -> None:
     """Refuse stimuli such as '1.050' where nothing shows whether the sign is decimal."""
     sign = table.grouping_sign
-    text = ambiguous_number(stimuli, sign)
-    if not text:
+    texts = [*chain.from_iterable(column.texts for column in stimuli)]
+    with_sign = [text for text in texts if sign in text]
+    # '1.050' is a decimal number where another cell shows it: '1.05' or '0.950'.
+    grouped_digits = re.compile(rf"[-+−]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")
+    if not with_sign or not all(map(grouped_digits.fullmatch, with_sign)):
         return
 
     # '1.050' is no logarithm of 1050, unless other stimuli are large, too, as they may be in cents.
-    others = [text for column in stimuli for text in column.texts if sign not in text]
+    others = [text for text in texts if sign not in text]
     if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in others):
         return
 
+    text = with_sign[0]
     grouped = text.replace(sign, "")
     decimal = text.replace(sign, ".")
     other_sign = "," if sign == "." else "."
@@ -428,19 +422,27 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         column = table.columns[PAIR]
         origin = f"names of {len(names)} columns"
     else:
-        column = _only_fitting(table, regex)
+        columns = table.columns.values()
+        fitting = [column for column in columns if all(map(regex.fullmatch, column.texts))]
+        if len(fitting) != 1:
+            raise InputError(
+                f"{table.source}: found {len(fitting)} columns whose cells are all two numbers as "
+                "--wide has them, and no such names; allowed: one such column, or several such "
+                "names"
+            )
+        column = fitting[0]
         origin = str(column)
 
-    columns = {**table.columns}
+    new_columns = {**table.columns}
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
     for i, name in enumerate(map(options.name, options.stimuli), start=1):
         texts = [pair[i] for pair in pairs]
-        columns[name] = Column.from_texts(name, texts, column.codes)
+        new_columns[name] = Column.from_texts(name, texts, column.codes)
 
     other_names = [name for name in table.names if name != column.name]
     names = [*other_names, *map(options.name, options.stimuli)]
     notes = (*table.notes, f"pairs read from {origin}")
-    return replace(table, names=names, columns=columns, notes=notes)
+    return replace(table, names=names, columns=new_columns, notes=notes)
 
 
 def _by_pair(table: TextTable, names: Texts) -> TextTable:
@@ -459,15 +461,3 @@ def _by_pair(table: TextTable, names: Texts) -> TextTable:
         del columns[name]
     all_names = [*filterfalse(names.__contains__, table.names), PAIR, CELL]
     return replace(long_table, names=all_names, columns=columns)
-
-
-def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
-    """The only column whose cells all fit the pattern; an InputError if there is not one."""
-    columns = table.columns.values()
-    fitting = [column for column in columns if all(map(regex.fullmatch, column.texts))]
-    if len(fitting) != 1:
-        raise InputError(
-            f"{table.source}: found {len(fitting)} columns whose cells are all two numbers as "
-            "--wide has them, and no such names; allowed: one such column, or several such names"
-        )
-    return fitting[0]

@@ -83,13 +83,13 @@ def write_texts(source: str) -> None:
         variables = _with_columns_of_matrix(_variables(source, sys.stdin.buffer.read()))
         sizes = [*_sizes(variables)]
         require_size(source, len(sizes), len(sizes) * max(sizes, default=0))
-        result = {"variables": _plain(variables)}
+        result: Record = {"variables": variables}
     except InputError as error:
         result = {"problems": error.problems}
     except MemoryError:
         problem = f"{source}: found more than fits into {_MOST_MEMORY:,} bytes of memory, allowed: "
         result = {"problems": [f"{problem}a smaller file"]}
-    json.dump(result, sys.stdout)
+    json.dump(result, sys.stdout, default=_json_value)
 
 
 def _variables(source: str, data: bytes) -> Record:
@@ -139,23 +139,23 @@ def _loaded(data: bytes) -> Record:
             return loadmat(io.BytesIO(data), simplify_cells=True)
     except NotImplementedError:  # version 7.3, which is HDF5
         with h5py.File(io.BytesIO(data)) as file:
-            return {name: _hdf5_value(file, name) for name in file}
+            return _hdf5_value(file)
 
 
-def _hdf5_value(group: Any, name: str) -> Any:
-    """A variable, a field or a cell: a struct by field, a text, or an array as MATLAB has it."""
+def _hdf5_value(item: Any) -> Any:
+    """A file or a struct by field, a text, or an array as MATLAB has it."""
     import h5py
 
-    if name.startswith("#"):  # a folder of the contents of cells and objects
-        return None
-    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-        raise ValueError(f"{name} is a link")  # perhaps to another file
-
-    item = group[name]
-    if isinstance(item, h5py.Group):  # a struct
-        return {field: _hdf5_value(item, field) for field in item}
+    if isinstance(item, h5py.Group):
+        fields = {}
+        for name in item:
+            if not isinstance(item.get(name, getlink=True), h5py.HardLink):
+                raise ValueError(f"{name} is a link")  # perhaps to another file
+            # '#refs#' is a folder of the contents of cells and objects.
+            fields[name] = None if name.startswith("#") else _hdf5_value(item[name])
+        return fields
     if item.external:
-        raise ValueError(f"{name} is in another file")
+        raise ValueError(f"{item.name[1:]} is in another file")
     if item.nbytes > _MOST_MEMORY // 8:  # the process makes several copies of it
         raise MemoryError
     if "MATLAB_empty" in item.attrs:
@@ -169,7 +169,7 @@ def _hdf5_value(group: Any, name: str) -> Any:
     if item.dtype == h5py.ref_dtype:  # a cell array, of references such as /#refs#/b
         cells = np.empty(values.size, object)
         for i, reference in enumerate(values.ravel("F")):
-            cells[i] = _hdf5_value(item.file["#refs#"], item.file[reference].name.split("/")[-1])
+            cells[i] = _hdf5_value(item.file[reference])
         return cells
 
     if kind == b"logical":
@@ -186,11 +186,9 @@ def _sizes(value: Any) -> Iterator[int]:
         yield from _sizes(field)
 
 
-def _plain(value: Any) -> Any:
-    """A struct, a list or a text, as JSON has them; a value without a text is words about it."""
-    if isinstance(value, dict):
-        return {name: _plain(field) for name, field in value.items()}
-    if isinstance(value, np.ndarray | list):
-        return list(map(_plain, value))
+def _json_value(value: Any) -> Any:
+    """An array as a list, or the text of a number; a value without a text is words about it."""
+    if isinstance(value, np.ndarray):
+        return list(value)
     text = value_text(value)
-    return text if isinstance(text, str) else text.problem
+    return getattr(text, "problem", text)

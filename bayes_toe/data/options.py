@@ -20,7 +20,7 @@ from typing import Any
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import display_name, join_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
-from bayes_toe.data.study import Study
+from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task, task_with
 from bayes_toe.errors import InputError, require_kind
 
@@ -409,51 +409,45 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
         ("--swap", swap, Study.swap),
         ("--exclude", exclude, Study.exclude),
     ):
-        for name, blocks in _blocks_by_subject(option, texts, study).items():
-            study = change(study, name, blocks)
+        blocks_of = dict[str, list[str]]()  # an empty list stands for all blocks
+        for text in texts:
+            units, blocks = _units_and_blocks(text, study, option)
+            for unit in units:
+                all_blocks = blocks_of.get(unit, []) + blocks
+                has_duplicates = len({*all_blocks}) < len(all_blocks)
+                # All blocks of a subject are named, now or earlier, and some of them besides.
+                is_whole_twice = unit in blocks_of and not (blocks and blocks_of[unit])
+                if has_duplicates or is_whole_twice:
+                    raise InputError(
+                        f"{option} {text}: named twice; name each subject or block once"
+                    )
+                blocks_of[unit] = all_blocks
+        for unit, blocks in blocks_of.items():
+            study = change(study, unit, blocks)
     return study
 
 
-def _blocks_by_subject(option: str, texts: Iterable[str], study: Study) -> dict[str, list[str]]:
-    """The blocks that the texts name for each subject; an empty list stands for all blocks."""
-    blocks_of: dict[str, list[str]] = {}
-    for text in texts:
-        subject_name, blocks = _subject_and_blocks(text, study, option)
-        units = [unit.name for unit in study if unit.subject_name == subject_name]
-        for name in units or [subject_name]:
-            all_blocks = blocks_of.get(name, []) + blocks
-            has_duplicates = len(set(all_blocks)) < len(all_blocks)
-            # All blocks of a subject are named, now or earlier, and some of them besides.
-            is_whole_twice = name in blocks_of and not (blocks and blocks_of[name])
-            if has_duplicates or is_whole_twice:
-                raise InputError(f"{option} {text}: named twice; name each subject or block once")
-            blocks_of[name] = all_blocks
-    return blocks_of
-
-
-def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list[str]]:
-    """The subject and the blocks that SUBJECT:BLOCK,BLOCK names; SUBJECT alone has no blocks.
+def _units_and_blocks(text: str, study: Study, option: str) -> tuple[list[str], list[str]]:
+    """The units and the blocks that SUBJECT:BLOCK,BLOCK names; SUBJECT alone has no blocks.
 
     SUBJECT may be a unit, which is a subject in one condition.
     """
-    all_names = {*study.names, *(unit.subject_name for unit in study)}
-    names = [name for name in all_names if f"{text}:".startswith(f"{name}:")]
-    name = max(names, key=len, default="")  # 'S:1' before 'S', as names may have colons
-    if not name:
+    units_by_name = units_by_subject(study) | {unit.name: (unit,) for unit in study}
+    names = [name for name in units_by_name if f"{text}:".startswith(f"{name}:")]
+    if not names:
         unknown_name = quoted(text.partition(":")[0])
         raise InputError(
             f"{option} {text}: no subject {unknown_name}; the subjects are "
             f"{join_names(map(display_name, study.names))}"
         )
-    if text == name:
-        return name, []
-
+    name = max(names, key=len)  # 'S:1' before 'S', as names may have colons
+    units = units_by_name[name]
     blocks = text[len(name) + 1 :]
-    for unit in study:
-        is_named = name in (unit.name, unit.subject_name)
-        if is_named and unit.answers is not None and blocks in unit.answers.blocks:
-            return name, [blocks]  # a name with a comma in it
-    return name, [block.strip() for block in blocks.split(",")]
+    block_names = [block.strip() for block in blocks.split(",")]
+    for unit in units:
+        if unit.answers is not None and blocks in unit.answers.blocks:
+            block_names = [blocks]  # a name with a comma in it
+    return [unit.name for unit in units], [] if text == name else block_names
 
 
 def subject_in(path: object, pattern: str) -> str | None:

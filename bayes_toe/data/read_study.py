@@ -40,7 +40,7 @@ from bayes_toe.data.layouts import (
     with_pairs,
 )
 from bayes_toe.data.messages import Note, Texts, display_name, join_names, named_counts
-from bayes_toe.data.options import COLUMNS, ReadOptions
+from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     blank_missed,
@@ -71,12 +71,11 @@ from bayes_toe.data.trial_rows import (
     frequency_column,
     nameless_doubts,
     rare_answer_doubts,
-    stacked_doubts,
-    subject_of_file,
     taken_out_doubts,
-    trial_rows,
     with_row_for_each_trial,
     with_subjects_below,
+    without_practice,
+    without_unfilled,
 )
 from bayes_toe.data.units import (
     follows_from_pairs,
@@ -422,7 +421,11 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     remedies = [r for r in remedies if isinstance(path, StrPath) or r.option != "subject_from"]
     table.require(problems, remedies)
 
-    table = trial_rows(table, options, roles_read)
+    if "practice" not in options.ignore:
+        table = without_practice(table, options, roles_read)
+    for answer in ("response", "correct"):
+        if answer in roles_read:
+            table = without_unfilled(table, options, answer)
     frequency = frequency_column(table, options, roles_read)
     if frequency is not None:
         table = with_row_for_each_trial(table, frequency)
@@ -451,7 +454,14 @@ def _columns(
         columns["response"] = with_joined_codes(columns["response"], options)
 
     if options.subject_from is not None:
-        columns["subject"] = subject_of_file(table, path, options.subject_from)
+        subject = subject_in(path, options.subject_from)
+        if subject is None:
+            raise InputError(
+                f"{table.source}: found no subject in its name, allowed: a file named as "
+                f"--subject-from {options.subject_from}"
+            )
+        row_codes = np.zeros(len(table.rows), np.int64)
+        columns["subject"] = Column("name of the file", [subject], row_codes)
     else:
         columns["subject"] = bare_names(table, columns["subject"])
     if "condition" in columns:
@@ -489,20 +499,14 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         if any(merged.values()):
             n_merged = (sum(merged.values()), "repeated row")
             notes.append(Note(n_merged, " merged: ", named_counts(merged)))
-    is_synthetic, synthetic_notes = _synthetic(rows.columns)
-    notes += missing + synthetic_notes
-
-    doubts += rows.rounding
-    if task == THREE_ANSWERS:
-        doubts += rare_answer_doubts(counts)
-    if has_counts and len(n) >= 4 and (n == 100).all():
-        doubts.append(
-            "each row has 100 trials, as in a table of percentages. If there were fewer, write "
-            "their number"
-        )
-    doubts += nameless_doubts(rows.subject)
-    doubts += stacked_doubts(rows.table, rows.options)
-    doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
+    notes += missing
+    marks = rows.columns["synthetic"].texts if "synthetic" in rows.columns else [""]
+    is_marked = [text.lower() in TRUE_WORDS for text in marks]
+    if all(is_marked):
+        notes.append("synthetic data: the column synthetic marks every row")
+    elif any(is_marked):
+        notes.append("the column synthetic marks only some rows, so the study is not marked")
+    doubts += _doubts(rows, task, counts)
 
     pooled = list[str]()
     if "condition" not in rows.columns:
@@ -520,18 +524,28 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         tuple(pooled),
         tuple(codes),
     )
-    return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+    return Study(tuple(subjects), source, all(is_marked), tuple(notes), reading)
 
 
-def _synthetic(columns: Columns) -> tuple[bool, list[str]]:
-    """Whether a column marks every row as synthetic, and a note if it marks some."""
-    texts = columns["synthetic"].texts if "synthetic" in columns else [""]
-    is_marked = [text.lower() in TRUE_WORDS for text in texts]
-    if all(is_marked):
-        return True, ["synthetic data: the column synthetic marks every row"]
-    if any(is_marked):
-        return False, ["the column synthetic marks only some rows, so the study is not marked"]
-    return False, []
+def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
+    """What is probably wrong with the rows, a sentence each."""
+    n = counts["n_trials"]
+    doubts = [*rows.rounding]
+    if task == THREE_ANSWERS:
+        doubts += rare_answer_doubts(counts)
+    if not are_trials(rows.columns) and len(n) >= 4 and (n == 100).all():
+        doubts.append(
+            "each row has 100 trials, as in a table of percentages. If there were fewer, write "
+            "their number"
+        )
+    doubts += nameless_doubts(rows.subject)
+    if rows.options.subject_from is not None and "repeated header" in " ".join(rows.table.notes):
+        doubts.append(
+            "repeated headers may begin other subjects, but all rows are read as one subject. If "
+            "there are several, add a column subject"
+        )
+    doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
+    return doubts
 
 
 # --- Trials ---------------------------------------------------------------------------------------

@@ -124,10 +124,7 @@ def read_table(
     # A lazy frame of polars has no rows, and warns where it is asked for its columns.
     has_rows = hasattr(source, "iloc") or hasattr(source, "to_series")
     if has_rows and hasattr(source, "columns"):
-        library = type(source).__module__.partition(".")[0]
-        name = f"{library} {type(source).__name__}"
-        # Rows count from 0, as in `iloc`.
-        return _table_of_frame(name, name, "columns", source, 0, choice)
+        return _table_of_frame(source, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
             f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
@@ -228,25 +225,20 @@ def _table_of_values(
     problems = Problems(source)
     columns = {}
     for name, cells in values.items():
-        texts = []
-        cell_problems = []
-        for row, text in zip(rows, map(value_text, cells), strict=True):
-            if isinstance(text, NoValue):
-                location = f"row {row}, column {display_name(name)}"
-                cell_problems.append((row, f"{location}: {text.problem}"))
-                text = ""
-            texts.append(text)
+        texts = [*map(value_text, cells)]
         columns[name] = Column.from_texts(name, texts)
-        if name in chosen and cell_problems:
-            problems.add(cell_problems[:1])
+        for row, text in zip(rows, texts, strict=True):
+            if isinstance(text, NoValue) and name in chosen:
+                problems.add([(row, f"row {row}, column {display_name(name)}: {text.problem}")])
+                break
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, notes)
 
 
-def _table_of_frame(
-    source: str, form: str, head: str, frame: Any, first_row: int, choice: Choice
-) -> TextTable:
-    """The table of a pandas or polars DataFrame."""
+def _table_of_frame(frame: Frame, choice: Choice) -> TextTable:
+    """The table of a pandas or polars DataFrame, whose rows count from 0, as in `iloc`."""
+    library = type(frame).__module__.partition(".")[0]
+    source = f"{library} {type(frame).__name__}"
     names = [str(name).strip() for name in frame.columns]
     values = {}
     for name, index in name_places(names).items():
@@ -254,8 +246,7 @@ def _table_of_frame(
         # to_list makes doubles: 0.1 in single precision would read 0.10000000149.
         is_single = str(series.dtype).lower() == "float32"
         values[name] = np.asarray(series, np.float32) if is_single else series.to_list()
-    rows = range(first_row, first_row + len(frame))
-    return _table_of_values(source, form, head, names, values, rows, choice)
+    return _table_of_values(source, source, "columns", names, values, range(len(frame)), choice)
 
 
 # --- Excel ---------------------------------------------------------------------------------------
@@ -266,11 +257,19 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     sheets = _excel_sheets(source, data, sheet)
     if sheet is not None and not sheets:
         raise _no_such_sheet(source, _excel_sheets(source, data))
-    heads = {title: _sheet_names(rows, choice) for title, rows in sheets.items()}
-    title = _chosen_sheet(source, sheets, heads, choice)
+    tables = _tables_of_sheets(source, sheets, choice)
+    title = max(tables, key=lambda title: len(sheets[title]))
+    first, header = tables[title]
+    if len(tables) > 1 and n_chosen(header, choice):
+        remedies = [
+            Remedy("sheet", "*", "if the sheets have a column of subjects"),
+            Remedy("sheet", "{}", "if each sheet is a subject"),
+        ]
+        remedies += [Remedy("sheet", title) for title in tables]
+        titles = join_words(list(map(display_name, tables)))
+        raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
 
     rows = sheets[title]
-    first, header = heads[title]
     names = names_or_numbers(header, choice)
     # Rows count from 1, as in the sheet, and indices from 0.
     rows_below = range(first + 1 + (names == header), len(rows) + 1)
@@ -290,39 +289,6 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     return without_headers(table)
 
 
-def _chosen_sheet(
-    source: str,
-    sheets: Mapping[str, Sequence[object]],
-    heads: Mapping[str, tuple[int, list[str]]],
-    choice: Choice,
-) -> str:
-    """The title of the sheet with most of our columns; of sheets without any, the longest.
-
-    An InputError if several have most of our columns.
-    """
-    tables = _sheets_with_tables(source, heads, choice)
-    if len(tables) > 1 and n_chosen(heads[tables[0]][1], choice):
-        titles = join_words(list(map(display_name, tables)))
-        remedies = [
-            Remedy("sheet", "*", "if the sheets have a column of subjects"),
-            Remedy("sheet", "{}", "if each sheet is a subject"),
-        ]
-        remedies += [Remedy("sheet", title) for title in tables]
-        raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
-    return max(tables, key=lambda title: len(sheets[title]))
-
-
-def _sheets_with_tables(
-    source: str, heads: Mapping[str, tuple[int, list[str]]], choice: Choice
-) -> list[str]:
-    """The titles of the sheets with most of our columns."""
-    if not heads:
-        raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
-    n_names = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
-    largest_count = max(n_names.values())
-    return [title for title, count in n_names.items() if count == largest_count]
-
-
 def sheet_paths(path: StrPath, pattern: str, choice: Choice) -> list[Path]:
     """The paths of the sheets that have the tables of a study, as in study.xlsx/S01.
 
@@ -331,26 +297,32 @@ def sheet_paths(path: StrPath, pattern: str, choice: Choice) -> list[Path]:
     """
     source = display_name(Path(path).name)
     sheets = _excel_sheets(source, input_bytes(path))
-    titles = [title for title in sheets if fnmatchcase(title, pattern)]
-    if not titles:
+    fitting = {title: rows for title, rows in sheets.items() if fnmatchcase(title, pattern)}
+    if not fitting:
         raise _no_such_sheet(source, sheets)
-    heads = {title: _sheet_names(sheets[title], choice) for title in titles}
-    return [Path(path, title) for title in _sheets_with_tables(source, heads, choice)]
+    return [Path(path, title) for title in _tables_of_sheets(source, fitting, choice)]
+
+
+def _tables_of_sheets(
+    source: str, sheets: Mapping[str, Sequence[Sequence[Any]]], choice: Choice
+) -> dict[str, tuple[int, list[str]]]:
+    """The sheets with most of our columns: the index of the row with the names, and the names."""
+    if not sheets:
+        raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
+    heads = {}
+    for title, rows in sheets.items():
+        records = []
+        for cells in rows[:MOST_RECORDS]:
+            records.append([" ".join(text.split()) for text in map(value_text, cells)])
+        index = header_place(records, choice)
+        heads[title] = index, records[index]
+    counts = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
+    return {title: heads[title] for title in heads if counts[title] == max(counts.values())}
 
 
 def _no_such_sheet(source: str, titles: Iterable[str]) -> InputError:
     names = join_names(map(display_name, titles))
     return InputError(f"{source}: found the sheets {names}, allowed: one of them")
-
-
-def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, list[str]]:
-    """The index of the row with the names, from 0, and the names."""
-    records = []
-    for cells in rows[:MOST_RECORDS]:
-        texts = map(value_text, cells)
-        records.append([" ".join(text.split()) if isinstance(text, str) else "" for text in texts])
-    index = header_place(records, choice)
-    return index, records[index]
 
 
 def _is_filled(cells: Sequence[Any]) -> bool:

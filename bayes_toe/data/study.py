@@ -20,7 +20,6 @@ from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_st
 from bayes_toe.data.answers import Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import (
-    MOST_ROWS,
     Texts,
     as_html,
     cli_argument,
@@ -495,13 +494,18 @@ class Study:
         for name in _name_list(names):
             subject = study[name]
             typed_option = f"{option} {cli_argument(name, block_names)}"
+            rows = _rows(subject)
             try:
-                changed_subject = _changed_subject(subject, block_names, change)
+                changed_rows = change(rows, rows.rows_of(block_names))
             except InputError as error:
                 raise InputError(f"{typed_option}: {error}") from None
 
-            subjects = {**study._by_name, name: changed_subject}
-            remaining = tuple(filter(None, subjects.values()))
+            subjects = {**study._by_name}
+            if changed_rows.n_trials.any():
+                subjects[name] = _with_rows(subject, changed_rows, subject.task)
+            else:
+                del subjects[name]
+            remaining = tuple(subjects.values())
             if not remaining:
                 raise InputError(f"{typed_option}: no subject is left; exclude fewer")
             conditions = study.conditions
@@ -538,14 +542,12 @@ class Study:
         import pandas as pd
 
         require_study(self)
+        names = [(subject.subject_name, subject.condition) for subject in self]
         n_pairs = [subject.n_pairs for subject in self]
-
-        def by_subject(key: str) -> npt.NDArray[Any]:
-            return np.repeat(np.array([getattr(subject, key) for subject in self], object), n_pairs)
-
-        columns: dict[str, Any] = {"subject": by_subject("subject_name")}
+        subject_names, levels = np.repeat(np.array(names, object), n_pairs, axis=0).T
+        columns: dict[str, Any] = {"subject": subject_names}
         if self.conditions:
-            columns["condition"] = by_subject("condition")
+            columns["condition"] = levels
         count_keys = {self.task.count: "n_yes", "n_trials": "n_trials"}
         if self.task == THREE_ANSWERS:
             count_keys = {"n_first": "n_first", "n_equal": "n_yes", "n_second": "n_second"}
@@ -562,11 +564,9 @@ class Study:
         return f"<Study {self.source!r}{mark}: {size}>"
 
     def _repr_html_(self) -> str:
-        frame = frame_of(
-            self.subjects[:MOST_ROWS], ("name", "n_pairs", "total_trials", "fraction_yes")
-        )
+        frame = frame_of(self.subjects, ("name", "n_pairs", "total_trials", "fraction_yes"))
         frame.columns = ["subject", "pairs", "trials", f"fraction {self.task.yes!r}"]
-        return as_html(repr(self)[1:-1], frame, len(self))
+        return as_html(repr(self)[1:-1], frame)
 
 
 def pooled(units: Sequence[Subject]) -> Subject:
@@ -644,15 +644,6 @@ def _name_list(names: Names) -> Texts:
     if isinstance(names, str | int | np.integer):
         names = [names]
     return list(map(name_from_key, names))
-
-
-def _changed_subject(
-    subject: Subject, blocks: Texts, change: Callable[[Answers, BoolArray], Answers]
-) -> Subject | None:
-    """The subject after a change of these blocks, or of all its answers; None without answers."""
-    rows = _rows(subject)
-    changed_rows = change(rows, rows.rows_of(blocks))
-    return _with_rows(subject, changed_rows, subject.task) if changed_rows.n_trials.any() else None
 
 
 def _rows(subject: Subject) -> Answers:

@@ -80,14 +80,20 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
     folder = Path(path)
     name = display_name(str(path))
     for pattern in _IN_FOLDER:
-        files = [file.relative_to(folder) for file in folder.glob(pattern)]
-        tables = sorted(filter(_is_table, files))
+        tables = []
+        for path in folder.glob(pattern):
+            file = path.relative_to(folder)
+            # Neither hidden nor a lock of Excel, ~$a.xlsx.
+            is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
+            if file.suffix.lower() in TABLE_SUFFIXES and not is_hidden:
+                tables.append(file)
         if tables:
             break
     else:
         pattern = "*"  # logs, beside which other programs write tables
-        tables = sorted(file.relative_to(folder) for file in folder.glob("*.log"))
+        tables = [file.relative_to(folder) for file in folder.glob("*.log")]
 
+    tables.sort()
     counts = Counter(file.suffix.lower() for file in tables)
     finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
     if len(counts) != 1:
@@ -98,12 +104,6 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
         )
     places = " in subfolders" if "/" in pattern else ""
     return [*map(folder.joinpath, tables)], f"folder {name}: {finding}{places} read"
-
-
-def _is_table(file: Path) -> bool:
-    """Whether a file of a folder may be a table: not hidden, and not a lock of Excel, ~$a.xlsx."""
-    is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
-    return file.suffix.lower() in TABLE_SUFFIXES and not is_hidden
 
 
 def with_sheets(
@@ -257,7 +257,10 @@ def together(studies: Sequence[Study]) -> Study:
     if len(studies) == 1:
         return studies[0]
     first = studies[0]
+    answers_of = defaultdict[str, list[tuple[str, Subject]]](list)  # by the names of subjects
     for study in studies:
+        for subject in study:
+            answers_of[subject.name].append((study.source, subject))
         if study.task != first.task:
             raise InputError(
                 f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
@@ -267,10 +270,9 @@ def together(studies: Sequence[Study]) -> Study:
     doubts = _one_line_each(reading.doubts)
     subjects = []
     n_files = {}
-    for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
-        files = [study for study in studies if name in study.names]
-        subjects.append(_subject_of_files(name, files))
-        doubts += _copies(name, files)
+    for name, files in answers_of.items():
+        subjects.append(_subject_of_files(files))
+        doubts += _copies(files)
         if len(files) > 1:
             n_files[name] = len(files)
 
@@ -327,34 +329,34 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
     return notes
 
 
-def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
-    """The subject in these studies: its answers in order, or counts if a study has no order."""
-    subjects = [study[name] for study in studies]
-    if len(subjects) == 1:
-        return subjects[0]
+def _subject_of_files(files: Sequence[tuple[str, Subject]]) -> Subject:
+    """The subject in these files: its answers in order, or counts if a file has no order."""
+    (_, first), *others = files
+    if not others:
+        return first
     answers = []
-    for study, subject in zip(studies, subjects, strict=True):
+    for source, subject in files:
         if subject.answers is None:
-            return pooled(subjects)
-        answers.append((study.source, subject.answers))
-    return Subject.from_answers(name, _joined(answers), subjects[0].task, subjects[0].unit)
+            return pooled([subject for _, subject in files])
+        answers.append((source, subject.answers))
+    return Subject.from_answers(first.name, _joined(answers), first.task, first.unit)
 
 
-def _copies(name: str, studies: Sequence[Study]) -> Iterator[str]:
+def _copies(files: Sequence[tuple[str, Subject]]) -> Iterator[str]:
     """Doubts about files that have the same answers of a subject, trial by trial.
 
     20 answers are not the same by chance.
     """
     first_source = dict[bytes, str]()
-    for study in studies:
-        answers = study[name].answers
+    for source, subject in files:
+        answers = subject.answers
         if answers is None or not answers.has_trial_rows or len(answers.n_yes) < 20:
             continue
         content = answers.keys.tobytes() + answers.counts.tobytes()
-        earlier = first_source.setdefault(content, study.source)
-        if earlier != study.source:
-            trials = f"{len(answers.n_yes)} trials of subject {display_name(name)}"
-            yield f"{study.source} has the same {trials} as {earlier}: {TWICE}, remove one file"
+        earlier = first_source.setdefault(content, source)
+        if earlier != source:
+            trials = f"{len(answers.n_yes)} trials of subject {display_name(subject.name)}"
+            yield f"{source} has the same {trials} as {earlier}: {TWICE}, remove one file"
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from operator import itemgetter
 from sys import intern
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -133,13 +133,19 @@ class Column:
         return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
 
 
-class NoValue(NamedTuple):
+class NoValue(str):
     """A cell without a value, such as an error of Excel."""
 
     problem: str
 
+    def __new__(cls, problem: str) -> NoValue:
+        """An empty text, and why it is empty."""
+        cell = super().__new__(cls)
+        cell.problem = problem
+        return cell
 
-def value_text(value: object) -> str | NoValue:
+
+def value_text(value: object) -> str:
     """The text of a value in a CSV file, or why it has none.
 
     Examples
@@ -187,7 +193,8 @@ class Problems:
 
     def add(self, lines: Iterable[tuple[int, str]], count: int = 1) -> None:
         """Add lines with their rows, which are the first ones of `count` problems."""
-        self._shown += lines
+        # The first ones are shown.
+        self._shown = sorted([*self._shown, *lines], key=itemgetter(0))[:MAX_LINES]
         self.count += count
 
     def ask(self, question: str, remedies: Iterable[Remedy]) -> None:
@@ -203,9 +210,8 @@ class Problems:
         """Raise the first ten problems as one InputError, with the number of the others."""
         if not self.count:
             return
-        first_lines = sorted(self._shown, key=itemgetter(0))[:MAX_LINES]
-        problems = [f"{self.source}: {text}" for _, text in first_lines]
-        n_others = self.count - len(first_lines)
+        problems = [f"{self.source}: {text}" for _, text in self._shown]
+        n_others = self.count - len(problems)
         if n_others > 0:
             problems.append(f"... and {plural(n_others, 'more problem')}")
         raise InputError(problems, self.remedies)
@@ -371,12 +377,17 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     text, n_remarks = re.subn(_LAST_REMARKS, "", text)
 
     delimiter, place, has_row_names = _layout(text, choice)
-    records = itertools.islice(_records(text, delimiter), place, None)
+    records: Iterator[Record] = itertools.islice(_records(text, delimiter), place, None)
     first_row, head = next(records, (0, []))
-    header = _header_names(source, first_row, head)
+    if not head:
+        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+    if isinstance(head, csv.Error):
+        raise InputError(f"{source}: {_broken(first_row, head, 0)}")
+    require_size(source, len(head), len(head))
+    header = _names(head)
     names = names_or_numbers(header, choice)
     if names != header:
-        records = itertools.islice(_records(text, delimiter), place, None)
+        records = itertools.chain([(first_row, head)], records)
     elif has_row_names:
         names = ["", *names]
 
@@ -410,16 +421,6 @@ def without_headers(table: TextTable) -> TextTable:
     return table.only(~is_header, Note((is_header.sum(), "repeated header"), " left out"))
 
 
-def _header_names(source: str, row: int, cells: Cells) -> list[str]:
-    """The names in a header; an InputError if it cannot be split or has no cells."""
-    if not cells:
-        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
-    if isinstance(cells, csv.Error):
-        raise InputError(f"{source}: {_broken(row, cells, 0)}")
-    require_size(source, len(cells), len(cells))
-    return _names(cells)
-
-
 def _texts_by_name(
     records: Iterable[Record], names: Texts, problems: Problems
 ) -> tuple[IntArray, dict[str, list[str]]]:
@@ -430,19 +431,14 @@ def _texts_by_name(
     index_of_name = name_places(names)
     texts = {name: list[str]() for name in index_of_name}
     rows = array("q")
-    lines = []
-    n_broken = 0
     for row, cells in records:
         if isinstance(cells, csv.Error) or len(cells) != len(names):
-            if n_broken < MAX_LINES:
-                lines.append((row, _broken(row, cells, len(names))))
-            n_broken += 1
+            problems.add([(row, _broken(row, cells, len(names)))])
             continue
 
         rows.append(row)
         for name, index in index_of_name.items():
             texts[name].append(intern(cells[index]))  # most texts are there many times
-    problems.add(lines, n_broken)
     return np.array(rows, np.int64), texts
 
 

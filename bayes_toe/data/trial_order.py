@@ -51,7 +51,10 @@ def answers_in_order(
     """
     is_trials = are_trials(columns)
     unit = columns["subject"]
-    subject = _without_conditions(columns)
+    subject = unit
+    if "condition" in columns:  # 'S01@left' is of 'S01'
+        names = [text.partition(CONDITION_SEPARATOR)[0] for text in unit.texts]
+        subject = Column.from_texts(unit.name, names, unit.codes)
     rows_with_pair = subject.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
     order = _order_of_rows(table, columns)
 
@@ -103,22 +106,20 @@ def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
     blocks: tuple[str, ...] = ()
     block = None
     for name in _RUNS:
-        if name in columns:
-            names, run = _ranked(table, columns[name])
-            runs.append(run)
-            if name == "block":
-                blocks = names
-                block = run
+        if name not in columns:
+            continue
+        column = columns[name]
+        # Runs are in the order of their numbers where all are numbers, else in that of appearance.
+        values = [number(text, table.decimal_comma) for text in column.texts]
+        order = np.arange(len(values))
+        if not np.isnan(values).any():
+            order = np.argsort(values, kind="stable")
+        rank = np.argsort(order)  # the inverse of the order
+        runs.append(rank[column.codes])
+        if name == "block":
+            blocks = tuple(np.array(column.texts, object)[order])
+            block = runs[-1]
     return _Order(trial, np.column_stack(runs), block, blocks)
-
-
-def _without_conditions(columns: Columns) -> Column:
-    """The subject of each row, whose name may be that of a unit: 'S01@left' is of 'S01'."""
-    subject = columns["subject"]
-    if "condition" not in columns:
-        return subject
-    names = [text.partition(CONDITION_SEPARATOR)[0] for text in subject.texts]
-    return Column.from_texts(subject.name, names, subject.codes)
 
 
 def _order_notes(columns: Columns, unordered: list[str], n_missing: Mapping[str, int]) -> list[str]:
@@ -131,20 +132,6 @@ def _order_notes(columns: Columns, unordered: list[str], n_missing: Mapping[str,
         advice = "); keep trials without a response in the file, with an empty response"
         notes.append(Note("trial numbers are missing (", named_counts(n_missing), advice))
     return notes
-
-
-def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray]:
-    """Names of blocks or sessions in their order, and the index of the one of each row.
-
-    The order is that of numbers where all are numbers, else that of appearance.
-    """
-    values = [number(text, table.decimal_comma) for text in column.texts]
-    order = np.arange(len(values))
-    if not np.isnan(values).any():
-        order = np.argsort(values, kind="stable")
-    names = tuple(np.array(column.texts, object)[order])
-    index_of_code = np.argsort(order)  # the inverse of the order
-    return names, index_of_code[column.codes]
 
 
 def _ordered(choices: Sequence[IndexArray], order: _Order) -> IndexArray | None:

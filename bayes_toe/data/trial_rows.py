@@ -13,7 +13,7 @@ from itertools import filterfalse
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, IntArray, StrPath
+from bayes_toe.arrays import BoolArray, IntArray
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
     is_no_response,
@@ -31,9 +31,9 @@ from bayes_toe.data.messages import (
     plural,
     quoted,
 )
-from bayes_toe.data.options import ReadOptions, subject_in
+from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import THREE_ANSWERS, tasks_named
-from bayes_toe.data.text_table import Column, Frame, TextTable
+from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import (
     CONDITION_SEPARATOR,
     MISSING_WORDS,
@@ -51,19 +51,6 @@ _RUN_BY_CHANCE = 1e-4
 _MOST_TRIALS = 10_000_000
 #: Share of the trials below which one of three answers is doubted.
 _RARE = 0.01
-
-
-def trial_rows(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
-    """The table without rows of practice, and without unfilled rows below the trials of a subject.
-
-    `roles_read` are our names of the columns that are read.
-    """
-    if "practice" not in options.ignore:
-        table = _without_practice(table, options, roles_read)
-    for answer in ("response", "correct"):
-        if answer in roles_read:
-            table = _without_unfilled(table, options, answer)
-    return table
 
 
 def with_subjects_below(table: TextTable, name: str) -> TextTable:
@@ -195,10 +182,11 @@ def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
     return table.only(rows, f"{frequency} read as the number of trials of each row")
 
 
-def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
+def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:
     """The table without rows that a column marks as practice.
 
-    Columns of subjects, stimuli, responses and conditions mark none. Nor does a column in which no
+    `roles_read` are our names of the columns that are read. Columns of subjects, stimuli, responses
+    and conditions mark none. Nor does a column in which no
     subject has both marked and other trials: it names groups, such as trained subjects.
     """
     # Names of sessions, blocks or trials may say that these are practice.
@@ -231,7 +219,7 @@ def _without_practice(table: TextTable, options: ReadOptions, roles_read: Texts)
     return table
 
 
-def _without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> TextTable:
+def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> TextTable:
     """The table without the last rows of a subject that are zero in stimuli and response.
 
     A session that was stopped leaves such rows if a matrix of zeros was made for all its trials.
@@ -306,27 +294,6 @@ def columns_of_file(table: TextTable) -> dict[str, Column]:
         if looks_like(name, "task") and tasks_named(column.texts):
             columns["task"] = column
     return columns
-
-
-def subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
-    """The subject in the name of a file, which is that of all rows."""
-    subject = subject_in(path, pattern)
-    if subject is None:
-        raise InputError(
-            f"{table.source}: found no subject in its name, allowed: a file named as "
-            f"--subject-from {pattern}"
-        )
-    return Column("name of the file", [subject], np.zeros(len(table.rows), np.int64))
-
-
-def stacked_doubts(table: TextTable, options: ReadOptions) -> list[str]:
-    """A doubt about repeated headers in a file that is one subject."""
-    if options.subject_from is None or "repeated header" not in " ".join(table.notes):
-        return []
-    return [
-        "repeated headers may begin other subjects, but all rows are read as one subject. If there "
-        "are several, add a column subject"
-    ]
 
 
 def nameless_doubts(subject: Column) -> Texts:

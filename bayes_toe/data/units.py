@@ -59,14 +59,12 @@ def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column
         value = math.nan if categorical else number(text, table.decimal_comma)
         level_names.append(text if math.isnan(value) else level_words([value])[0])
 
-    row_codes = np.column_stack([subject.codes, condition.codes])
-    unit_codes, unit_of_row = np.unique(row_codes, axis=0, return_inverse=True)
     unit_names = []
-    for subject_code, level_code in unit_codes.tolist():
-        name = subject.texts[subject_code]
-        # A unit without a subject has no name.
-        unit_names.append(name and f"{name}{CONDITION_SEPARATOR}{level_names[level_code]}")
-    return Column.from_texts(subject.name, unit_names, unit_of_row.ravel())
+    for name in subject.texts:  # a unit without a subject has no name
+        unit_names += [name and f"{name}{CONDITION_SEPARATOR}{level}" for level in level_names]
+    unit_of_row = subject.codes * len(level_names) + condition.codes
+    units = Column.from_texts(subject.name, unit_names, unit_of_row)
+    return units.only(np.arange(len(unit_of_row)))  # not all subjects have all levels
 
 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
@@ -98,10 +96,11 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
 
     column = options.name("condition")
     units = []
+    unit_levels = []
     for unit in study:
         level = unit.name.partition(CONDITION_SEPARATOR)[2]
         units.append(replace(unit, condition=level))
-    unit_levels = [unit.condition for unit in units]
+        unit_levels.append(level)
     if not all(unit_levels):
         raise InputError(
             f"{study.source}: found column {display_name(column)} in some files only, "
@@ -109,7 +108,15 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         )
     names = [unit.subject_name for unit in units]
     if len(set(names)) == len(names):
-        return _without_units(study, column, is_option=has_options or options.condition is not None)
+        problem = f"column {display_name(column)}: found every subject at one level of it"
+        if has_options or options.condition is not None:
+            raise InputError(
+                f"{study.source}: {problem}, allowed: at two and more of some subject; "
+                "between subjects it is a covariate"
+            )
+        subjects = [replace(unit, name=unit.subject_name, condition="") for unit in units]
+        note = f"{problem}, so that it is no condition within subjects: not used"
+        return replace(study, subjects=tuple(subjects), notes=(*study.notes, note))
 
     order, is_numeric = _level_order(unit_levels, options)
     units.sort(key=lambda unit: (names.index(unit.subject_name), order.index(unit.condition)))
@@ -264,21 +271,6 @@ def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], b
         )
     order.sort(key=lambda level: level != reference)
     return order, is_numeric
-
-
-def _without_units(study: Study, column: str, *, is_option: bool) -> Study:
-    """The study of subjects, if every subject has one level only; an error of a given option."""
-    problem = f"column {display_name(column)}: found every subject at one level of it"
-    if is_option:
-        raise InputError(
-            f"{study.source}: {problem}, allowed: at two and more of some subject; "
-            "between subjects it is a covariate"
-        )
-    subjects = tuple(
-        replace(unit, name=unit.name.partition(CONDITION_SEPARATOR)[0]) for unit in study
-    )
-    notes = (*study.notes, f"{problem}, so that it is no condition within subjects: not used")
-    return replace(study, subjects=subjects, notes=notes)
 
 
 def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -68,25 +67,6 @@ def number_by_sign(text: str, decimal: str) -> float:
     if re.match(rf"[-+−]?\d{{1,3}}(?:{grouping}\d{{3}})+(?!\d)(?!.*{grouping})", text):
         return number(re.sub(grouping, "", text), decimal_comma=True)
     return math.nan if re.search(grouping, text) else number(text, decimal == ",")
-
-
-def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
-    """A cell whose sign, a point or a comma, may group thousands or be decimal; empty if none.
-
-    '1.050' is a decimal number where another cell shows it: '1.05' or '0.950'.
-
-    Examples
-    --------
-    >>> first = Column.from_texts("i1", ["740", "1.050"])
-    >>> second = Column.from_texts("i2", ["0.95"])
-    >>> ambiguous_number([first], "."), ambiguous_number([first, second], ".")
-    ('1.050', '')
-    """
-    with_sign = [text for column in columns for text in column.texts if sign in text]
-    grouped = re.compile(rf"[-+−]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")  # '1.050'
-    if with_sign and all(map(grouped.fullmatch, with_sign)):
-        return with_sign[0]
-    return ""
 
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:

@@ -57,7 +57,7 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     ]
     assert counts(swapped["a"]) == [(0.0, 0.0, 0, 1), (0.0, 0.3, 1, 3), (0.3, 0.0, 0, 2)]
     assert swapped["b:1"] is study["b:1"]
-    assert swapped.changes == ("--swap a:2,3",)
+    assert swapped.select("a").changes == ("--swap a:2,3",)
     assert swapped.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
     assert content(swapped.swap("a", (2, 3))) == content(study)
     assert content(study.swap("a")) == content(study.swap("a", [1, 2, 3]))
@@ -71,21 +71,6 @@ def test_excluding_is_as_if_the_file_had_no_such_rows(study):
     assert remaining.frame().equals(expected.frame())
     for removed in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
         assert content(removed) == {"b:1": answers_in_order(study["b:1"])}
-
-
-def test_a_study_remembers_what_was_excluded(study):
-    remaining = study.exclude("a")
-    assert remaining.notes[-1] == "subject a: excluded"
-    assert remaining.select("b:1").changes == ("--exclude a",)
-    assert study.exclude("a", 2).swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
-
-
-def test_counts_without_blocks_can_be_turned_and_left_out_whole():
-    study = bt.Study([made_subject("0 0.3 4 5, 0.3 0 2 5", name) for name in "ab"])
-    turned = study.swap("b")
-    assert (turned["b"].n_yes.tolist(), turned["a"]) == ([1, 3], study["a"])
-    assert turned.changes == ("--swap b",)
-    assert study.exclude("a").names == ("b",)
 
 
 def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):

@@ -270,8 +270,6 @@ UNCERTAIN = """
 def test_codes_that_may_mean_either_are_one_question(column, standard, comparison, tmp_path):
     table, options = with_order(column, standard, comparison), f"--standard-interval {column}"
     result = checked(tmp_path, table, options)
-    assert f"'{standard}' ({IS_FIRST.sum()})" in result.stderr
-    assert f"'{comparison}' ({(~IS_FIRST).sum()})" in result.stderr
     codes = {f"--standard-first-code {code}" for code in (standard, comparison)}
     assert {*typed_lines(result.stderr)} == codes
     assert is_intended(table, f"{options} --standard-first-code {standard}")
@@ -320,19 +318,12 @@ ADVICE = """
 
 @pytest.mark.parametrize("codes, intended", text_table(ADVICE))
 def test_what_is_typed_for_codes_is_accepted(codes, intended, tmp_path):
-    """The first line is the likeliest, and each line works."""
-    response = coded(codes)
-    table = with_order("standard_interval", "1", "2", response)
+    """The first line is the likeliest."""
+    table = with_order("standard_interval", "1", "2", coded(codes))
     options = "--standard-interval standard_interval"
-    result = checked(tmp_path, table, options)
-    for code, n in response.value_counts().items():
-        assert f"'{code}' ({n})" in result.stderr
-    first, second, *more_lines = typed_lines(result.stderr)
+    first, *_ = typed_lines(checked(tmp_path, table, options).stderr)
     assert first == intended
-    for option in ("--second-code", "--equal-code", "--comparison-code"):
-        assert option in f"{first} {second} {more_lines}"
-    for line in (first, second):
-        assert checked(tmp_path, table, f"{options} {line}").returncode == 0
+    assert is_intended(table, f"{options} {first}")
 
 
 def test_of_several_other_codes_one_is_asked_for(tmp_path):
@@ -424,11 +415,6 @@ def test_a_whole_study_is_reversed_if_all_subjects_are(n_reversed, n_straight, s
     assert direction(bt.Study(subjects)) == expected
 
 
-def test_three_reversed_subjects_beside_ten_of_a_hard_task_are_no_reversed_study():
-    subjects = subjects_with(3, -12.0) + subjects_with(10, 0.5, n=20)
-    assert direction(bt.Study(subjects)) == 0
-
-
 def test_a_file_of_one_reversed_subject_is_read_beside_that_of_another():
     """By itself it would be refused as a reversed study."""
     files = [bt.Study(subjects_with(1, slope)).frame() for slope in (6.0, -6.0)]
@@ -463,12 +449,6 @@ def test_what_follows_from_stimuli_and_answers_is_offered_as_no_condition(name, 
     column, is_offered = CONDITIONS[name]
     result = checked(tmp_path, IN_ORDER.assign(feedback=column))
     assert ("--condition feedback" in result.stdout) == is_offered
-
-
-def test_a_column_condition_with_the_outcome_is_no_condition():
-    study = bt.read_study(IN_ORDER.assign(condition=CONDITIONS["right or wrong"][0]))
-    assert study.conditions is None
-    assert any("condition" in note and "no condition" in note for note in study.notes)
 
 
 #: Names of columns beside the stimuli, and what is read from them.

@@ -1,15 +1,11 @@
 """Reading studies: every dialect gives the same study, every bad input one line per problem."""
 
-import csv
 import math
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from conftest import answers_in_order, problems, read, text_table
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import bayes_toe as bt
 from bayes_toe.data.validation import number, whole_number
@@ -18,7 +14,6 @@ from bayes_toe.errors import InputError
 TRIALS = "subject,s1,s2,response\n"
 COUNTS = "subject,s1,s2,n_equal,n_trials\n"
 ORDERED = "subject,s1,s2,response,block,trial\n"
-FUZZ = settings(max_examples=120, deadline=None, derandomize=True, database=None)
 
 
 def refused(data, typed=""):
@@ -488,15 +483,6 @@ a,0,-0.3,2,standard
 """
 
 
-def test_a_standard_and_a_comparison_need_their_order():
-    columns = "--columns s1=standard,s2=comparison"
-    remedies = "--standard-interval interval, --comparison-interval interval, --standard-first"
-    assert ", ".join(typed_remedies(STANDARDS)) == remedies
-    assert ", ".join(typed_remedies(STANDARDS, columns)) == remedies
-    with pytest.raises(InputError, match="an order effect would cancel out"):
-        read(STANDARDS, columns)
-
-
 # --- Refusals -------------------------------------------------------------------------------------
 
 OTHER_CODES = "or empty; other codes by --equal-code, --different-code"
@@ -737,12 +723,6 @@ def test_files_that_do_not_fit_the_options_are_refused(text, options, problem):
     assert refused(text, options) == [problem]
 
 
-def test_a_word_in_other_case_than_the_code_of_another_answer_is_not_read():
-    rows = "a,0,0,Different\na,0,0,different\n"
-    (problem,) = refused(TRIALS + rows, "--equal-code Different")
-    assert problem.startswith("row 3, column response: found 'different'")
-
-
 @pytest.mark.parametrize(
     "n_values, n_lines, last",
     [
@@ -766,33 +746,6 @@ def test_a_path_that_cannot_be_read_is_one_line(name, tmp_path):
 
 
 # --- Properties -----------------------------------------------------------------------------------
-
-# No bare carriage return: the csv module of Python before 3.13 writes it without quotes, which ends
-# a row.
-_names = st.from_regex(r"[^\0\r\s]([^\0\r]{0,6}[^\0\r\s])?", fullmatch=True)
-_numbers = st.floats(-1.5, 1.5).map(lambda value: round(value, 3) + 0.0)
-_responses = st.sampled_from(["equal", "different"])
-_trials = st.lists(st.tuples(_names, _numbers, _numbers, _responses), min_size=1, max_size=30)
-
-
-@FUZZ
-@given(
-    trials=_trials,
-    delimiter=st.sampled_from(",;\t|"),
-    decimal=st.sampled_from(".,"),
-    codec=st.sampled_from(["utf-8", "utf-8-sig", "utf-16"]),
-    end=st.sampled_from(["\n", "\r\n"]),
-    quoting=st.sampled_from([csv.QUOTE_MINIMAL, csv.QUOTE_ALL]),
-)
-def test_any_dialect_gives_the_same_study(trials, delimiter, decimal, codec, end, quoting):
-    frame = pd.DataFrame(trials, columns=["subject", "s1", "s2", "response"])
-    if delimiter == ",":
-        decimal = "."
-    in_another_order = frame.assign(extra="x;y,z\t")[["response", "s2", "extra", "subject", "s1"]]
-    text = in_another_order.to_csv(
-        index=False, sep=delimiter, decimal=decimal, lineterminator=end, quoting=quoting
-    )
-    assert read(text.encode(codec)).frame().equals(bt.read_study(frame).frame())
 
 
 @pytest.mark.parametrize("sign", ["", ".", "e"])

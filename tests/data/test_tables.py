@@ -52,15 +52,6 @@ def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
     assert "'=1+1" in read_study(write_table(joint, tmp_path / "both.csv")).names
 
 
-@FUZZ
-@given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
-def test_numbers_in_tables_keep_every_bit(tmp_path_factory, values):
-    path = tmp_path_factory.getbasetemp() / "t.csv"
-    write_table(pd.DataFrame({"x": values, "y": 0}), path, overwrite=True)
-    texts = [line.partition(",")[0] for line in path.read_text().splitlines()[1:]]
-    assert np.array(texts, float).tobytes() == np.array(values).tobytes()
-
-
 # --- Names of files -------------------------------------------------------------------------------
 
 

@@ -3,7 +3,6 @@
 What is read, refused, doubted.
 """
 
-import numpy as np
 import pandas as pd
 import pytest
 from commands import refused
@@ -33,19 +32,6 @@ def test_answers_second_and_first_are_read(text, options, expected):
     for study in (first, bt.read_study(first.frame())):
         assert study.task == WHICH_STRONGER
         assert counts(study["a"]) == counts(made_subject(expected))
-
-
-def test_truth_values_say_which_answers_are_right():
-    frame = pd.DataFrame({"subject": "M", "s1": [0.0, 0.3, 0.0], "s2": [0.3, 0.0, 0.0]})
-    is_right = np.array([True, False, True])
-    study = bt.read_study(frame.assign(hit=is_right), bt.ReadOptions(correct="hit"))
-    assert study.task == WHICH_STRONGER
-    assert counts(study["M"]) == [(0.0, 0.3, 1, 1), (0.3, 0.0, 1, 1)]
-
-    # In the column of responses they name no task: the error says both options.
-    remedies = r"(?s)ReadOptions\(second_code='1'\) .*ReadOptions\(correct='response'\)"
-    with pytest.raises(bt.InputError, match=remedies):
-        bt.read_study(frame.assign(response=True))
 
 
 def test_right_answers_are_dropped_where_stimuli_are_equal_and_said():

@@ -7,7 +7,6 @@ import tempfile
 import pytest
 from conftest import text_table
 
-from bayes_toe.data import whole_files
 from bayes_toe.data.whole_files import (
     require_folder,
     require_writable,
@@ -175,21 +174,6 @@ def test_permissions_of_a_replaced_file_stay(tmp_path):
     assert (private.read_text(), private.stat().st_mode & 0o777) == ("new", 0o600)
 
 
-def test_each_file_is_whole_after_an_end_between_two_replacements(tmp_path, monkeypatch):
-    create(tmp_path, "a.csv=old b.csv=old")
-    replace_file = whole_files._put_in_place
-
-    def ended(source, final):
-        if final.name == "b.csv":
-            raise KeyboardInterrupt
-        replace_file(source, final)
-
-    monkeypatch.setattr(whole_files, "_put_in_place", ended)
-    with pytest.raises(KeyboardInterrupt):
-        produce(tmp_path, "a.csv=new b.csv=new", names=["a.csv", "b.csv"], overwrite=True)
-    assert tree(tmp_path) == "a.csv=new b.csv=old"
-
-
 def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypatch):
     """A single file, and then a folder of two files."""
     steps = []
@@ -267,11 +251,3 @@ def test_what_others_put_there_or_delete_meanwhile_is_no_success(tmp_path):
     with no_file, whole_file(tmp_path / "a.csv"):
         pass  # nothing is written
     assert tree(out) == "mine.txt=m table.csv=1"
-
-
-@pytest.mark.parametrize("earlier", ["table.csv/mine=mine", "corner=mine"])
-def test_a_folder_in_place_of_a_file_and_a_file_in_place_of_a_folder_stay(tmp_path, earlier):
-    create(tmp_path, earlier)
-    with pytest.raises(OutputError, match=r"table\.csv|corner"):
-        produce(tmp_path, "table.csv=t corner/a.png=a", overwrite=True)
-    assert tree(tmp_path) == earlier
