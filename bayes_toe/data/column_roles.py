@@ -16,17 +16,19 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.resources import files
 from itertools import filterfalse, product
 from typing import Any
+
+import numpy as np
 
 from bayes_toe.arrays import FloatArray, run_starts
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
 from bayes_toe.data.text_table import Column, repeated_columns
-from bayes_toe.data.validation import MISSING_WORDS, empty
+from bayes_toe.data.validation import MISSING_WORDS, empty, number
 from bayes_toe.errors import Remedy
 
 #: Words of other labs by section and key.
@@ -318,6 +320,8 @@ _ALL_COUNTS = (*_OTHER_COUNTS.values(), *_COUNTS)
 #: The counts of the task with three answers, as a file has them.
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
+#: Rows in which correct answers hardly come from participants.
+_MANY = 30
 #: Roles whose names in the file are proposed if the columns are missing.
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
 
@@ -725,7 +729,8 @@ def _remedies(
         yield from _wide_remedies(names, columns)
     # Without a pair, no role has a name.
     stimuli = {role: (name,) for role, name in zip(options.stimuli, pair, strict=False)}
-    others = [column for column in columns if column.name not in (*names_read, *pair)]
+    names_to_skip = (*names_read, *pair, *solutions(columns, options, pair))
+    others = [column for column in columns if column.name not in names_to_skip]
 
     yield from _columns_remedies([*filter(_REQUIRED.__contains__, missing)], stimuli, others)
 
@@ -861,3 +866,31 @@ def _role_by_cells(column: Column) -> str:
     if n_texts == n_runs < 0.5 * n_rows:
         return "subject"
     return "response" if n_texts < 5 and n_runs > 0.2 * n_rows else ""
+
+
+def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = ()) -> Iterator[str]:
+    """The names of columns that seem to have correct answers, and not those of participants.
+
+    What they say follows in all of many rows from which stimulus is the larger, and from the order
+    of a standard and a comparison. `pair` has the names of the stimuli if the options have not.
+
+    Examples
+    --------
+    >>> texts = {"s1": "1203" * 9, "s2": "2103" * 9, "answer": "jfff" * 9, "key": "jffj" * 9}
+    >>> columns = [Column.from_texts(name, cells) for name, cells in texts.items()]
+    >>> [*solutions(columns, ReadOptions())]
+    ['answer']
+    """
+    stimuli = (*pair, *map(options.name, options.stimuli))
+    to_number = partial(number, decimal_comma=True)
+    values = [column.map(to_number, float) for column in columns if column.name in stimuli]
+    if len(values) != 2 or len(values[0]) < _MANY:
+        return
+    side = np.sign(np.subtract(*values))
+    for column in columns:
+        if column.name == options.interval_column:
+            side = side + 3.0 * column.codes
+    n_sides = len(np.unique(side))
+    for column in columns:
+        if 1 < len(column.texts) < 5 and 1 < n_sides == len(np.unique(side + 1j * column.codes)):
+            yield column.name

@@ -28,6 +28,7 @@ from bayes_toe.data.column_roles import (
     is_percentage,
     is_response_sign,
     names_like,
+    solutions,
     with_likely_columns,
 )
 from bayes_toe.data.layouts import (
@@ -414,8 +415,12 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     if options.wide is not None:
         table = with_pairs(table, options)
     table, options = chosen_rows(table, options)
+    names_given = options.columns.values()
     options = with_likely_columns(table.names, options)
     options, order_notes = known_order(table, options)
+    response = options.columns.get("response")
+    if response in {*solutions(table.columns.values(), options)}.difference(names_given):
+        options = replace(options, columns={**options.columns, "response": "response"})
     table = replace(table, notes=(*table.notes, *order_notes))
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
     # A frame has no name that may have the subject.
@@ -510,7 +515,13 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         pooled = pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
     codes = []
     if "response" in rows.columns:
-        codes = [*filterfalse(is_no_response, rows.columns["response"].texts)]
+        response = rows.columns["response"]
+        codes = [*filterfalse(is_no_response, response.texts)]
+        if response.name in solutions(rows.table.columns.values(), rows.options):
+            doubts.append(
+                f"{response} says the same wherever the same stimulus is the larger. If it has "
+                "correct answers, --columns response=NAME names the responses"
+            )
 
     source = rows.table.source
     reading = Reading(

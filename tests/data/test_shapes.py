@@ -70,6 +70,7 @@ BY_COMPARISON = pd.DataFrame(
 BY_LETTER = BY_COMPARISON.set_axis(
     ["subject", "toneA", "toneB", "order", "n_comparison", "n_trials"], axis=1
 ).replace({"SC": "AB", "CS": "BA"})
+CORRECT_ANSWERS = np.where(TRIALS.w2 > TRIALS.w1, "second", "first")
 IN_PERCENT = PROPORTIONS.assign(n_second=PROPORTIONS.n_second.map("{:.1%}".format))
 
 THREE = IN_LOGS.assign(response=TRIALS.response.where(TRIALS.s1 != TRIALS.s2, "same"))
@@ -781,6 +782,14 @@ ADVISED = {
         IN_GRAMS.assign(w1_g=TRIALS.w1, w2_g=TRIALS.w2),
         "--columns s1=w1_g,s2=w2_g",
     ),
+    "correct_answers.csv": (
+        labelled(IN_LOGS, response="key").assign(answer=CORRECT_ANSWERS),
+        "--columns response=key",
+    ),
+    "correct_answers_of_unknown_unit.csv": (
+        labelled(IN_GRAMS, response="pressed").assign(CRESP=CORRECT_ANSWERS),
+        "--columns s1=w1,s2=w2,response=pressed --unit a.u.",
+    ),
     "times.csv": (
         IN_GRAMS.assign(time=[f"10:{minute}" for minute in range(10, 50)] * 2),
         "--columns s1=w1,s2=w2 --unit a.u.",
@@ -807,6 +816,7 @@ WARNED = {
     "percentages": COUNTS.assign(n_second=np.arange(len(COUNTS)), n_trials=100),
     "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
     "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
+    "If it has correct answers, --columns": IN_LOGS.assign(response=CORRECT_ANSWERS),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
 
