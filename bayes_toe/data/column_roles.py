@@ -16,7 +16,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib.resources import files
 from itertools import filterfalse, product
 from typing import Any
@@ -81,7 +81,7 @@ def looks_like(name: str, role: str) -> bool:
     plain = plain_name(name.removeprefix("values."))  # as Inquisit writes it
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
-    if role.startswith("n_") and role == f"n_{_counted_answer(name)}":
+    if role == f"n_{_counted_answer(name)}":
         return True
 
     # PsychoPy and E-Prime write columns such as key_resp.keys, also of practice and instructions.
@@ -174,8 +174,8 @@ def is_response_sign(name: str) -> bool:
 
 def is_missed_flag(column: Column) -> bool:
     """Whether a column says yes where nobody responded."""
-    plain = plain_name(column.name)
-    return is_flag(column.texts) and any(word in plain for word in VOCABULARY["missed"]["flags"])
+    flags = VOCABULARY["missed"]["flags"]
+    return is_flag(column.texts) and any(map(plain_name(column.name).__contains__, flags))
 
 
 def practice_texts(name: str, texts: Texts) -> Texts:
@@ -314,9 +314,9 @@ _PROPOSED = {"response": "key", "subject": "id"}
 #: Columns of which each makes a table one of counts, in the order in which messages name them.
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 #: Counts of one answer, and of the other one, whose sum is the number of trials.
-_OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
+OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
 #: Counts that may have similar names in a file: these and those of the other answers.
-_ALL_COUNTS = (*_OTHER_COUNTS.values(), *_COUNTS)
+_ALL_COUNTS = (*OTHER_COUNTS.values(), *_COUNTS)
 #: The counts of the task with three answers, as a file has them.
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
@@ -426,7 +426,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     without_counts = {} if present else response
     if "n_trials" in answer_roles:
         # Trials and one count are not responses, whatever another column is named.
-        has_one_count = len(answer_roles.difference(_OTHER_COUNTS.values())) == 2
+        has_one_count = len(answer_roles.difference(OTHER_COUNTS.values())) == 2
         return counts if has_one_count else without_counts
     if response:  # other columns with similar names are then no counts
         return without_counts
@@ -604,7 +604,7 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
     if counts == ["n_trials"]:
         return ["n_equal", "n_trials"]
-    other = _OTHER_COUNTS[counts[0]]
+    other = OTHER_COUNTS[counts[0]]
     if len(counts) == 1 and options.name(other) in names:
         return [*counts, other]
     # Two of three without the trials: the third one is missing.
@@ -672,13 +672,15 @@ def suggested_unit(name: str) -> str:
     --------
     >>> suggested_unit("standardLevel"), suggested_unit("logContrast"), suggested_unit("catalog")
     ('dB', 'log10', '')
+    >>> suggested_unit("L1"), suggested_unit("length1")
+    ('dB', '')
     """
     unit = unit_in(name)
     if unit in LOG_UNITS and unit != "ln":
         return unit
     for word in _words_in(without_accents(name)):
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
-            if word.startswith(tuple(beginnings)):
+            if f"{word} ".startswith(tuple(beginnings)):
                 return unit
     return ""
 
@@ -882,8 +884,7 @@ def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = (
     ['answer']
     """
     stimuli = (*pair, *map(options.name, options.stimuli))
-    to_number = partial(number, decimal_comma=True)
-    values = [column.map(to_number, float) for column in columns if column.name in stimuli]
+    values = [column.map(number, float) for column in columns if column.name in stimuli]
     if len(values) != 2 or len(values[0]) < _MANY:
         return
     side = np.sign(np.subtract(*values))

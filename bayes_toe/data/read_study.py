@@ -204,8 +204,11 @@ def read_study(
     study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
     # A column that is only called condition may be none.
     is_chosen = options.categorical or options.condition or options.reference
-    is_by_name = study.conditions is not None and not is_chosen
-    if is_by_name and follows_from_pairs(units_by_subject(study).values()):
+    if (
+        study.conditions is not None
+        and not is_chosen
+        and follows_from_pairs(units_by_subject(study).values())
+    ):
         name = display_name(options.name("condition"))
         study = read_study(path, options.without_condition)
         note = (
@@ -415,11 +418,10 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     if options.wide is not None:
         table = with_pairs(table, options)
     table, options = chosen_rows(table, options)
-    names_given = options.columns.values()
+    is_open = "response" not in options.columns
     options = with_likely_columns(table.names, options)
     options, order_notes = known_order(table, options)
-    response = options.columns.get("response")
-    if response in {*solutions(table.columns.values(), options)}.difference(names_given):
+    if is_open and options.columns.get("response") in solutions(table.columns.values(), options):
         options = replace(options, columns={**options.columns, "response": "response"})
     table = replace(table, notes=(*table.notes, *order_notes))
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())

@@ -319,37 +319,33 @@ def subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Co
     return Column("name of the file", [subject], np.zeros(len(table.rows), np.int64))
 
 
-def stacked_doubts(table: TextTable, options: ReadOptions) -> list[str]:
+def stacked_doubts(table: TextTable, options: ReadOptions) -> Iterator[str]:
     """A doubt about repeated headers in a file that is one subject."""
-    if options.subject_from is None or "repeated header" not in " ".join(table.notes):
-        return []
-    return [
-        "repeated headers may begin other subjects, but all rows are read as one subject. If there "
-        "are several, add a column subject"
-    ]
+    if options.subject_from is not None and "repeated header" in " ".join(table.notes):
+        yield (
+            "repeated headers may begin other subjects, but all rows are read as one subject. If "
+            "there are several, add a column subject"
+        )
 
 
-def nameless_doubts(subject: Column) -> Texts:
+def nameless_doubts(subject: Column) -> Iterator[str]:
     """A doubt for each subject with a name such as 'NA', which may say that there is none."""
-    doubts = []
     for code, text in enumerate(subject.texts):
         name = text.partition(CONDITION_SEPARATOR)[0]
         if name and name.lower() in MISSING_WORDS:
             rows = plural((subject.codes == code).sum(), "row")
-            doubts.append(
+            yield (
                 f"{rows} of subject {quoted(text)}, which may mean that the name is missing; if "
                 f"so, --exclude {text}"
             )
-    return doubts
 
 
-def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
+def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Iterator[str]:
     """A doubt for each column with texts, such as 'aborted', that say that a trial does not count.
 
     Columns of blocks, of conditions, and those that are not read may have them. The doubt says how
     many rows of the table have such a text.
     """
-    doubts = []
     for name, column in table.columns.items():
         if name not in (*names_not_read, "block", "condition"):
             continue
@@ -365,8 +361,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
             doubt += f"; {remedy.typed} leaves them out"
-        doubts.append(doubt)
-    return doubts
+        yield doubt
 
 
 def rare_answer_doubts(counts: Counts) -> Iterator[str]:

@@ -503,6 +503,12 @@ REFUSED = {
         "subject,s1,s2,correct\na,0,0.3,1\na,0.3,0.3,1\na,0,0,0\na,0.3,0,1\n",
         "column correct: found 1 right and 1 wrong answers to equal stimuli, allowed: answers to",
     ),
+    "right_if_equal.csv --correct correct": (
+        "subject,s1,s2,correct\na,0,0,0\n" + "a,0,0,1\n" * 9 + "a,0,0.3,1\na,0.3,0,0\n" * 20,
+        "column correct: found 9 right and 1 wrong answers to equal stimuli",
+        "add a column response and leave --correct out",
+    ),
+    "a_code_twice.csv --second-code 0 --second-code 1": (CODED, "--second-code: found twice"),
     "rare_code.csv": (
         RARE_CODE,
         "type:  --missed -9 --second-code 2\n",
@@ -592,6 +598,10 @@ REFUSED = {
         "subject,dur1,dur2,response\na,0.4,0.6,first\na,0.6,0.4,second\n",
         "columns dur1 and dur2 may be intensities.\ntype:  --unit a.u.  if they are intensities",
         "\n       --unit ln    if the numbers are natural logs",
+    ),
+    "l1_and_l2.csv --columns s1=L1,s2=L2": (
+        "subject,L1,L2,response\na,60,60.5,second\na,60.5,60,first\n",
+        "\ntype:  --unit dB        if 20 dB are a factor of ten\n",
     ),
     "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
         "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",
@@ -1048,8 +1058,9 @@ def test_a_code_of_two_answers_is_none():
         bt.read_study(table, bt.ReadOptions(first_code="1,2", second_code="2,3,4"))
 
 
-def test_counts_of_three_answers_are_known_by_their_names():
-    study = bt.read_study(pd.read_csv(io.StringIO(THREE_COUNTS)))
+@pytest.mark.parametrize("name", ["same", "uncertain", "dont_know"])
+def test_counts_of_three_answers_are_known_by_their_names(name):
+    study = bt.read_study(pd.read_csv(io.StringIO(THREE_COUNTS.replace("same", name))))
     assert study["a"].n_first.tolist() == [1, 4]
 
 
