@@ -421,7 +421,9 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     is_open = "response" not in options.columns
     options = with_likely_columns(table.names, options)
     options, order_notes = known_order(table, options)
-    if is_open and options.columns.get("response") in solutions(table.columns.values(), options):
+    if is_open and options.columns.get("response", "") in solutions(
+        table.columns.values(), options
+    ):
         options = replace(options, columns={**options.columns, "response": "response"})
     table = replace(table, notes=(*table.notes, *order_notes))
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
