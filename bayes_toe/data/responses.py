@@ -8,7 +8,7 @@ trials that nobody answered. `require_direction` refuses a study whose answers m
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, compress, filterfalse, permutations
@@ -333,7 +333,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
 
 
 def without_missed(
-    answers: Responses, column: Column, signs: Sequence[Column], declared: Texts
+    answers: Responses, column: Column, signs: Iterable[Column], declared: Texts
 ) -> tuple[Responses, list[str]]:
     """Responses without trials that nobody answered, and the texts that say so.
 
@@ -439,7 +439,7 @@ def _unknown_meaning(
 
     if _are_counts(table, column):
         problem = f"found numbers: {shares}. What do they count?"
-        return problem, _count_remedies(table, column, trends)
+        return problem, [*_count_remedies(table, column, trends)]
     problem = f"the codes are {shares}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares}. The program does not know what it means."
@@ -470,18 +470,16 @@ def _are_counts(table: TextTable, column: Column) -> bool:
     return may_be_counts and (column.name == CELL or _complement(table, column) != "")
 
 
-def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> list[Remedy]:
+def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> Iterator[Remedy]:
     """Options to type if cells are counts or proportions of an answer."""
     other_column = _complement(table, column)
-    remedies = []
     # Of a standard and a comparison, the answers are these.
     for count in ("n_comparison" if "comparison_code" in trends else "n_second", "n_equal"):
         names = [(count, column.name)]
         if other_column:
             names.append((OTHER_COUNTS[count], other_column))
         meaning = f"if they count '{count[2:]}' or are its proportions"
-        remedies.append(Remedy("columns", tuple(names), meaning))
-    return remedies
+        yield Remedy("columns", tuple(names), meaning)
 
 
 def _two_tasks(finding: str, task_column: Column | None) -> Question:
