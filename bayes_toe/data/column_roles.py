@@ -21,12 +21,14 @@ from importlib.resources import files
 from itertools import filterfalse, product
 from typing import Any
 
+import numpy as np
+
 from bayes_toe.arrays import FloatArray, run_starts
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
 from bayes_toe.data.text_table import Column, repeated_columns
-from bayes_toe.data.validation import MISSING_WORDS, empty
+from bayes_toe.data.validation import MISSING_WORDS, empty, number
 from bayes_toe.errors import Remedy
 
 #: Words of other labs by section and key.
@@ -79,7 +81,7 @@ def looks_like(name: str, role: str) -> bool:
     plain = plain_name(name.removeprefix("values."))  # as Inquisit writes it
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
-    if role.startswith("n_") and role == f"n_{_counted_answer(name)}":
+    if role == f"n_{_counted_answer(name)}":
         return True
 
     # PsychoPy and E-Prime write columns such as key_resp.keys, also of practice and instructions.
@@ -172,8 +174,8 @@ def is_response_sign(name: str) -> bool:
 
 def is_missed_flag(column: Column) -> bool:
     """Whether a column says yes where nobody responded."""
-    plain = plain_name(column.name)
-    return is_flag(column.texts) and any(word in plain for word in VOCABULARY["missed"]["flags"])
+    flags = VOCABULARY["missed"]["flags"]
+    return is_flag(column.texts) and any(map(plain_name(column.name).__contains__, flags))
 
 
 def practice_texts(name: str, texts: Texts) -> Texts:
@@ -312,12 +314,14 @@ _PROPOSED = {"response": "key", "subject": "id"}
 #: Columns of which each makes a table one of counts, in the order in which messages name them.
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
 #: Counts of one answer, and of the other one, whose sum is the number of trials.
-_OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
+OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
 #: Counts that may have similar names in a file: these and those of the other answers.
-_ALL_COUNTS = (*_OTHER_COUNTS.values(), *_COUNTS)
+_ALL_COUNTS = (*OTHER_COUNTS.values(), *_COUNTS)
 #: The counts of the task with three answers, as a file has them.
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
+#: Rows in which correct answers hardly come from participants.
+_MANY = 30
 #: Roles whose names in the file are proposed if the columns are missing.
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
 
@@ -422,7 +426,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     without_counts = {} if present else response
     if "n_trials" in answer_roles:
         # Trials and one count are not responses, whatever another column is named.
-        has_one_count = len(answer_roles.difference(_OTHER_COUNTS.values())) == 2
+        has_one_count = len(answer_roles.difference(OTHER_COUNTS.values())) == 2
         return counts if has_one_count else without_counts
     if response:  # other columns with similar names are then no counts
         return without_counts
@@ -600,7 +604,7 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
     if counts == ["n_trials"]:
         return ["n_equal", "n_trials"]
-    other = _OTHER_COUNTS[counts[0]]
+    other = OTHER_COUNTS[counts[0]]
     if len(counts) == 1 and options.name(other) in names:
         return [*counts, other]
     # Two of three without the trials: the third one is missing.
@@ -725,7 +729,8 @@ def _remedies(
         yield from _wide_remedies(names, columns)
     # Without a pair, no role has a name.
     stimuli = {role: (name,) for role, name in zip(options.stimuli, pair, strict=False)}
-    others = [column for column in columns if column.name not in (*names_read, *pair)]
+    names_to_skip = (*names_read, *pair, *solutions(columns, options, pair))
+    others = [column for column in columns if column.name not in names_to_skip]
 
     yield from _columns_remedies([*filter(_REQUIRED.__contains__, missing)], stimuli, others)
 
@@ -861,3 +866,30 @@ def _role_by_cells(column: Column) -> str:
     if n_texts == n_runs < 0.5 * n_rows:
         return "subject"
     return "response" if n_texts < 5 and n_runs > 0.2 * n_rows else ""
+
+
+def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = ()) -> Iterator[str]:
+    """The names of columns that seem to have correct answers, and not those of participants.
+
+    What they say follows in all of many rows from which stimulus is the larger, and from the order
+    of a standard and a comparison. `pair` has the names of the stimuli if the options have not.
+
+    Examples
+    --------
+    >>> texts = {"s1": "1203" * 9, "s2": "2103" * 9, "answer": "jfff" * 9, "key": "jffj" * 9}
+    >>> columns = [Column.from_texts(name, cells) for name, cells in texts.items()]
+    >>> [*solutions(columns, ReadOptions())]
+    ['answer']
+    """
+    stimuli = (*pair, *map(options.name, options.stimuli))
+    values = [column.map(number, float) for column in columns if column.name in stimuli]
+    if len(values) != 2 or len(values[0]) < _MANY:
+        return
+    side = np.sign(np.subtract(*values))
+    for column in columns:
+        if column.name == options.interval_column:
+            side = side + 3.0 * column.codes
+    n_sides = len(np.unique(side))
+    for column in columns:
+        if 1 < len(column.texts) < 5 and 1 < n_sides == len(np.unique(side + 1j * column.codes)):
+            yield column.name

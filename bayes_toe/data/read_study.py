@@ -8,7 +8,7 @@ too.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,6 +28,7 @@ from bayes_toe.data.column_roles import (
     is_percentage,
     is_response_sign,
     names_like,
+    solutions,
     with_likely_columns,
 )
 from bayes_toe.data.layouts import (
@@ -96,12 +97,7 @@ from bayes_toe.data.validation import (
     require_texts,
     whole_number,
 )
-from bayes_toe.errors import (
-    InputError,
-    Remedy,
-    require_kind,
-    with_next_questions,
-)
+from bayes_toe.errors import InputError, Remedy, require_kind, with_next_questions
 
 #: What made the bundled files: the default example, and the study in the paper's design.
 COMMANDS = (
@@ -338,17 +334,15 @@ class _Rows:
         return self.columns["subject"]
 
     @property
-    def response_signs(self) -> list[Column]:
+    def response_signs(self) -> Iterator[Column]:
         """Columns that are not read and may show that nobody responded to a scored trial."""
         if self.options.correct is None:
-            return []
+            return
         names_read = {column.name for column in self.columns.values()}
-        signs = []
         for name, column in self.table.columns.items():
             may_show = is_response_sign(name) or is_missed_flag(column)
             if may_show and name not in names_read:
-                signs.append(column)
-        return signs
+                yield column
 
     @property
     def names_not_read(self) -> Texts:
@@ -370,6 +364,12 @@ class _Rows:
             kind = "a positive finite number" if self.options.has_intensities else "a finite number"
             require_numbers(self.table, column, rows & np.isnan(values), kind)
             self.table.fault(column, rows & out_of_range(values), ALLOWED_STIMULI)
+        if self.options.has_intensities:
+            self.table.fault(
+                self.stimulus_columns[0],
+                rows & (abs(np.subtract(*self.stimuli.T)) > 5.0),  # more than in any lab
+                "a stimulus within a factor of 148 of the other one, all cells in one unit",
+            )
         if self.options.unit is None:
             require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
 
@@ -413,10 +413,14 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     if options.wide is not None:
         table = with_pairs(table, options)
     table, options = chosen_rows(table, options)
+    is_open = "response" not in options.columns
     options = with_likely_columns(table.names, options)
     options, order_notes = known_order(table, options)
+    all_columns = table.columns.values()
+    if is_open and options.columns.get("response", "") in solutions(all_columns, options):
+        options = replace(options, columns={**options.columns, "response": "response"})
     table = replace(table, notes=(*table.notes, *order_notes))
-    roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
+    roles_read, problems, remedies = columns_to_read(table.names, options, all_columns)
     # A frame has no name that may have the subject.
     remedies = [r for r in remedies if isinstance(path, StrPath) or r.option != "subject_from"]
     table.require(problems, remedies)
@@ -511,10 +515,16 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     pooled = list[str]()
     if "condition" not in rows.columns:
         columns_not_read = [*filter(None, map(rows.table.columns.get, rows.names_not_read))]
-        pooled = pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
+        pooled += pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
     codes = []
     if "response" in rows.columns:
-        codes = [*filterfalse(is_no_response, rows.columns["response"].texts)]
+        response = rows.columns["response"]
+        codes = [*filterfalse(is_no_response, response.texts)]
+        if response.name in solutions(rows.table.columns.values(), rows.options):
+            doubts.append(
+                f"{response} says the same wherever the same stimulus is the larger. If it has "
+                "correct answers, --columns response=NAME names the responses"
+            )
 
     source = rows.table.source
     reading = Reading(

@@ -8,7 +8,7 @@ trials that nobody answered. `require_direction` refuses a study whose answers m
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, compress, filterfalse, permutations
@@ -18,6 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.column_roles import (
+    OTHER_COUNTS,
     TRUE_WORDS,
     VOCABULARY,
     is_flag,
@@ -163,14 +164,17 @@ def responses(
 def _require_two_answers(
     table: TextTable, column: Column, is_right: BoolArray, is_answered: BoolArray
 ) -> None:
-    """Refuse scores of 2AFC if many answers are to equal stimuli, and both right and wrong.
+    """Refuse scores of 2AFC if those of equal stimuli seem to say which answers were 'equal'.
 
-    `is_right` has those answers.
+    `is_right` has these. They are then many, or more of them are right than if a guess decided
+    which answer is right; some are right and some wrong.
     """
+    n = len(is_right)
     n_right = is_right.sum()
-    if 0 < n_right < len(is_right) and len(is_right) > _MOST_EQUAL * is_answered.sum():
+    are_many = n > _MOST_EQUAL * is_answered.sum() or n_right > 0.5 * n + n**0.5
+    if 0 < n_right < n and are_many:
         problem = (
-            f"{column}: found {n_right} right and {len(is_right) - n_right} wrong answers to equal "
+            f"{column}: found {n_right} right and {n - n_right} wrong answers to equal "
             "stimuli, allowed: answers to which was stronger, of which none is right there. If "
             "participants said whether stimuli were equal, add a column response and leave "
             "--correct out: 'equal' for right answers to equal stimuli and wrong ones to others, "
@@ -329,7 +333,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
 
 
 def without_missed(
-    answers: Responses, column: Column, signs: Sequence[Column], declared: Texts
+    answers: Responses, column: Column, signs: Iterable[Column], declared: Texts
 ) -> tuple[Responses, list[str]]:
     """Responses without trials that nobody answered, and the texts that say so.
 
@@ -435,7 +439,7 @@ def _unknown_meaning(
 
     if _are_counts(table, column):
         problem = f"found numbers: {shares}. What do they count?"
-        return problem, _count_remedies(table, column, trends)
+        return problem, [*_count_remedies(table, column, trends)]
     problem = f"the codes are {shares}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares}. The program does not know what it means."
@@ -466,20 +470,16 @@ def _are_counts(table: TextTable, column: Column) -> bool:
     return may_be_counts and (column.name == CELL or _complement(table, column) != "")
 
 
-def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> list[Remedy]:
+def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> Iterator[Remedy]:
     """Options to type if cells are counts or proportions of an answer."""
-    answers = {"second": "first", "equal": "different"}
-    if "comparison_code" in trends:  # a standard and a comparison
-        answers = {"comparison": "standard", "equal": "different"}
     other_column = _complement(table, column)
-    remedies = []
-    for answer, other_answer in answers.items():
-        names = [(f"n_{answer}", column.name)]
+    # Of a standard and a comparison, the answers are these.
+    for count in ("n_comparison" if "comparison_code" in trends else "n_second", "n_equal"):
+        names = [(count, column.name)]
         if other_column:
-            names.append((f"n_{other_answer}", other_column))
-        meaning = f"if they count '{answer}' or are its proportions"
-        remedies.append(Remedy("columns", tuple(names), meaning))
-    return remedies
+            names.append((OTHER_COUNTS[count], other_column))
+        meaning = f"if they count '{count[2:]}' or are its proportions"
+        yield Remedy("columns", tuple(names), meaning)
 
 
 def _two_tasks(finding: str, task_column: Column | None) -> Question:

@@ -276,7 +276,7 @@ def together(studies: Sequence[Study]) -> Study:
         if len(files) > 1:
             n_files[name] = len(files)
 
-    notes = common_notes(studies)
+    notes = [*common_notes(studies)]
     if n_files:
         n_subjects = (len(n_files), "subject")
         notes.append(Note(n_subjects, " in several files, put together: ", named_counts(n_files)))
@@ -306,7 +306,7 @@ def reading_of_all(studies: Sequence[Study]) -> Reading:
     return Reading(**entries)
 
 
-def common_notes(studies: Sequence[Study]) -> list[str]:
+def common_notes(studies: Sequence[Study]) -> Iterator[str]:
     """The notes of all files; those that differ in counts and names only are one note.
 
     Its counts and names are those of all files.
@@ -314,7 +314,6 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
     lines = []
     for study in studies:
         lines += [(study, note) for note in study.notes]
-    notes = []
     for group in _alike(lines):
         first_study, first_note = group[0]
         n_files = len(group)
@@ -325,8 +324,7 @@ def common_notes(studies: Sequence[Study]) -> list[str]:
             note = f"{n_files} files, such as {first_study.source}: {first_note}"
         elif n_files < len(studies):
             note = f"{n_files} of {len(studies)} files: {note}"
-        notes.append(note)
-    return notes
+        yield note
 
 
 def _subject_of_files(files: Sequence[tuple[str, Subject]]) -> Subject:

@@ -6,7 +6,7 @@ missing trial numbers, and reports rows that repeat a trial number.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -92,7 +92,7 @@ def answers_in_order(
         answers[name] = in_order.with_own_blocks()
 
     notes = _order_notes(columns, unordered, n_missing)
-    return answers, notes, _repeat_doubts(table, columns, pairs, counts, unordered)
+    return answers, [*notes], _repeat_doubts(table, columns, pairs, counts, unordered)
 
 
 def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
@@ -122,16 +122,16 @@ def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
     return _Order(trial, np.column_stack(runs), block, blocks)
 
 
-def _order_notes(columns: Columns, unordered: list[str], n_missing: Mapping[str, int]) -> list[str]:
+def _order_notes(
+    columns: Columns, unordered: list[str], n_missing: Mapping[str, int]
+) -> Iterator[str]:
     """Notes on trials whose order or number is not known."""
-    notes = list[str]()
     if unordered:
         text = "does not order all trials, so the order of the file is used: "
-        notes.append(Note(f"{columns['trial']} {text}", unordered))
+        yield Note(f"{columns['trial']} {text}", unordered)
     if n_missing:
         advice = "); keep trials without a response in the file, with an empty response"
-        notes.append(Note("trial numbers are missing (", named_counts(n_missing), advice))
-    return notes
+        yield Note("trial numbers are missing (", named_counts(n_missing), advice)
 
 
 def _ordered(choices: Sequence[IndexArray], order: _Order) -> IndexArray | None:

@@ -296,27 +296,24 @@ def columns_of_file(table: TextTable) -> dict[str, Column]:
     return columns
 
 
-def nameless_doubts(subject: Column) -> Texts:
+def nameless_doubts(subject: Column) -> Iterator[str]:
     """A doubt for each subject with a name such as 'NA', which may say that there is none."""
-    doubts = []
     for code, text in enumerate(subject.texts):
         name = text.partition(CONDITION_SEPARATOR)[0]
         if name and name.lower() in MISSING_WORDS:
             rows = plural((subject.codes == code).sum(), "row")
-            doubts.append(
+            yield (
                 f"{rows} of subject {quoted(text)}, which may mean that the name is missing; if "
                 f"so, --exclude {text}"
             )
-    return doubts
 
 
-def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
+def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Iterator[str]:
     """A doubt for each column with texts, such as 'aborted', that say that a trial does not count.
 
     Columns of blocks, of conditions, and those that are not read may have them. The doubt says how
     many rows of the table have such a text.
     """
-    doubts = []
     for name, column in table.columns.items():
         if name not in (*names_not_read, "block", "condition"):
             continue
@@ -332,8 +329,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Texts:
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
             doubt += f"; {remedy.typed} leaves them out"
-        doubts.append(doubt)
-    return doubts
+        yield doubt
 
 
 def rare_answer_doubts(counts: Counts) -> Iterator[str]:

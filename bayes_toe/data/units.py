@@ -9,7 +9,7 @@ of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import compress, filterfalse
@@ -297,7 +297,7 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
 
 def pooled_conditions(
     columns: Iterable[Column], subject: Column, counts: Counts, pairs: FloatArray
-) -> list[str]:
+) -> Iterator[str]:
     """The names of columns that may be a condition, in which a subject has several levels.
 
     None of them follows from the stimuli and answers, or has about as many texts as trials; but the
@@ -310,7 +310,6 @@ def pooled_conditions(
     direction = np.sign(np.diff(pairs[answered]))  # of s2 - s1, shape (rows, 1)
     is_unequal = direction[:, 0] != 0.0
 
-    names = []
     for column in columns:
         is_task = looks_like(column.name, "dimension")
         if not (is_task or looks_like(column.name, "condition") or looks_like(column.name, "isi")):
@@ -325,8 +324,7 @@ def pooled_conditions(
             follows |= has_one_level and len(rows) - n_groups >= _REPEATED
         n_subject_levels = _n_distinct(subject_codes, row_levels)
         if n_subjects < n_subject_levels <= 0.5 * len(answered) and not follows:
-            names.append(column.name)
-    return names
+            yield column.name
 
 
 def _n_distinct(*columns: FloatArray | IntArray) -> int:

@@ -13,7 +13,6 @@ from conftest import (
     counts,
     few_pairs,
     grouped_csv,
-    made_subject,
     problems,
     text_table,
 )

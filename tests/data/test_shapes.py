@@ -70,6 +70,7 @@ BY_COMPARISON = pd.DataFrame(
 BY_LETTER = BY_COMPARISON.set_axis(
     ["subject", "toneA", "toneB", "order", "n_comparison", "n_trials"], axis=1
 ).replace({"SC": "AB", "CS": "BA"})
+CORRECT_ANSWERS = np.where(TRIALS.w2 > TRIALS.w1, "second", "first")
 IN_PERCENT = PROPORTIONS.assign(n_second=PROPORTIONS.n_second.map("{:.1%}".format))
 
 THREE = IN_LOGS.assign(response=TRIALS.response.where(TRIALS.s1 != TRIALS.s2, "same"))
@@ -488,6 +489,12 @@ REFUSED = {
         "subject,s1,s2,correct\na,0,0.3,1\na,0.3,0.3,1\na,0,0,0\na,0.3,0,1\n",
         "column correct: found 1 right and 1 wrong answers to equal stimuli, allowed: answers to",
     ),
+    "right_if_equal.csv --correct correct": (
+        "subject,s1,s2,correct\na,0,0,0\n" + "a,0,0,1\n" * 9 + "a,0,0.3,1\na,0.3,0,0\n" * 20,
+        "column correct: found 9 right and 1 wrong answers to equal stimuli",
+        "add a column response and leave --correct out",
+    ),
+    "a_code_twice.csv --second-code 0 --second-code 1": (CODED, "--second-code: found twice"),
     "rare_code.csv": (
         RARE_CODE,
         "type:  --missed -9 --second-code 2\n",
@@ -577,6 +584,10 @@ REFUSED = {
         "subject,dur1,dur2,response\na,0.4,0.6,first\na,0.6,0.4,second\n",
         "columns dur1 and dur2 may be intensities.\ntype:  --unit a.u.  if they are intensities",
         "\n       --unit ln    if the numbers are natural logs",
+    ),
+    "mixed_units.csv": (
+        "subject,d1_ms,d2_ms,response\na,500,550,second\na,0.5,550,second\n",
+        "row 3, column d1_ms: found '0.5', allowed: a stimulus within a factor of 148 of the ot",
     ),
     "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
         "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",
@@ -769,6 +780,14 @@ ADVISED = {
         IN_GRAMS.assign(w1_g=TRIALS.w1, w2_g=TRIALS.w2),
         "--columns s1=w1_g,s2=w2_g",
     ),
+    "correct_answers.csv": (
+        labelled(IN_LOGS, response="key").assign(answer=CORRECT_ANSWERS),
+        "--columns response=key",
+    ),
+    "correct_answers_of_unknown_unit.csv": (
+        labelled(IN_GRAMS, response="pressed").assign(CRESP=CORRECT_ANSWERS),
+        "--columns s1=w1,s2=w2,response=pressed --unit a.u.",
+    ),
     "times.csv": (
         IN_GRAMS.assign(time=[f"10:{minute}" for minute in range(10, 50)] * 2),
         "--columns s1=w1,s2=w2 --unit a.u.",
@@ -795,6 +814,7 @@ WARNED = {
     "percentages": COUNTS.assign(n_second=np.arange(len(COUNTS)), n_trials=100),
     "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
     "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
+    "If it has correct answers, --columns": IN_LOGS.assign(response=CORRECT_ANSWERS),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
 
@@ -1017,8 +1037,9 @@ def test_a_code_of_two_answers_is_none():
         bt.read_study(table, bt.ReadOptions(first_code="1,2", second_code="2,3,4"))
 
 
-def test_counts_of_three_answers_are_known_by_their_names():
-    study = bt.read_study(pd.read_csv(io.StringIO(THREE_COUNTS)))
+@pytest.mark.parametrize("name", ["same", "uncertain", "dont_know"])
+def test_counts_of_three_answers_are_known_by_their_names(name):
+    study = bt.read_study(pd.read_csv(io.StringIO(THREE_COUNTS.replace("same", name))))
     assert study["a"].n_first.tolist() == [1, 4]
 
 
