@@ -116,9 +116,11 @@ class StandardOrder:
             )
             _ask_order(table, column, problem, [])
 
+        # 'B' or 'stim2' names the column 'B_ms' or 'stim2' of one stimulus.
+        labels = {options.name(role).split("_")[0]: role for role in options.stimuli}
         words = column.map(str, object)
         for text in texts:
-            meaning = named_places(text)
+            meaning = named_places(labels.get(text, text))
             if comparison_code is not None:
                 meaning = _COMPARISON if text == comparison_code else _STANDARD
             if meaning in (_STANDARD, _COMPARISON):
