@@ -626,7 +626,7 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     pair = _stimulus_pair(candidates, _NUMBERS)
     interval_names = _interval_names(columns)
     if pair:
-        interval_names = [name for name in interval_names if _are_labels(*pair, name, columns)]
+        interval_names = [name for name in interval_names if _are_labels(pair, name, columns)]
     if not interval_names:
         return ""
     if standards:
@@ -634,16 +634,16 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     return " and ".join(map(display_name, pair or _stimulus_pair(candidates, _LETTERS)))
 
 
-def _are_labels(first: str, second: str, order: str, columns: Iterable[Column]) -> bool:
+def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     """Whether a column of order says that stimulus 1 did not always come first.
 
     It has both codes where both stimuli are the same, and changes from trial to trial. Else it
     follows from the stimuli, or tells subjects or blocks from each other.
     """
-    if "first" in first.lower() or looks_like(order, "isi"):
+    if "first" in pair[0].lower() or looks_like(order, "isi"):
         return False
     codes = {column.name: column.codes for column in columns}
-    rows = [codes[first], codes[second], codes[order]]
+    rows = [*map(codes.__getitem__, (*pair, order))]
     # Pairs of equal stimuli have both codes, too.
     n_pairs = len({*zip(*rows[:2], strict=True)})
     is_other = len({*zip(*rows, strict=True)}) > 1.5 * n_pairs

@@ -33,10 +33,10 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.layouts import (
     ALLOWED_INTERVALS,
     StandardOrder,
-    known_order,
     pair_regex,
     require_unit,
     stimulus_logs,
+    with_known_order,
     with_pairs,
 )
 from bayes_toe.data.messages import Note, Texts, display_name, join_names, named_counts
@@ -389,7 +389,11 @@ class _Rows:
             parts.append("decimal comma")
         unit = options.unit_in_words
         scale = "" if unit else ", stimuli as natural logs"
-        notes: list[str] = [Note(", ".join([*parts, ""]), *answers, scale), *table.notes]
+        notes: list[str] = [
+            Note(", ".join([*parts, ""]), *answers, scale),
+            *self.order.notes,
+            *table.notes,
+        ]
         for name, text in options.where.items():
             notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
 
@@ -415,8 +419,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         table = with_pairs(table, options)
     table, options = chosen_rows(table, options)
     options = with_likely_columns(table.names, options)
-    options, order_notes = known_order(table, options)
-    table = replace(table, notes=(*table.notes, *order_notes))
+    options = with_known_order(table, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, table.columns.values())
     # A frame has no name that may have the subject.
     remedies = [r for r in remedies if isinstance(path, StrPath) or r.option != "subject_from"]

@@ -164,6 +164,9 @@ def test_an_order_beside_labels_is_asked_for(column, standard, comparison, first
     expected = f"--standard-interval {column} {stimuli} --standard-first-code {standard}"
     assert advice.startswith(expected)
     assert is_intended(table.rename(columns=names), advice)
+    study = bt.read_study(table.rename(columns=names), typed_options(advice))
+    note = f"response '{second}' read as the comparison, first or second by the order"
+    assert note in study.notes
 
 
 @pytest.mark.parametrize("order", [np.where(IS_FIRST, "AB", "BA"), ["AB"] * 120 + ["BA"] * 120])
@@ -259,7 +262,10 @@ READ = """
 
 @pytest.mark.parametrize("column, standard, comparison, options", text_table(READ))
 def test_an_interval_is_read_with_options(column, standard, comparison, options):
-    assert is_intended(with_order(column, standard, comparison), options)
+    table = with_order(column, standard, comparison)
+    assert is_intended(table, options)
+    _, note, *_ = bt.read_study(table, typed_options(options)).notes
+    assert note == f"column {column} read as the order: standard first at '{standard}'"
 
 
 #: Columns, and options that contradict their names.
