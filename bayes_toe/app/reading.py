@@ -19,7 +19,7 @@ from bayes_toe.app.job import Job
 from bayes_toe.arrays import Record
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.data.column_roles import with_likely_columns
-from bayes_toe.data.layouts import known_order
+from bayes_toe.data.layouts import with_known_order
 from bayes_toe.data.messages import display_name
 from bayes_toe.data.options import COLUMNS, changed, parse_columns
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
@@ -109,7 +109,7 @@ def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     `roles` has those of the options, and `automatic` those if the page names no columns. `unit` is
     that in the names of the stimuli, and `order` has the column that says which of them came first.
     """
-    options, _ = known_order(table, options)
+    options = with_known_order(table, options)
     without_unit = replace(options, unit=None, intensity=None)
     return {
         "roles": _roles(table.names, options),

@@ -487,14 +487,13 @@ def columns_to_read(
         )
         return roles_read, problems, _score_remedies([response])
 
-    interval_names = _interval_names(columns)
-    unordered = unordered_stimuli(names, options, interval_names)
+    unordered = unordered_stimuli(names, options, columns)
     if unordered:
         problems.append(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
             "would cancel out."
         )
-        return roles_read, problems, [*_order_remedies(interval_names)]
+        return roles_read, problems, [*_order_remedies(_interval_names(columns))]
 
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)
@@ -613,11 +612,11 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     return list(dict.fromkeys([*counts, "n_trials"]))
 
 
-def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts = ()) -> str:
+def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Column] = ()) -> str:
     """The columns of a standard and a comparison, where nothing says which came first.
 
-    So may be stimuli A and B beside a column of their order. The text names both columns; it is
-    empty where the order is known, or one is missing.
+    So may be stimuli A and B if one of these columns has their order, and stimuli 1 and 2 if it
+    changes. The text names both columns; it is empty where the order is known, or one is missing.
     """
     if options.has_standard:
         return ""
@@ -628,11 +627,31 @@ def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts 
     comparisons = names_like(candidates, "comparison")
     if standards and comparisons:
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
-    if not interval_names or _stimulus_pair(candidates, _NUMBERS):
+    pair = _stimulus_pair(candidates, _NUMBERS)
+    interval_names = _interval_names(columns)
+    if pair:
+        interval_names = [name for name in interval_names if _are_labels(pair, name, columns)]
+    if not interval_names:
         return ""
     if standards:
         return f"{display_name(standards[0])} and NAME"
-    return " and ".join(map(display_name, _stimulus_pair(candidates, _LETTERS)))
+    return " and ".join(map(display_name, pair or _stimulus_pair(candidates, _LETTERS)))
+
+
+def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
+    """Whether a column of order says that stimulus 1 did not always come first.
+
+    It has both codes where both stimuli are the same, and changes from trial to trial. Else it
+    follows from the stimuli, or tells subjects or blocks from each other.
+    """
+    if "first" in pair[0].lower() or looks_like(order, "isi"):
+        return False
+    codes = {column.name: column.codes for column in columns}
+    rows = [*map(codes.__getitem__, (*pair, order))]
+    # Pairs of equal stimuli have both codes, too.
+    n_pairs = len({*zip(*rows[:2], strict=True)})
+    is_other = len({*zip(*rows, strict=True)}) > 1.5 * n_pairs
+    return is_other and len(run_starts(rows[2])) > 0.2 * len(rows[2])
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:

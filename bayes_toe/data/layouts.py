@@ -76,14 +76,20 @@ class StandardOrder:
     is_first : ndarray of bool, shape (rows,)
     is_unknown : ndarray of bool, shape (rows,)
         Rows in which the column does not say it.
+    notes : list of str
+        How the column was read, and responses that name a stimulus.
     """
 
     def __init__(self, table: TextTable, column: Column | None, options: ReadOptions) -> None:
         self.column = column
         self.is_first = np.ones(len(table.rows), bool)
         self.is_unknown = np.zeros(len(table.rows), bool)
+        self.notes = list[str]()
         if column is not None:
             by_text = _standard_first_by_text(table, column, options)
+            first = join_names(map(quoted, filter(by_text.get, by_text)))
+            name = display_name(column.name)
+            self.notes += [f"column {name} read as the order: standard first at {first or 'none'}"]
             self.is_first = column.map(lambda text: by_text.get(text) is True)
             self.is_unknown = column.map(lambda text: by_text.get(text) is None)
 
@@ -115,6 +121,9 @@ class StandardOrder:
         words = column.map(str, object)
         for text in texts:
             meaning = named_places(text)
+            for role in options.stimuli:  # 'B' and 'stim2' name the columns 'B_ms' and 'stim2'
+                if options.name(role).split("_")[0] == text:
+                    meaning = named_places(role)
             if comparison_code is not None:
                 meaning = _COMPARISON if text == comparison_code else _STANDARD
             if meaning in (_STANDARD, _COMPARISON):
@@ -122,34 +131,37 @@ class StandardOrder:
                 is_second = self.is_first == (meaning == _COMPARISON)
                 answers = np.where(is_second, "second", "first")
                 words = np.where(column.matches([text]), answers, words)
+                stimulus = meaning[0][0]
+                note = (
+                    f"response {quoted(text)} read as the {stimulus}, first or second by the order"
+                )
+                self.notes.append(note)
         return Column.from_texts(column.name, words)
 
 
-def known_order(table: TextTable, options: ReadOptions) -> tuple[ReadOptions, Texts]:
-    """The options with a column that says itself which stimulus came first, and a note on it.
+def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
+    """The options with a column that says itself which stimulus came first.
 
-    Without a note they stay as they are: if they say the order, if there is no standard and no
-    comparison, or if columns contradict each other.
+    They stay as they are if they say the order, if there is no standard and no comparison, or if
+    columns contradict each other.
     """
     if not unordered_stimuli(table.names, options):
-        return options, ()
+        return options
     names_in_use = {*map(options.name, COLUMNS)}
     found = {}  # by the order of all rows
     for name, column in table.columns.items():
         by_text = _certain_order(column)
         if by_text and name not in names_in_use:
-            found[tuple(column.map(by_text.get, object))] = name, by_text
+            found[tuple(column.map(by_text.get, object))] = name
     if len(found) != 1:
-        return options, ()
+        return options
 
-    ((name, by_text),) = found.values()
-    first = join_names([quoted(text) for text, is_first in by_text.items() if is_first])
-    note = f"column {display_name(name)} read as the order: standard first at {first or 'none'}"
+    (name,) = found.values()
     if named_places(name)[:2] == (["comparison"], []):  # '1' is the interval of the comparison
         options = replace(options, comparison_interval=name)
     else:
         options = replace(options, standard_interval=name)
-    return with_likely_columns(table.names, options), [note]
+    return with_likely_columns(table.names, options)
 
 
 def _certain_order(column: Column) -> Mapping[str, bool | None]:

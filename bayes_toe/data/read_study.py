@@ -34,10 +34,10 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.layouts import (
     ALLOWED_INTERVALS,
     StandardOrder,
-    known_order,
     pair_regex,
     require_unit,
     stimulus_logs,
+    with_known_order,
     with_pairs,
 )
 from bayes_toe.data.messages import Note, Texts, display_name, join_names, named_counts
@@ -388,7 +388,11 @@ class _Rows:
             parts.append("decimal comma")
         unit = options.unit_in_words
         scale = "" if unit else ", stimuli as natural logs"
-        notes: list[str] = [Note(", ".join([*parts, ""]), *answers, scale), *table.notes]
+        notes: list[str] = [
+            Note(", ".join([*parts, ""]), *answers, scale),
+            *self.order.notes,
+            *table.notes,
+        ]
         for name, text in options.where.items():
             notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
 
@@ -415,11 +419,10 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     table, options = chosen_rows(table, options)
     is_open = "response" not in options.columns
     options = with_likely_columns(table.names, options)
-    options, order_notes = known_order(table, options)
+    options = with_known_order(table, options)
     all_columns = table.columns.values()
     if is_open and options.columns.get("response", "") in solutions(all_columns, options):
         options = replace(options, columns={**options.columns, "response": "response"})
-    table = replace(table, notes=(*table.notes, *order_notes))
     roles_read, problems, remedies = columns_to_read(table.names, options, all_columns)
     # A frame has no name that may have the subject.
     remedies = [r for r in remedies if isinstance(path, StrPath) or r.option != "subject_from"]

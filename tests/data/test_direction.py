@@ -144,6 +144,36 @@ def test_an_order_that_may_be_another_is_asked_for(column, standard, comparison,
     assert is_intended(table, options)
 
 
+#: The same beside stimuli with other names, of which neither says that it came first.
+LABELS = """
+    presentation_order | 1-2 | 2-1 | stim1 | stim2
+    swapped | 0 | 1 | stim1 | stim2
+    flipped | no | yes | s1 | s2
+    order_of_presentation | AB | BA | sA | sB
+    first_hand | left | right | left | right
+"""
+
+
+@pytest.mark.parametrize("column, standard, comparison, first, second", text_table(LABELS))
+def test_an_order_beside_labels_is_asked_for(column, standard, comparison, first, second, tmp_path):
+    names = {"standard": first, "comparison": second}
+    table = with_order(column, standard, comparison, CHOSEN_STIMULI.map(names))
+    result = checked(tmp_path, table.rename(columns=names))
+    advice, *_ = typed_lines(result.stderr)
+    stimuli = f"--columns standard={first},comparison={second}"
+    expected = f"--standard-interval {column} {stimuli} --standard-first-code {standard}"
+    assert advice.startswith(expected)
+    assert is_intended(table.rename(columns=names), advice)
+    study = bt.read_study(table.rename(columns=names), typed_options(advice))
+    note = f"response '{second}' read as the comparison, first or second by the order"
+    assert note in study.notes
+
+
+@pytest.mark.parametrize("order", [np.where(IS_FIRST, "AB", "BA"), ["AB"] * 120 + ["BA"] * 120])
+def test_an_order_that_follows_from_the_stimuli_or_the_block_is_none(order):
+    assert is_intended(IN_ORDER.assign(order=order), "")
+
+
 #: The same of columns that are not proposed either, as they may have something else.
 NOT_SAID = """
     std_stim | 1 | 2
@@ -232,7 +262,10 @@ READ = """
 
 @pytest.mark.parametrize("column, standard, comparison, options", text_table(READ))
 def test_an_interval_is_read_with_options(column, standard, comparison, options):
-    assert is_intended(with_order(column, standard, comparison), options)
+    table = with_order(column, standard, comparison)
+    assert is_intended(table, options)
+    _, note, *_ = bt.read_study(table, typed_options(options)).notes
+    assert note == f"column {column} read as the order: standard first at '{standard}'"
 
 
 #: Columns, and options that contradict their names.
