@@ -400,6 +400,15 @@ READ = {
     "arrays_line_by_line.json": JATOS,
     "separators.jsonl": SEPARATORS,
     "row_names.csv": ROW_NAMES,
+    "chinese.csv": labelled(
+        answered(IN_GRAMS, "第一个", "第二个"),
+        subject="被试",
+        w1="第一_g",
+        w2="第二_g",
+        response="反应",
+    ),
+    "forces.csv": labelled(IN_GRAMS, w1="first_N", w2="second_N"),
+    "luminances.csv": labelled(IN_GRAMS, w1="lum1_cd_m2", w2="lum2_cd_m2"),
     "row_names.txt": ROW_NAMES.replace(",", " "),
     "formats.xlsx": with_part(
         excel(T=IN_LOGS), b"</sheetData>", f"{FORMATTED_ROWS}</sheetData>".encode()
@@ -416,6 +425,7 @@ READ_IN_PART = {
     ),
     "missed_trials.csv": UNEQUAL[IN_LOGS.columns],
     "right_answers.csv": UNEQUAL[IN_LOGS.columns],
+    "scored_rats.csv": UNEQUAL[IN_LOGS.columns],
 }
 #: What the notes say of some of these.
 NOTES = """
@@ -439,6 +449,8 @@ NOTES = """
     decibel.csv | column s1_dB read as s1, dB
     grams_by_name.csv | column weight2_g read as i2, intensity in g
     gorilla.csv | remark below the last row left out
+    forces.csv | column first_N read as i1, intensity in N
+    luminances.csv | column lum1_cd_m2 read as i1, intensity in cd/m2
     names_of_history.csv | column Trial read as trial
     decimal_commas.csv | trial rows, comma-separated, UTF-8, decimal comma, resp
     a_sheet_a_session.xlsx | 1 subject in several files
@@ -466,7 +478,7 @@ REFUSED = {
     "no_names.csv": (
         csv(IN_LOGS, header=False),
         "The columns are 1, 2, 3, 4. The file has no header, so these are the numbers of its col",
-        "type:  --columns subject=1,s1=NAME,s2=NAME,response=4",
+        "type:  --columns subject=1,s1=2,s2=3,response=4",
     ),
     "no_names.txt": (
         "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
@@ -785,7 +797,19 @@ ADVISED = {
         IN_GRAMS.assign(time=[f"10:{minute}" for minute in range(10, 50)] * 2),
         "--columns s1=w1,s2=w2 --unit a.u.",
     ),
+    "times_of_stimuli.csv": (
+        IN_GRAMS.assign(
+            **{"stim1.started": TRIALS.index, "stim2.started": TRIALS.index + 1},
+            dur1_ms=200,
+            dur2_ms=200,
+        ),
+        "--columns s1=w1,s2=w2 --unit a.u.",
+    ),
     "rats.csv": (labelled(IN_LOGS, subject="Rat"), "--columns subject=Rat"),
+    "scored_rats.csv": (
+        labelled(SCORED, subject="Rat").drop(columns=["key", "rt"]),
+        "--columns subject=Rat --correct correct",
+    ),
     "sessions.xlsx": (excel(A=IN_LOGS[:30], B=IN_LOGS[30:]), "--sheet '*'"),
     "subjects.xlsx": (
         excel(P03=WITHOUT_SUBJECT, P12=IN_LOGS[40:].drop(columns="subject")),
