@@ -18,7 +18,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
-from itertools import chain, filterfalse, pairwise, product
+from itertools import filterfalse, pairwise, product
 from typing import Any
 
 from bayes_toe.arrays import FloatArray, run_starts
@@ -363,11 +363,10 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
         return options
     stimuli: Texts = tuple(map(options.name, options.stimuli))
     if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
-        candidates = []
-        for name in filter(_may_be_stimulus, names):
-            if name.endswith("_N") or not _counted_answer(name):  # 'first_N' may be a force
-                candidates.append(name)
-        stimuli = _stimulus_pair(candidates, _NUMBERS)
+        pairs = _stimulus_pairs([*filter(_may_be_stimulus, names)], _NUMBERS)
+        # 'first_N' may be a force.
+        pairs = [pair for pair in pairs if pair[0].endswith("_N") or not _counted_answer(pair[0])]
+        stimuli = pairs[0] if len(pairs) == 1 else ()
 
     units = {*map(unit_in, stimuli)}
     if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
@@ -630,11 +629,12 @@ def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts 
     comparisons = names_like(candidates, "comparison")
     if standards and comparisons:
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
-    if not interval_names or _stimulus_pair(candidates, _NUMBERS):
+    if not interval_names or _stimulus_pairs(candidates, _NUMBERS):
         return ""
     if standards:
         return f"{display_name(standards[0])} and NAME"
-    return " and ".join(map(display_name, _stimulus_pair(candidates, _LETTERS)))
+    pair, *_ = [*_stimulus_pairs(candidates, _LETTERS), ()]
+    return " and ".join(map(display_name, pair))
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
@@ -691,60 +691,54 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     remedies = unit_remedies(unit)[:-1] if unit else []
     if (stimuli > 0.0).all():
         remedies.append(intensities)
+        if unit == "dB":  # a level may be a pressure
+            remedies.insert(0, Remedy("unit", "NAME", "with their unit, such as Pa or dB"))
     return [*remedies, natural_logs]
 
 
-def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
-    """The only two names that differ by one of these signs, such as 'stim1' and 'stim2'.
+def _stimulus_pairs(names: Texts, signs: Mapping[str, str]) -> list[Texts]:
+    """The names that differ by one of these signs, such as 'stim1' and 'stim2'.
 
     Examples
     --------
-    >>> _stimulus_pair(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
-    ('stim1_dB', 'stim2_dB')
-    >>> _stimulus_pair(["toneA", "toneB"], _LETTERS), _stimulus_pair(["DATA", "DATB"], _LETTERS)
-    (('toneA', 'toneB'), ())
+    >>> _stimulus_pairs(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
+    [('stim1_dB', 'stim2_dB')]
+    >>> _stimulus_pairs(["toneA", "toneB"], _LETTERS), _stimulus_pairs(["DATA", "DATB"], _LETTERS)
+    ([('toneA', 'toneB')], [])
     """
-    for pairs in _pairs_by_sign(names, signs):
-        if len(pairs) == 1:
-            return pairs[0]
-    return ()
-
-
-def _pairs_by_sign(names: Texts, signs: Mapping[str, str]) -> Iterator[list[Texts]]:
-    """The pairs of names that differ by each of these signs."""
+    pairs = list[Texts]()
     for sign, second_sign in signs.items():
-        second_names = [re.sub(sign, second_sign, name) for name in names]
-        pairs = zip(names, second_names, strict=True)
-        yield [pair for pair in pairs if pair[0] != pair[1] and pair[1] in names]
+        for name in names:
+            second_name = re.sub(sign, second_sign, name)
+            if second_name != name and second_name in names:
+                pairs.append((name, second_name))
+    return pairs
 
 
-def _stimulus_pairs(columns: Sequence[Column]) -> list[Texts]:
+def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     """The names of two columns that may be the stimuli; of several such, the likeliest first.
 
-    Without such names they are two columns next to each other, whose values come in both orders.
+    Without such names they are columns next to each other of which three pairs of values come in
+    both orders. Without these, too, a pair has no names.
 
     Examples
     --------
     >>> texts = {"dur1": "200 200", "dur2": "200 200", "c1": "2 3", "c2": "3 2"}
     >>> columns = [Column.from_texts(name, text.split()) for name, text in texts.items()]
-    >>> _stimulus_pairs(columns)
+    >>> _likely_pairs(columns)
     [('c1', 'c2'), ('dur1', 'dur2')]
     """
     texts = {column.name: {*column.texts} for column in columns}
     names = [*filterfalse(str.isdigit, filter(_may_be_stimulus, texts))]
-    pairs = [*chain(*_pairs_by_sign(names, _NUMBERS | _LETTERS))]
-    pairs = pairs or [*_pairs_by_cells(columns)]
+    pairs = _stimulus_pairs(names, _NUMBERS | _LETTERS)
+    if not pairs:
+        for first, second in pairwise(columns):
+            rows = {*zip(first.map(str, object), second.map(str, object), strict=True)}
+            if len(rows & {(b, a) for a, b in rows if a != b}) > 5:
+                pairs.append((first.name, second.name))
     # Stimuli have many values in common, of two units that of the name.
     pairs.sort(key=lambda pair: (-len(texts[pair[0]] & texts[pair[1]]), not unit_in(pair[0])))
-    return pairs[:3]
-
-
-def _pairs_by_cells(columns: Sequence[Column]) -> Iterator[Texts]:
-    """The names of columns next to each other of which three pairs of values are in both orders."""
-    for first, second in pairwise(columns):
-        rows = {*zip(first.map(str, object), second.map(str, object), strict=True)}
-        if len(rows & {(b, a) for a, b in rows if a != b}) > 5:
-            yield first.name, second.name
+    return pairs[:3] or [()]
 
 
 def _remedies(
@@ -756,14 +750,17 @@ def _remedies(
     missing = [role for role in roles if options.name(role) not in names]
     names_read = [*map(options.name, roles_read)]
     free = [column for column in columns if column.name not in names_read]
-    pairs = _stimulus_pairs(free)
-    if not pairs and not {"s1", "i1"}.isdisjoint(missing):
-        yield from _wide_remedies(names, columns)
+    pairs = _likely_pairs(free)
+    if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
+        wide = [*_wide_remedies(names, columns)]
+        yield from wide
+        if wide:  # what else is missing depends on it
+            return
     # Of columns that are as full, those of ratings come last.
     free.sort(key=lambda column: (empty(column).sum(), len(column.texts) > 3))
 
     required = [*filter(_REQUIRED.__contains__, missing)]
-    for pair in pairs or [()]:
+    for pair in pairs:
         # Without a pair, no role has a name.
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
         others = [column for column in free if column.name not in pair]
@@ -807,11 +804,14 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     --------
     >>> _pair_pattern(["rt", "440 Hz vs 460 Hz", "460 Hz vs 440 Hz"]), _pair_pattern(["1.5"])
     (('{first} Hz vs {second} Hz', 2), ('', 0))
+    >>> _pair_pattern(["Q5_100_112", "Q5_112_100"]), _pair_pattern(["2026-11-30"])
+    (('Q*_{first}_{second}', 2), ('', 0))
     """
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
     for shape, n_texts in shapes.most_common(1):  # none without texts
-        if re.fullmatch("[^{}]*{}[^{}]+{}[^{}]*", shape):
-            return re.sub("{}(.+){}", r"{first}\1{second}", shape), n_texts
+        if re.fullmatch(r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*", shape):  # 'Q5_' may be in front
+            pattern = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
+            return pattern.replace("{}", "*"), n_texts
     return "", 0
 
 

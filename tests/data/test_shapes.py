@@ -407,6 +407,8 @@ READ = {
         w2="第二_g",
         response="反应",
     ),
+    "presentation.txt": "Scenario - pitch\nLogfile written - 1 May\n\n"
+    + csv(IN_LOGS, sep="\t").decode(),
     "forces.csv": labelled(IN_GRAMS, w1="first_N", w2="second_N"),
     "luminances.csv": labelled(IN_GRAMS, w1="lum1_cd_m2", w2="lum2_cd_m2"),
     "row_names.txt": ROW_NAMES.replace(",", " "),
@@ -566,7 +568,7 @@ REFUSED = {
         excel(A=IN_LOGS, B=IN_LOGS),
         "the sheets A and B have tables",
         "--sheet '{}'",
-        "if the sheets have a column of subjects",
+        "if all sheets are of one study",
         "--sheet A",
     ),
     "two_sheets.xlsx --sheet C": (
@@ -610,7 +612,8 @@ REFUSED = {
     ),
     "levels.csv --columns s1=level1,s2=level2": (
         "subject,level1,level2,response\na,60,63,second\na,63,60,first\n",
-        "\ntype:  --unit dB        if 20 dB are a factor of ten\n",
+        "\ntype:  --unit NAME      with their unit, such as Pa or dB\n",
+        "\n       --unit dB        if 20 dB are a factor of ten\n",
         "\n       --unit dB-power  ",
         "\n       --unit a.u.      ",
     ),
@@ -620,7 +623,7 @@ REFUSED = {
     ),
     "names_of_pictures.csv --columns s1=w1,s2=w2": (
         "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
-        "found whole numbers from 12 to 14, allowed: natural logs\ntype:  --unit a.u.",
+        "found whole numbers from 12 to 14, allowed: natural logs or a unit\ntype:  --unit a.u.",
     ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
@@ -689,7 +692,7 @@ REFUSED = {
         "found a log of E-Prime, allowed: its trials as CSV, which E-DataAid exports",
     ),
     "presentation.log": (
-        "Scenario - pitch\n",
+        "Scenario - pitch\n\nSubject\tTrial\tEvent Type\tCode\n",
         "found a log of Presentation, allowed: its trials as CSV",
     ),
     "below_a_title.csv": (
@@ -804,6 +807,24 @@ ADVISED = {
             dur2_ms=200,
         ),
         "--columns s1=w1,s2=w2 --unit a.u.",
+    ),
+    "wide.csv": (
+        WIDE.rename(columns=lambda name: f"Q5_{name}" if "_" in name else "ResponseId").loc[
+            :, lambda table: ~table.columns.duplicated()
+        ],
+        "--wide 'Q*_{first}_{second}' --columns subject=ResponseId --unit a.u.",
+    ),
+    "parts.json": (
+        [
+            {
+                "id": row.subject,
+                "first": {"g": row.w1},
+                "second": {"g": row.w2},
+                "chosen": row.response,
+            }
+            for row in IN_GRAMS.itertuples()
+        ],
+        "--columns subject=id,response=chosen",
     ),
     "rats.csv": (labelled(IN_LOGS, subject="Rat"), "--columns subject=Rat"),
     "scored_rats.csv": (
@@ -1196,7 +1217,8 @@ def test_a_folder_stands_for_its_tables(tmp_path):
 SUBJECTS_BY_NAME = """
     | VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
     | A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
-    | V/a.csv V/b.csv W/a.csv | --subject-from '{}/*' if the subjects are V, W --subj | V W
+    | V/a.csv V/b.csv W/a.csv | --subject-from '{}/{}.*' if the subjects are V_a, | V_a V_b W_a
+    | S1/a.csv S1/b.csv S2/a.csv | --subject-from '{}/*' if the subjects are S1, S2 --subj | S1 S2
     | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
