@@ -18,7 +18,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
-from itertools import filterfalse, product
+from itertools import filterfalse, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -54,20 +54,21 @@ _KNOWN_WORDS = re.compile("|".join(sorted(_MEANINGS, key=len, reverse=True)))
 
 @lru_cache(maxsize=2**16)
 def plain_name(name: str) -> str:
-    """A name in small letters and digits, without accents.
+    """A name in small letters of any script and digits, without accents.
 
     Examples
     --------
     >>> plain_name("R\u00e9ponse"), plain_name("key_resp.rt")
     ('reponse', 'keyresprt')
     """
-    return re.sub("[^a-z0-9]", "", without_accents(name.lower()))
+    return re.sub(r"[\W_]", "", without_accents(name.lower()))
 
 
 def without_accents(text: str) -> str:
     """A text whose letters have lost their accents."""
     letters_and_accents = unicodedata.normalize("NFKD", text)  # '\u00e9' is 'e' and an accent
-    return re.sub("[\u0300-\u036f]", "", letters_and_accents)
+    # Korean and Japanese letters are put together again.
+    return unicodedata.normalize("NFC", re.sub("[\u0300-\u036f]", "", letters_and_accents))
 
 
 def looks_like(name: str, role: str) -> bool:
@@ -91,8 +92,8 @@ def looks_like(name: str, role: str) -> bool:
         return re.search("|".join(parts), plain) is None
 
     # The standard or the comparison itself, not its position and not a time or a response.
-    stimuli, places, other_words = named_places(name)
-    return [role] == stimuli and not places and other_words.isdisjoint(VOCABULARY["words"]["about"])
+    stimuli, places, _ = named_places(name)
+    return [role] == stimuli and not places and _may_be_stimulus(name)
 
 
 def names_like(names: Iterable[str], role: str) -> list[str]:
@@ -115,9 +116,8 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     """
     plain = without_accents(re.sub("(?<=[a-z])(?=[A-Z])", " ", text)).lower()  # 'testInterval'
     words = list[str]()
-    for word in re.findall(
-        "[a-z]+|-?[.,]?[0-9][0-9.,]*(?:st|nd)?", plain
-    ):  # 'test', '1st' or '-1.0'
+    # 'test', '1st' or '-1.0', but not the 'st' of 'stim1.started'
+    for word in re.findall(r"[^\W\d_]+|-?[.,]?[0-9][0-9.,]*(?:(?:st|nd)(?![a-z]))?", plain):
         word = re.sub("[.,]0*$", "", word)  # '1.0' is '1'
         parts = _KNOWN_WORDS.findall(word)
         # A word such as 'testinterval' is several words if they are all of it.
@@ -253,9 +253,12 @@ def unit_in(name: str) -> str:
     ('cents', 'semitones', '')
     >>> unit_in("amp1_\u00b5m"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("s1")
     ('\u00b5m', 'Hz', 'N', '')
+    >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
+    ('cd/m2', 'cd/m2')
     """
     plain = _with_one_micro(name).replace("log10", "decadic")  # words have no digits
-    words = re.findall(r"[^\W\d_]+", plain)
+    plain = plain.replace("cd_m2", "cd/m2")
+    words = re.findall(r"cd/m2|[^\W\d_]+", plain)
 
     if "decadic" in words:
         return "log10"
@@ -300,9 +303,9 @@ _UNIT_MEANINGS = {
     "ln": "the numbers are natural logs",
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
 }
-#: Signs of the first of two stimuli in names of columns, with those of the second: the last digit
-#: or a word; and signs that may not say which stimulus came first.
-_NUMBERS = {"1(?=[^0-9]*$)": "2", "first": "second", "First": "Second"}
+#: Signs of the first of two stimuli in names of columns, with those of the second: the last digit,
+#: apart from that of m2, or a word; and signs that may not say which stimulus came first.
+_NUMBERS = {"1(?=[^0-9]*(?:m2)?$)": "2", **VOCABULARY["pairs"]}
 _LETTERS = {
     r"(?<![^\W\d_])a(?![^\W\d_])": "b",
     r"(?<![A-Z])A(?![^\W\d_])": "B",
@@ -357,18 +360,17 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     >>> options = _with_unit_in_names(["weight1_g", "weight2_g", "rt1_ms"], ReadOptions())
     >>> options.unit, options.stimuli, options.name("i1")
     ('g', ('i1', 'i2'), 'weight1_g')
+    >>> _with_unit_in_names(["first_N", "second_N"], ReadOptions()).unit
+    'N'
     """
     if options.unit is not None or options.intensity is not None:
         return options
     stimuli: Texts = tuple(map(options.name, options.stimuli))
     if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
-        other_words = VOCABULARY["words"]["about"]  # a pair of times is not the stimuli
-        candidates = [
-            name
-            for name in filterfalse(_counted_answer, names)
-            if named_places(name)[2].isdisjoint(other_words)
-        ]
-        stimuli = _stimulus_pair(candidates, _NUMBERS)
+        pairs = _stimulus_pairs([*filter(_may_be_stimulus, names)], _NUMBERS)
+        # 'first_N' may be a force.
+        pairs = [pair for pair in pairs if pair[0].endswith("_N") or not _counted_answer(pair[0])]
+        stimuli = pairs[0] if len(pairs) == 1 else ()
 
     units = {*map(unit_in, stimuli)}
     if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
@@ -376,6 +378,11 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     options = replace(options, unit=units.pop())
     name_of_stimulus = dict(zip(options.stimuli, stimuli, strict=True))
     return replace(options, columns={**options.columns, **name_of_stimulus})
+
+
+def _may_be_stimulus(name: str) -> bool:
+    """Whether a name has no word such as 'onset': a pair of times is not the stimuli."""
+    return named_places(name)[2].isdisjoint(VOCABULARY["words"]["about"])
 
 
 def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
@@ -502,9 +509,7 @@ def columns_to_read(
         return roles_read, problems, []
 
     problems.append(_missing_columns(names, missing))
-    # Of columns that are as full, those of ratings come last.
-    likeliest = sorted(columns, key=lambda column: (empty(column).sum(), len(column.texts) > 3))
-    return roles_read, problems, [*_remedies(roles_read, options, likeliest)]
+    return roles_read, problems, [*dict.fromkeys(_remedies(roles_read, options, columns))]
 
 
 def _missing_columns(names: Texts, missing: Texts) -> str:
@@ -627,15 +632,16 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     comparisons = names_like(candidates, "comparison")
     if standards and comparisons:
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
-    pair = _stimulus_pair(candidates, _NUMBERS)
+    pairs = _stimulus_pairs(candidates, _NUMBERS)
     interval_names = _interval_names(columns)
-    if pair:
+    for pair in pairs:
         interval_names = [name for name in interval_names if _are_labels(pair, name, columns)]
     if not interval_names:
         return ""
     if standards:
         return f"{display_name(standards[0])} and NAME"
-    return " and ".join(map(display_name, pair or _stimulus_pair(candidates, _LETTERS)))
+    pairs = pairs or _stimulus_pairs(candidates, _LETTERS)
+    return " and ".join(map(display_name, pairs[0])) if pairs else ""
 
 
 def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
@@ -708,50 +714,81 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     remedies = unit_remedies(unit)[:-1] if unit else []
     if (stimuli > 0.0).all():
         remedies.append(intensities)
+        if unit == "dB":  # a level may be a pressure
+            remedies.insert(0, Remedy("unit", "NAME", "with their unit, such as Pa or dB"))
     return [*remedies, natural_logs]
 
 
-def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
-    """The only two names that differ by one of these signs, such as 'stim1' and 'stim2'.
+def _stimulus_pairs(names: Texts, signs: Mapping[str, str]) -> list[Texts]:
+    """The names that differ by one of these signs, such as 'stim1' and 'stim2'.
 
     Examples
     --------
-    >>> _stimulus_pair(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
-    ('stim1_dB', 'stim2_dB')
-    >>> _stimulus_pair(["toneA", "toneB"], _LETTERS), _stimulus_pair(["DATA", "DATB"], _LETTERS)
-    (('toneA', 'toneB'), ())
+    >>> _stimulus_pairs(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
+    [('stim1_dB', 'stim2_dB')]
+    >>> _stimulus_pairs(["toneA", "toneB"], _LETTERS), _stimulus_pairs(["DATA", "DATB"], _LETTERS)
+    ([('toneA', 'toneB')], [])
     """
+    pairs = list[Texts]()
     for sign, second_sign in signs.items():
-        pairs = []
         for name in names:
             second_name = re.sub(sign, second_sign, name)
             if second_name != name and second_name in names:
                 pairs.append((name, second_name))
-        if len(pairs) == 1:
-            return pairs[0]
-    return ()
+    return pairs
+
+
+def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
+    """The names of two columns that may be the stimuli; of several such, the likeliest first.
+
+    Without such names they are columns next to each other of which three pairs of values come in
+    both orders. Without these, too, a pair has no names.
+
+    Examples
+    --------
+    >>> texts = {"dur1": "200 200", "dur2": "200 200", "c1": "2 3", "c2": "3 2"}
+    >>> columns = [Column.from_texts(name, text.split()) for name, text in texts.items()]
+    >>> _likely_pairs(columns)
+    [('c1', 'c2'), ('dur1', 'dur2')]
+    """
+    texts = {column.name: {*column.texts} for column in columns}
+    names = [*filterfalse(str.isdigit, filter(_may_be_stimulus, texts))]
+    pairs = _stimulus_pairs(names, _NUMBERS | _LETTERS)
+    if not pairs:
+        for first, second in pairwise(columns):
+            rows = {*zip(first.map(str, object), second.map(str, object), strict=True)}
+            if len(rows & {(b, a) for a, b in rows if a != b}) > 5:
+                pairs.append((first.name, second.name))
+    # Stimuli have many values in common, of two units that of the name.
+    pairs.sort(key=lambda pair: (-len(texts[pair[0]] & texts[pair[1]]), not unit_in(pair[0])))
+    return pairs[:3] or [()]
 
 
 def _remedies(
-    roles_read: Texts, options: ReadOptions, columns: Sequence[Column]
+    roles_read: Texts, options: ReadOptions, columns: Collection[Column]
 ) -> Iterator[Remedy]:
-    """Options to type if columns are missing; names are proposed in the order of `columns`."""
+    """Options to type if columns are missing."""
     names = [column.name for column in columns]
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
     names_read = [*map(options.name, roles_read)]
-    free = [name for name in names if name not in names_read and not name.isdigit()]
-    signs = _NUMBERS | _LETTERS
-    # Of two pairs, such as frames and ms, the stimuli are those with a unit.
-    pair = _stimulus_pair(free, signs) or _stimulus_pair([*filter(unit_in, free)], signs)
-    if not pair and not {"s1", "i1"}.isdisjoint(missing):
-        yield from _wide_remedies(names, columns)
-    # Without a pair, no role has a name.
-    stimuli = {role: (name,) for role, name in zip(options.stimuli, pair, strict=False)}
-    names_to_skip = (*names_read, *pair, *solutions(columns, options, pair))
-    others = [column for column in columns if column.name not in names_to_skip]
+    free = [column for column in columns if column.name not in names_read]
+    pairs = _likely_pairs(free)
+    if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
+        wide = [*_wide_remedies(names, columns)]
+        yield from wide
+        if wide:  # what else is missing depends on it
+            return
+    # Of columns that are as full, those of ratings come last.
+    free.sort(key=lambda column: (empty(column).sum(), len(column.texts) > 3))
 
-    yield from _columns_remedies([*filter(_REQUIRED.__contains__, missing)], stimuli, others)
+    required = [*filter(_REQUIRED.__contains__, missing)]
+    for pair in pairs:
+        # Without a pair, no role has a name.
+        stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
+        names_to_skip = (*pair, *solutions(columns, options, pair))
+        others = [column for column in free if column.name not in names_to_skip]
+        yield from _columns_remedies(required, stimuli, others)
 
     if missing == ["n_equal"]:
         yield from _count_remedies(names, options)
@@ -791,11 +828,14 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     --------
     >>> _pair_pattern(["rt", "440 Hz vs 460 Hz", "460 Hz vs 440 Hz"]), _pair_pattern(["1.5"])
     (('{first} Hz vs {second} Hz', 2), ('', 0))
+    >>> _pair_pattern(["Q5_100_112", "Q5_112_100"]), _pair_pattern(["2026-11-30"])
+    (('Q*_{first}_{second}', 2), ('', 0))
     """
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
     for shape, n_texts in shapes.most_common(1):  # none without texts
-        if re.fullmatch("[^{}]*{}[^{}]+{}[^{}]*", shape):
-            return re.sub("{}(.+){}", r"{first}\1{second}", shape), n_texts
+        if re.fullmatch(r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*", shape):  # 'Q5_' may be in front
+            pattern = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
+            return pattern.replace("{}", "*"), n_texts
     return "", 0
 
 
@@ -830,7 +870,7 @@ def _columns_remedies(
     names_by_role = {role: stimuli.get(role) or _likely_names(columns, role) for role in roles}
     blank_roles = [role for role, names in names_by_role.items() if names == ["NAME"]]
     are_replaceable = all(map(replacements.get, blank_roles))
-    if are_replaceable and len(blank_roles) < len(roles):
+    if are_replaceable and blank_roles != roles:
         for role in blank_roles:  # they are asked about after the others
             del names_by_role[role]
 
@@ -841,7 +881,7 @@ def _columns_remedies(
     instead = list[Remedy]()
     for role in names_by_role:
         instead += replacements.get(role, [])
-    return instead + by_name if blank_roles and are_replaceable else by_name + instead
+    return instead + by_name if are_replaceable and blank_roles == roles else by_name + instead
 
 
 def _likely_names(columns: Sequence[Column], role: str) -> list[str]:

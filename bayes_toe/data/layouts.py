@@ -383,7 +383,7 @@ def require_unit(
     names = join_words([display_name(column.name) for column in columns])
     low = stimuli[rows].min()
     if finding:
-        problem = f"columns {names}: found {finding}, allowed: natural logs"
+        problem = f"columns {names}: found {finding}, allowed: natural logs or a unit"
         if index is not None:
             problem = f"row {table.rows[rows[index]]}, {problem}"
         if low == 0.0:

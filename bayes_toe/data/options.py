@@ -255,7 +255,7 @@ class ReadOptions:
                     "{second}, such as '{first}_{second}'"
                 )
 
-        if self.subject_from is not None and self.subject_from.count("{}") != 1:
+        if self.subject_from is not None and "{}" not in self.subject_from:
             yield (
                 f"--subject-from: found {quoted(self.subject_from)}, allowed: a file's name with "
                 "one {}, such as 'sub-{}_*.tsv'"
@@ -459,6 +459,8 @@ def subject_in(path: object, pattern: str) -> str | None:
     '07'
     >>> subject_in(Path("S1/trials.csv"), "{}/trials.csv")
     'S1'
+    >>> subject_in(Path("old/1.csv"), "{}/{}.*")
+    'old_1'
     """
     if not isinstance(path, StrPath):
         return None
@@ -467,4 +469,4 @@ def subject_in(path: object, pattern: str) -> str | None:
     # 'sub-{}_*' becomes 'sub-([^/]+?)_[^/]*'.
     regex = re.escape(pattern).replace(r"\{\}", "([^/]+?)").replace(r"\*", "[^/]*")
     match = re.fullmatch(regex, end_of_path)
-    return match and match[1]
+    return match and "_".join(match.groups())

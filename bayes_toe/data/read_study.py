@@ -627,8 +627,9 @@ def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts 
     counts = {}
     for text, n in zip(subject.texts, np.bincount(subject.codes).tolist(), strict=True):
         counts[text or "(no subject)"] = n
-    trials = (len(subject.codes), "trial")
-    return [Note(trials, f" {reason} dropped{finding}: ", named_counts(counts))]
+    # Programs also write rows of screens, which are as many as the answers, or more.
+    noun = "trial" if is_dropped.mean() < 0.5 else "row"
+    return [Note((len(subject.codes), noun), f" {reason} dropped{finding}: ", named_counts(counts))]
 
 
 # --- Counts ---------------------------------------------------------------------------------------

@@ -262,7 +262,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     first, header = tables[title]
     if len(tables) > 1 and n_chosen(header, choice):
         remedies = [
-            Remedy("sheet", "*", "if the sheets have a column of subjects"),
+            Remedy("sheet", "*", "if all sheets are of one study"),
             Remedy("sheet", "{}", "if each sheet is a subject"),
         ]
         remedies += [Remedy("sheet", title) for title in tables]
@@ -407,7 +407,12 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     text, label = decoded(source, data, encoding)
     records = []
     n_fields = 0
-    for record in _json_records(source, _with_info(_parse_json(source, text)), {}):
+    for trial in _json_records(source, _with_info(_parse_json(source, text)), {}):
+        record = dict[str, object]()
+        for key, value in trial.items():  # 'first': {'ms': 400} becomes 'first.ms': 400
+            parts = value if isinstance(value, dict) else {"": value}
+            for name, cell in parts.items():
+                record[f"{key}.{name}".removesuffix(".")] = cell
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)

@@ -156,7 +156,7 @@ class StimulusUnit:
                 f"--unit: found {quoted(self.name)}, a logarithm without a known factor, allowed: "
                 f"{', '.join(LOG_UNITS)}; dB has 20 dB for a factor of ten"
             )
-        if not is_text or len(self.name) > _LONGEST:
+        if not is_text or len(self.name) > _LONGEST or self.name == "NAME":
             raise InputError(
                 f"--unit: found {quoted(self.name)}, allowed: {', '.join(LOG_UNITS)}, or a unit of "
                 f"intensity of at most {_LONGEST} letters, such as g"

@@ -208,6 +208,11 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
     if len({*names}) < len(names):  # a name in several folders is no subject
         patterns.reverse()
+        folders = {Path(path).parent.name for path in paths}
+        # Folders with several files may be groups, as old/1.csv, or subjects, as S1/1.csv.
+        if len(folders) < len(paths):
+            are_subjects = re.search(r"\d", "".join(folders))
+            patterns.insert(len(patterns) if are_subjects else 0, "{}/{}.*")
     for pattern in patterns:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:

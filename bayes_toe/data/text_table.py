@@ -45,11 +45,12 @@ DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "spa
 #: Of a table; Excel has as many columns. More would fill the memory.
 _MOST_COLUMNS = 2**14
 _MOST_CELLS = 5 * 10**7
-#: How logs begin in which trials are no rows, by the program and what is read of it.
+#: How logs begin in which trials are no rows, by the program and what is read of it. Presentation
+#: writes the first line above other tables, too.
 _LOGS = {
-    "E-Prime, allowed: its trials as CSV, which E-DataAid exports": "*** Header Start ***",
+    "E-Prime, allowed: its trials as CSV, which E-DataAid exports": r"\*\*\* Header Start \*\*\*",
     "Presentation, allowed: its trials as CSV, such as those that a scenario prints to an "
-    "output_file, since the rows of a log are events": "Scenario - ",
+    "output_file, since the rows of a log are events": "Scenario - [^\0]{0,2000}\tEvent Type\t",
 }
 #: Records among which the names are looked for.
 MOST_RECORDS = 10
@@ -365,7 +366,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     """
     text, label = decoded(source, data, encoding)
     for program, start in _LOGS.items():
-        if text.startswith(start):
+        if re.match(start, text):
             raise InputError(f"{source}: found a log of {program}")
     # Spreadsheets name the delimiter in a first line, such as 'sep=;'. It becomes an empty line, so
     # that rows keep their numbers.

@@ -391,6 +391,17 @@ READ = {
     "arrays_line_by_line.txt": JATOS,
     "separators.jsonl": SEPARATORS,
     "row_names.csv": ROW_NAMES,
+    "chinese.csv": labelled(
+        answered(IN_GRAMS, "第一个", "第二个"),
+        subject="被试",
+        w1="第一_g",
+        w2="第二_g",
+        response="反应",
+    ),
+    "presentation.txt": "Scenario - pitch\nLogfile written - 1 May\n\n"
+    + csv(IN_LOGS, sep="\t").decode(),
+    "forces.csv": labelled(IN_GRAMS, w1="first_N", w2="second_N"),
+    "luminances.csv": labelled(IN_GRAMS, w1="lum1_cd_m2", w2="lum2_cd_m2"),
     "row_names.txt": ROW_NAMES.replace(",", " "),
     "formats.xlsx": with_part(
         excel(T=IN_LOGS), b"</sheetData>", f"{FORMATTED_ROWS}</sheetData>".encode()
@@ -403,6 +414,7 @@ READ_IN_PART = {
     **dict.fromkeys(["nested.mat", "matrix.mat", "nested.json", "7.csv", "P03.csv"], P03),
     "missed_trials.csv": UNEQUAL[IN_LOGS.columns],
     "right_answers.csv": UNEQUAL[IN_LOGS.columns],
+    "scored_rats.csv": UNEQUAL[IN_LOGS.columns],
 }
 #: What the notes say of some of these.
 NOTES = """
@@ -426,6 +438,8 @@ NOTES = """
     decibel.csv | column s1_dB read as s1, dB
     grams_by_name.csv | column weight2_g read as i2, intensity in g
     gorilla.csv | remark below the last row left out
+    forces.csv | column first_N read as i1, intensity in N
+    luminances.csv | column lum1_cd_m2 read as i1, intensity in cd/m2
     names_of_history.csv | column Trial read as trial
     decimal_commas.csv | trial rows, comma-separated, UTF-8, decimal comma, resp
     a_sheet_a_session.xlsx | 1 subject in several files
@@ -453,7 +467,7 @@ REFUSED = {
     "no_names.csv": (
         csv(IN_LOGS, header=False),
         "The columns are 1, 2, 3, 4. The file has no header, so these are the numbers of its col",
-        "type:  --columns subject=1,s1=NAME,s2=NAME,response=4",
+        "type:  --columns subject=1,s1=2,s2=3,response=4",
     ),
     "no_names.txt": (
         "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
@@ -547,7 +561,7 @@ REFUSED = {
         excel(A=IN_LOGS, B=IN_LOGS),
         "the sheets A and B have tables",
         "--sheet '{}'",
-        "if the sheets have a column of subjects",
+        "if all sheets are of one study",
         "--sheet A",
     ),
     "two_sheets.xlsx --sheet C": (
@@ -595,7 +609,8 @@ REFUSED = {
     ),
     "levels.csv --columns s1=level1,s2=level2": (
         "subject,level1,level2,response\na,60,63,second\na,63,60,first\n",
-        "\ntype:  --unit dB        if 20 dB are a factor of ten\n",
+        "\ntype:  --unit NAME      with their unit, such as Pa or dB\n",
+        "\n       --unit dB        if 20 dB are a factor of ten\n",
         "\n       --unit dB-power  ",
         "\n       --unit a.u.      ",
     ),
@@ -605,7 +620,7 @@ REFUSED = {
     ),
     "names_of_pictures.csv --columns s1=w1,s2=w2": (
         "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
-        "found whole numbers from 12 to 14, allowed: natural logs\ntype:  --unit a.u.",
+        "found whole numbers from 12 to 14, allowed: natural logs or a unit\ntype:  --unit a.u.",
     ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
@@ -674,7 +689,7 @@ REFUSED = {
         "found a log of E-Prime, allowed: its trials as CSV, which E-DataAid exports",
     ),
     "presentation.log": (
-        "Scenario - pitch\n",
+        "Scenario - pitch\n\nSubject\tTrial\tEvent Type\tCode\n",
         "found a log of Presentation, allowed: its trials as CSV",
     ),
     "below_a_title.csv": (
@@ -792,7 +807,37 @@ ADVISED = {
         IN_GRAMS.assign(time=[f"10:{minute}" for minute in range(10, 50)] * 2),
         "--columns s1=w1,s2=w2 --unit a.u.",
     ),
+    "times_of_stimuli.csv": (
+        IN_GRAMS.assign(
+            **{"stim1.started": TRIALS.index, "stim2.started": TRIALS.index + 1},
+            dur1_ms=200,
+            dur2_ms=200,
+        ),
+        "--columns s1=w1,s2=w2 --unit a.u.",
+    ),
+    "wide.csv": (
+        WIDE.rename(columns=lambda name: f"Q5_{name}" if "_" in name else "ResponseId").loc[
+            :, lambda table: ~table.columns.duplicated()
+        ],
+        "--wide 'Q*_{first}_{second}' --columns subject=ResponseId --unit a.u.",
+    ),
+    "parts.json": (
+        [
+            {
+                "id": row.subject,
+                "first": {"g": row.w1},
+                "second": {"g": row.w2},
+                "chosen": row.response,
+            }
+            for row in IN_GRAMS.itertuples()
+        ],
+        "--columns subject=id,response=chosen",
+    ),
     "rats.csv": (labelled(IN_LOGS, subject="Rat"), "--columns subject=Rat"),
+    "scored_rats.csv": (
+        labelled(SCORED, subject="Rat").drop(columns=["key", "rt"]),
+        "--columns subject=Rat --correct correct",
+    ),
     "sessions.xlsx": (excel(A=IN_LOGS[:30], B=IN_LOGS[30:]), "--sheet '*'"),
     "subjects.xlsx": (
         excel(P03=WITHOUT_SUBJECT, P12=IN_LOGS[40:].drop(columns="subject")),
@@ -1125,7 +1170,8 @@ def test_a_folder_stands_for_its_tables(tmp_path):
 SUBJECTS_BY_NAME = """
     | VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
     | A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
-    | V/a.csv V/b.csv W/a.csv | --subject-from '{}/*' if the subjects are V, W --subj | V W
+    | V/a.csv V/b.csv W/a.csv | --subject-from '{}/{}.*' if the subjects are V_a, | V_a V_b W_a
+    | S1/a.csv S1/b.csv S2/a.csv | --subject-from '{}/*' if the subjects are S1, S2 --subj | S1 S2
     | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
