@@ -52,15 +52,8 @@ class Command(TyperCommand):
     """A command whose help is one screen: only `check` lists how to read files in other layouts."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Store in `TYPED` what was typed; read the options: `--example` may have no value.
-
-        An option with one value is refused if it is typed twice.
-        """
+        """Store in `TYPED` what was typed; read the options: `--example` may have no value."""
         TYPED[:] = [str(self.name), *args]
-        for parameter in self.get_params(ctx):
-            name = parameter.opts[0]
-            if args.count(name) > 1 and not getattr(parameter, "multiple", True):
-                raise typer.BadParameter(f"{name}: found twice, allowed: once")
         return super().parse_args(ctx, complete_example(args))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
