@@ -191,4 +191,4 @@ def _json_value(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return list(value)
     text = value_text(value)
-    return getattr(text, "problem", text)
+    return text if isinstance(text, str) else text.problem

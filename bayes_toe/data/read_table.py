@@ -225,12 +225,17 @@ def _table_of_values(
     problems = Problems(source)
     columns = {}
     for name, cells in values.items():
-        texts = [*map(value_text, cells)]
+        texts = []
+        cell_problems = []
+        for row, text in zip(rows, map(value_text, cells), strict=True):
+            if isinstance(text, NoValue):
+                location = f"row {row}, column {display_name(name)}"
+                cell_problems.append((row, f"{location}: {text.problem}"))
+                text = ""
+            texts.append(text)
         columns[name] = Column.from_texts(name, texts)
-        for row, text in zip(rows, texts, strict=True):
-            if isinstance(text, NoValue) and name in chosen:
-                problems.add([(row, f"row {row}, column {display_name(name)}: {text.problem}")])
-                break
+        if name in chosen and cell_problems:
+            problems.add(cell_problems[:1])
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, notes)
 
@@ -313,7 +318,10 @@ def _tables_of_sheets(
     for title, rows in sheets.items():
         records = []
         for cells in rows[:MOST_RECORDS]:
-            records.append([" ".join(text.split()) for text in map(value_text, cells)])
+            names = []
+            for text in map(value_text, cells):
+                names.append(" ".join(text.split()) if isinstance(text, str) else "")
+            records.append(names)
         index = header_place(records, choice)
         heads[title] = index, records[index]
     counts = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from operator import itemgetter
 from sys import intern
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -134,19 +134,13 @@ class Column:
         return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
 
 
-class NoValue(str):
+class NoValue(NamedTuple):
     """A cell without a value, such as an error of Excel."""
 
     problem: str
 
-    def __new__(cls, problem: str) -> NoValue:
-        """An empty text, and why it is empty."""
-        cell = super().__new__(cls)
-        cell.problem = problem
-        return cell
 
-
-def value_text(value: object) -> str:
+def value_text(value: object) -> str | NoValue:
     """The text of a value in a CSV file, or why it has none.
 
     Examples

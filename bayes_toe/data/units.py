@@ -2,8 +2,7 @@
 
 `unit_column` has these names in place of the subjects. `with_conditions` gives the study its
 conditions, or takes the names back if no subject has two levels. Where the levels are tasks,
-`options_by_task` has the options with which each task is read, and `study_of_tasks` makes one study
-of them.
+`studies_by_task` reads the rows of each task, and `study_of_tasks` makes one study of them.
 """
 
 from __future__ import annotations

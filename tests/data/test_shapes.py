@@ -590,6 +590,10 @@ REFUSED = {
         excel(T=IN_LOGS.assign(s1="#DIV/0!")),
         "row 2, column s1: found #DIV/0!, allowed: a value that Excel",
     ),
+    "errors_alone.xlsx": (
+        excel(T=with_rows(IN_LOGS, [["#REF!"] * 4])),
+        "row 2, column subject: found #REF!, allowed: a value that Excel",
+    ),
     "percent_in_cells.csv": (
         "subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",
         "error: percent_in_cells.csv: the stimuli have the unit '%'.\ntype:  --unit %  if",
