@@ -84,12 +84,12 @@ def test_real_vibrotactile_subjects_go_both_ways(vibrotactile):
 
 
 def test_a_numerical_failure_leaves_the_other_subjects(monkeypatch):
-    def finite(evidence):
+    def checked(evidence):
         if evidence.subject.name == "B":
-            return NumericalError("not a finite number")
+            raise NumericalError("not a finite number")
         return evidence
 
-    monkeypatch.setattr("bayes_toe.inference.order_evidence._finite", finite)
+    monkeypatch.setattr("bayes_toe.inference.order_evidence.OrderEvidence.checked", checked)
     table = bt.evidence(few_pairs("ABC"), seed=1)
     assert [row.subject for row in table] == ["A", "C"]
     assert table.failed == {"B": "not a finite number"}
