@@ -29,7 +29,7 @@ from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import DrawsStack, subjects_tree
-from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, try_order_evidence
+from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, unchecked_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
@@ -336,24 +336,22 @@ def _analyse_subjects(
     The evidences of all subjects are computed together, which is faster.
     """
     subjects, flags = zip(*flagged_subjects, strict=True)
-    evidences = try_order_evidence(subjects, settings.seed, settings.prior.observer)
+    evidences = unchecked_evidence(subjects, settings.seed, settings.prior.observer)
     analyse = partial(_analyse_subject, settings=settings, **options)
     return try_each(analyse, zip(evidences, flags, strict=True))
 
 
 def _analyse_subject(
-    flagged_evidence: tuple[OrderEvidence | NumericalError, Sequence[Finding]],
+    flagged_evidence: tuple[OrderEvidence, Sequence[Finding]],
     settings: Settings,
     evidence_draws: int,
     has_chains: bool,
 ) -> _SubjectAnalysis:
     """The answer of one subject, and the evidence and perhaps draws of the paper's model."""
     evidence, flags = flagged_evidence
-    if isinstance(evidence, NumericalError):
-        raise evidence
     seed = settings.seed
     subject = evidence.subject
-    answer = answer_evidence(evidence, seed, flags)
+    answer = answer_evidence(evidence.checked(), seed, flags)
     target = paper_posterior(subject, settings.prior)
     fitted = fit_subject(target, seed, has_chains=has_chains)
     h1 = model_evidence(fitted, seed, evidence_draws)

@@ -42,7 +42,7 @@ from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of, write_table
 from bayes_toe.data.tasks import Task
-from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.errors import InputError
 from bayes_toe.inference.engine import Precision, fitted_draws, mixture_of_maxima
 from bayes_toe.inference.maxima import ascend_from
 from bayes_toe.inference.model_set import ModelSet
@@ -387,9 +387,7 @@ def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> O
     # Without columns in the design nothing differs between the units.
     models = ConditionModels(tuple(units), np.zeros((len(units), 0)), prior)
     (evidence,) = evidences_of(models.without_differences, [models.subject], seed, prior)
-    if isinstance(evidence, NumericalError):
-        raise evidence
-    return evidence
+    return evidence.checked()
 
 
 def subject_contrast(
@@ -471,10 +469,9 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
         mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
-    one_family = np.zeros(len(array), np.intp)  # because every model is compared with every other
     # More than usual, because intervals of differences come from these draws too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
-    _, draws = fitted_draws(array, mixtures, generators, one_family, precision)
+    _, draws = fitted_draws(array, mixtures, generators, precision)
 
     n = len(CHOICES)
     prior_probabilities = np.full(n, 1.0 / n)

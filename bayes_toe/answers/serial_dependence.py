@@ -33,7 +33,7 @@ from bayes_toe.inference.order_evidence import (
     BATCH,
     MODEL_NAMES,
     OrderEvidence,
-    try_order_evidence,
+    unchecked_evidence,
 )
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
@@ -42,7 +42,7 @@ from bayes_toe.model.prior_file import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior, require_order
 from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Progress, Workers
+from bayes_toe.workers import Progress, Workers, try_each
 
 #: The four models, in the order of their evidences, and which have each effect.
 HISTORIES = ("static", "previous_response", "carry_over", "carry_over_and_previous_response")
@@ -247,17 +247,15 @@ def _dependences(
     subjects: Sequence[Subject], seed: int, prior: ObserverPrior
 ) -> list[SubjectDependence | NumericalError]:
     """The serial dependence of some subjects, whose models of order are analysed together."""
-    return [
-        evidence if isinstance(evidence, NumericalError) else subject_dependence(evidence, seed)
-        for evidence in try_order_evidence(subjects, seed, prior)
-    ]
+    evidences = unchecked_evidence(subjects, seed, prior)
+    return try_each(partial(subject_dependence, seed=seed), evidences)
 
 
 def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     """The serial dependence of one subject from the evidences of the four models of order."""
     subject = evidence.subject
     prior = evidence.prior
-    screen = subject_screen(evidence)
+    screen = subject_screen(evidence.checked())
     row = SubjectDependence(subject.name, _order_models(evidence), screen=screen)
     # The first history is the model of order itself, whose draws are known.
     static = evidence.draws[MODEL_NAMES.index(row.order_models[0])]
@@ -307,9 +305,8 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
     history_points = 0.7 * rng.standard_normal((_CLOUD, len(posterior.model.effects)))
     points = np.concatenate([order_points, history_points], axis=1)
     mixture = mixture_of_points(points, posterior.array.is_free[0])
-    family = np.zeros(1, np.intp)  # one posterior
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)
-    _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], family, precision)
+    _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], precision)
     return draws
 
 

@@ -23,7 +23,7 @@ from bayes_toe.data.responses import response_trend
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.engine import Precision
-from bayes_toe.inference.order_evidence import OrderEvidence, try_order_evidence
+from bayes_toe.inference.order_evidence import unchecked_evidence
 
 #: The task that answers of a task may be of.
 OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
@@ -100,7 +100,7 @@ def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
     quick = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)
     log_evidence = np.full(len(subjects), np.nan)
     # A fixed seed gives the same study the same alarms.
-    for i, evidence in enumerate(try_order_evidence(subjects, seed=0, precision=quick)):
-        if isinstance(evidence, OrderEvidence):
+    for i, evidence in enumerate(unchecked_evidence(subjects, seed=0, precision=quick)):
+        if np.isfinite(evidence.log_evidence).all():
             log_evidence[i] = evidence.log_mean_evidence
     return log_evidence

@@ -59,6 +59,7 @@ class SubjectRows(LinearLikelihood):
         The coordinates of the rows that the group does not share.
     """
 
+    rows: ObserverRows
     n_coefficients: int
     unshared_coordinates: list[int]
 
@@ -107,6 +108,11 @@ class SubjectRows(LinearLikelihood):
     def n_coordinates(self) -> int:
         """Length of a subject's point: q, and the number of unshared parameters."""
         return int(self.loading.shape[2])
+
+    def plain_gradient(self, w: FloatArray) -> ArrayPair:
+        """Log likelihood and gradient by plain probabilities, (subjects, points[, d])."""
+        value, slope = self.rows.plain_gradient(self.row_points(w))
+        return self.summed(value), self.summed(slope @ self.loading)
 
     def log_unshared_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the unshared parameters, (..., unshared) -> (...), and its slopes."""

@@ -283,19 +283,10 @@ class GroupDraws:
 
     @cached_property
     def convergence(self) -> Mapping[str, Convergence]:
-        """Diagnostics of every mean, standard deviation and effect.
-
-        `mean 0` is that of coefficient 0, and `effect 1 0` that of covariate 1 on coefficient 0.
-        """
-        columns = {}
-        for coefficient in range(self.mean.shape[2]):
-            columns[f"mean {coefficient}"] = self.mean[..., coefficient]
-            columns[f"sd {coefficient}"] = self.sd[..., coefficient]
-            for covariate in range(self.effects.shape[2]):
-                columns[f"effect {covariate} {coefficient}"] = self.effects[
-                    ..., covariate, coefficient
-                ]
-        return convergence_of(columns)
+        """Diagnostics of every mean, standard deviation and effect, by its position."""
+        effects = self.effects.reshape(*self.mean.shape[:2], -1)
+        columns = np.concatenate([self.mean, self.sd, effects], axis=2)
+        return convergence_of({str(i): columns[..., i] for i in range(columns.shape[2])})
 
     @property
     def shortfall(self) -> str:

@@ -254,8 +254,8 @@ def fitted_draws(
     array: PosteriorArray,
     mixtures: Sequence[PriorMixture],
     generators: Sequence[Rng],
-    families: IndexArray,
     precision: Precision,
+    families: IndexArray | None = None,
 ) -> tuple[list[PriorMixture], list[WeightedDraws]]:
     """Mixtures that are adapted to posteriors, and fresh draws of each.
 
@@ -267,11 +267,13 @@ def fitted_draws(
         The mixture of each posterior to begin with.
     generators : sequence of Generator
         The generator of each posterior; several may share one.
-    families : ndarray of int, shape (posteriors,)
-        The family of each posterior. Posteriors that are compared are of one family: one that is
-        far less probable than the best of its family needs no precision.
     precision : Precision
+    families : ndarray of int, shape (posteriors,), optional
+        The family of each posterior, by default one of all. Posteriors that are compared are of one
+        family: one that is far less probable than the best of its family needs no precision.
     """
+    if families is None:
+        families = np.zeros(len(array), np.intp)
     no_draws = WeightedDraws(np.empty((0, len(array.names))), *np.empty((3, 0)))  # to add to
     states = []
     for mixture, rng in zip(mixtures, generators, strict=True):

@@ -115,8 +115,7 @@ def fit_posterior(
 
     first = mixture_of_clouds(clouds, ends, array, rng)
     precision = replace(SHARP, most_draws=judging_draws)
-    family = np.zeros(1, np.intp)  # one posterior
-    (mixture,), (draws,) = fitted_draws(array, [first], [rng], family, precision)
+    (mixture,), (draws,) = fitted_draws(array, [first], [rng], precision)
     return Fitted(target, _maxima_from(target, ends), array, mixture, draws)
 
 

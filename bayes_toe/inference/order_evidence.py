@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -85,6 +86,17 @@ class OrderEvidence(ModelSet):
         posterior = OrderModel("both").posterior(self.subject, self.prior)
         return OrderDraws(draws.x, draws.weights, posterior)
 
+    def checked(self) -> Self:
+        """The evidences if all are finite numbers; else a NumericalError that names the subject."""
+        is_finite = np.isfinite(self.log_evidence)
+        if is_finite.all():
+            return self
+        model = MODEL_NAMES[np.argmin(is_finite)]
+        raise NumericalError(
+            f"subject {self.subject.name!r}: the evidence of the model {model!r} is not a finite "
+            "number"
+        )
+
     def with_prior_scale(self, effect: Parameter, factor: float) -> ModelSet:
         """The models where the prior of the constant error, or of p, is `factor` times as wide.
 
@@ -140,21 +152,17 @@ def order_evidence(
     >>> evidence.log_evidence.shape
     (4,)
     """
-    evidences = []
-    for evidence in try_order_evidence(subjects, seed, prior, precision):
-        if isinstance(evidence, NumericalError):
-            raise evidence
-        evidences.append(evidence)
-    return evidences
+    evidences = unchecked_evidence(subjects, seed, prior, precision)
+    return [evidence.checked() for evidence in evidences]
 
 
-def try_order_evidence(
+def unchecked_evidence(
     subjects: Sequence[Subject],
     seed: int,
     prior: ObserverPrior = DEFAULT_PRIOR,
     precision: Precision = USUAL,
-) -> list[OrderEvidence | NumericalError]:
-    """:func:`order_evidence`, with the error of each subject that fails in its place.
+) -> list[OrderEvidence]:
+    """:func:`order_evidence`, where an evidence may be no finite number.
 
     Up to :data:`BATCH` subjects are one array, which is faster. Subjects of one array have equally
     many pairs: a sum over more pairs may round otherwise, and the results would depend on the other
@@ -164,7 +172,7 @@ def try_order_evidence(
     for i, subject in enumerate(subjects):
         indices_by_size[subject.n_pairs].append(i)
 
-    results = dict[int, OrderEvidence | NumericalError]()
+    results = dict[int, OrderEvidence]()
     for indices in indices_by_size.values():
         for start in range(0, len(indices), BATCH):
             batch = indices[start : start + BATCH]
@@ -189,7 +197,7 @@ def evidences_of(
     seed: int,
     prior: ObserverPrior,
     precision: Precision = USUAL,
-) -> list[OrderEvidence | NumericalError]:
+) -> list[OrderEvidence]:
     """The evidences of subjects, from an array with the four posteriors of each subject."""
     maxima = observer_maxima(array)
     modes, laplace_evidences = laplace(array, maxima)
@@ -199,9 +207,9 @@ def evidences_of(
     for subject in subjects:  # its four models share a generator
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
     families = np.repeat(np.arange(len(subjects)), _N_MODELS)
-    _, draws = fitted_draws(array, mixtures, generators, families, precision)
+    _, draws = fitted_draws(array, mixtures, generators, precision, families)
 
-    results = []
+    evidences = []
     for i, subject in enumerate(subjects):
         models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
         evidence = OrderEvidence.from_draws(
@@ -212,17 +220,5 @@ def evidences_of(
             laplace=laplace_evidences[models],
             modes=modes[models],
         )
-        results.append(_finite(evidence))
-    return results
-
-
-def _finite(evidence: OrderEvidence) -> OrderEvidence | NumericalError:
-    """The evidences, or an error where one is not a finite number."""
-    is_finite = np.isfinite(evidence.log_evidence)
-    if is_finite.all():
-        return evidence
-    model = MODEL_NAMES[np.argmin(is_finite)]
-    return NumericalError(
-        f"subject {evidence.subject.name!r}: the evidence of the model {model!r} is not a finite "
-        "number"
-    )
+        evidences.append(evidence)
+    return evidences

@@ -19,7 +19,7 @@ from typing import ClassVar, NamedTuple, Self
 import numpy as np
 from scipy.special import expit, log_expit, log_ndtr
 
-from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, NamedArrays, Texts
+from bayes_toe.arrays import FloatArray, IndexArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.model.densities import Priors, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
@@ -234,11 +234,6 @@ class AnswerRows(ABC):
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
         """:meth:`log_likelihood` by a cheaper form, where a model has one."""
         return self.log_likelihood(u)
-
-    def plain_gradient(self, u: FloatArray) -> ArrayPair:
-        """Log likelihood and gradient, (rows, points[, k]), by a cheaper form if there is one."""
-        value, gradient, _ = self.scoring(u)
-        return value, gradient
 
     def scoring(self, u: FloatArray) -> tuple[FloatArray, ...]:
         """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]]).

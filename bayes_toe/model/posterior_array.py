@@ -73,15 +73,10 @@ class LinearLikelihood:
 
         It comes from plain probabilities, at a third of the cost of :meth:`scoring`.
         """
-        value = self._summed(self.rows.plain_log_likelihood(self.row_points(w)))
+        value = self.summed(self.rows.plain_log_likelihood(self.row_points(w)))
         for task in self.further:
             value = value + task.plain_value(w)
         return value
-
-    def plain_gradient(self, w: FloatArray) -> ArrayPair:
-        """Log likelihood and gradient by plain probabilities, of posteriors with one task."""
-        value, slope = self.rows.plain_gradient(self.row_points(w))
-        return self._summed(value), self._summed(slope @ self.loading)
 
     def scoring(self, w: FloatArray) -> tuple[FloatArray, ...]:
         """Log likelihood, gradient and Fisher information, (posteriors, points[, d[, d]])."""
@@ -90,12 +85,12 @@ class LinearLikelihood:
         with np.errstate(invalid="ignore"):  # infinite slopes where an answer is impossible
             slope = slope @ self.loading
             information = loading.swapaxes(2, 3) @ information @ loading
-        sums = tuple(map(self._summed, (value, slope, information)))
+        sums = tuple(map(self.summed, (value, slope, information)))
         for task in self.further:
             sums = tuple(map(np.add, sums, task.scoring(w)))
         return sums
 
-    def _summed(self, values: FloatArray) -> FloatArray:
+    def summed(self, values: FloatArray) -> FloatArray:
         """Sums over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
         if len(self.first_row) == len(values):
             return values

@@ -14,7 +14,6 @@ import bayes_toe as bt
 from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.order_evidence import try_order_evidence
 
 KINDS = {
     "none": {},
@@ -117,11 +116,12 @@ def test_the_command_writes_the_table_and_the_figure(tmp_path):
 
 
 def test_the_command_ends_with_code_3_if_a_subject_has_no_result(tmp_path, monkeypatch):
-    def without_the_first(*arguments):
-        _, *evidences = try_order_evidence(*arguments)
-        return [NumericalError("no maximum"), *evidences]
+    def checked(evidence):
+        if evidence.subject.name == "S01":
+            raise NumericalError("no maximum")
+        return evidence
 
-    monkeypatch.setattr("bayes_toe.answers.serial_dependence.try_order_evidence", without_the_first)
+    monkeypatch.setattr("bayes_toe.inference.order_evidence.OrderEvidence.checked", checked)
     good("simulate -o trials.csv --task 2afc --subjects 2 --batches 5 --seed 1", cwd=tmp_path)
     completed = inside("history trials.csv --seed 1 --workers 1", cwd=tmp_path)
     assert completed.returncode == 3

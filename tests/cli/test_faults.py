@@ -28,12 +28,12 @@ def folder(tmp_path):
 
 
 def test_a_subject_that_fails_is_marked_and_the_study_goes_on(folder, monkeypatch, blank_pictures):
-    def finite(evidence):
+    def checked(evidence):
         if evidence.subject.name == "A":
-            return NumericalError(FAILURE)
+            raise NumericalError(FAILURE)
         return evidence
 
-    monkeypatch.setattr("bayes_toe.inference.order_evidence._finite", finite)
+    monkeypatch.setattr("bayes_toe.inference.order_evidence.OrderEvidence.checked", checked)
     completed = inside("run study.csv -o out --draws 100 --figures none --seed 1", cwd=folder)
     assert (completed.returncode, completed.stderr) == (3, "")
     assert f"! A  No result: {FAILURE}" in completed.stdout

@@ -84,8 +84,6 @@ def test_the_gradient_is_the_slope_of_the_likelihood(models):
     _, gradient, _ = likelihood.scoring(points)
     slopes = definitions.slopes(lambda x: likelihood.scoring(x)[0], points)
     np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-5)
-    if len(models.units_by_task) == 1:
-        np.testing.assert_allclose(likelihood.plain_gradient(points)[1], gradient, rtol=1e-9)
 
 
 def test_what_does_not_differ_has_no_prior_and_stays_at_0():
