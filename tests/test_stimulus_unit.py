@@ -54,7 +54,7 @@ def test_decibels_change_what_is_shown_and_no_number(logs, decibels, evidence):
 
 
 def test_a_file_of_draws_has_the_unit(decibels, tmp_path):
-    bt.sample(decibels.select("S01"), seed=1).save(tmp_path / "posterior.nc")
+    bt.sample(decibels.select("S01"), draws=100, seed=1).save(tmp_path / "posterior.nc")
     draws = bt.load(tmp_path / "posterior.nc")
     assert draws.study.unit == decibels.unit
     corner = bt.plots.corner(draws, "S01", coordinates=["pse_shift"])

@@ -18,7 +18,7 @@ from bayes_toe.errors import InputError
 TRIALS = "subject,s1,s2,response\n"
 COUNTS = "subject,s1,s2,n_equal,n_trials\n"
 ORDERED = "subject,s1,s2,response,block,trial\n"
-FUZZ = settings(max_examples=120, deadline=None, derandomize=True, database=None)
+FUZZ = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 
 
 def refused(data, typed=""):
