@@ -1,4 +1,4 @@
-"""What differs between conditions: Bayes factors, words, signs, units, and the command."""
+"""What differs between conditions: words, signs, units, and the command."""
 
 from itertools import product
 

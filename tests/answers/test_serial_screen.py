@@ -53,18 +53,18 @@ def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
     assert kstest(p_values(screens, "moving_criterion_p"), "uniform").pvalue > 1e-3
 
 
-#: An effect, and how many of 15 observers have p < .01 at least, by the p value that shows it.
+#: An effect, and how many of 10 observers have p < .01 at least, by the p value that shows it.
 @pytest.mark.parametrize(
     "options, least",
     [
-        ({"share_repeated": 0.2}, {"answer_p": 14}),
-        ({"p": 0.35, "carry_over": 0.9}, {"stimuli_p": 14, "joint_p": 14}),
-        ({"drift": 0.3}, {"moving_criterion_p": 13}),
+        ({"share_repeated": 0.2}, {"answer_p": 9}),
+        ({"p": 0.35, "carry_over": 0.9}, {"stimuli_p": 10, "joint_p": 10}),
+        ({"drift": 0.3}, {"moving_criterion_p": 9}),
     ],
 )
 def test_an_effect_is_seen_by_its_own_test(options, least):
     screens = []
-    for i in range(15):
+    for i in range(10):
         subject = answered(3000 + i, repeats=64, **options)
         screens.append(screen(subject, p=options.get("p", 0.0)))
     for name, number in least.items():

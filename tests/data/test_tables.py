@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bayes_toe.data.read_study import read_study
 from bayes_toe.data.tables import file_stems, write_table
 
-FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
+FUZZ = settings(max_examples=100, deadline=None, derandomize=True, database=None)
 
 
 def test_tables_are_plain_csv(tmp_path):

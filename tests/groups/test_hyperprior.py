@@ -1,4 +1,4 @@
-"""The prior of a group: its densities by SciPy, its files, what is refused."""
+"""The prior of a group: scores of its half-normal densities, and its files."""
 
 import numpy as np
 import pytest

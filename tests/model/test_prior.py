@@ -1,4 +1,4 @@
-"""The prior: quantiles and draws, densities against mpmath, contraction."""
+"""The prior: quantiles and draws, its files, and what is refused."""
 
 import tomllib
 from dataclasses import replace

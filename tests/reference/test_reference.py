@@ -1,4 +1,4 @@
-"""Evidences and moments against deterministic integration and tempering.
+"""Evidences and quantiles against deterministic integration and tempering.
 
 README.md says what made the stored numbers.
 """
