@@ -61,14 +61,7 @@ class Command(TyperCommand):
     """A command whose help is one screen: only `check` lists how to read files in other layouts."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options, of which `--example` may be without its value.
-
-        An option with one value is refused if it is typed twice.
-        """
-        for parameter in self.get_params(ctx):
-            name = parameter.opts[0]
-            if args.count(name) > 1 and not getattr(parameter, "multiple", True):
-                raise typer.BadParameter(f"{name}: found twice, allowed: once")
+        """Read the options, of which `--example` may be without its value."""
         return super().parse_args(ctx, complete_example(args))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
