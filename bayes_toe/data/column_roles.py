@@ -523,9 +523,11 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
         problem += " The file has no header, so these are the numbers of its columns."
     if "NAME" in missing:
         problem += " In the place of NAME, type one of them."
-    is_stimulus_missing = not {"standard", *_STIMULI}.isdisjoint(missing)
-    has_comparison = names_like(names, "comparison") and not names_like(names, "standard")
-    if is_stimulus_missing and has_comparison:
+    if {"standard", "comparison", *_STIMULI}.isdisjoint(missing):
+        return problem
+    if names_like(names, "difference"):
+        problem += " Of a base and a difference, add a column of their sum: s2, or the comparison."
+    if names_like(names, "comparison") and not names_like(names, "standard"):
         problem += (
             " If one standard was in all trials, add a column standard with its level. Type "
             "--standard-first if it always came first."
@@ -947,7 +949,7 @@ def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = (
     side = np.sign(np.subtract(*values))
     for column in columns:
         if column.name == options.interval_column:
-            side = side + 3.0 * column.codes
+            side += 3.0 * column.codes
     n_sides = len(np.unique(side))
     for column in columns:
         if 1 < len(column.texts) < 5 and 1 < n_sides == len(np.unique(side + 1j * column.codes)):

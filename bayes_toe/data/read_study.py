@@ -44,6 +44,7 @@ from bayes_toe.data.messages import Note, Texts, display_name, join_names, named
 from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
+    ask_for_third_count,
     blank_missed,
     require_direction,
     require_task,
@@ -364,14 +365,14 @@ class _Rows:
             kind = "a positive finite number" if self.options.has_intensities else "a finite number"
             require_numbers(self.table, column, rows & np.isnan(values), kind)
             self.table.fault(column, rows & out_of_range(values), ALLOWED_STIMULI)
-        if self.options.has_intensities:
+        if self.options.unit is None:
+            require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
+        elif self.options.has_intensities:
             self.table.fault(
                 self.stimulus_columns[0],
                 rows & (abs(np.subtract(*self.stimuli.T)) > 5.0),  # more than in any lab
                 "a stimulus within a factor of 148 of the other one, all cells in one unit",
             )
-        if self.options.unit is None:
-            require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
 
     def layout(self, form: str, answers: Iterable[object]) -> list[str]:
         """Notes on the form of the table, its rows, and columns with another name or unit.
@@ -412,8 +413,7 @@ class _Rows:
 
 def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
-    subject_name = with_likely_columns(table.names, options).name("subject")
-    table = with_subjects_below(table, subject_name)
+    table = with_subjects_below(table, with_likely_columns(table.names, options).name("subject"))
     if options.wide is not None:
         table = with_pairs(table, options)
     table, options = chosen_rows(table, options)
@@ -421,7 +421,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     options = with_likely_columns(table.names, options)
     options = with_known_order(table, options)
     all_columns = table.columns.values()
-    if is_open and options.columns.get("response", "") in solutions(all_columns, options):
+    if is_open and options.name("response") in solutions(all_columns, options):
         options = replace(options, columns={**options.columns, "response": "response"})
     roles_read, problems, remedies = columns_to_read(table.names, options, all_columns)
     # A frame has no name that may have the subject.
@@ -595,8 +595,7 @@ def _trial_study(rows: _Rows) -> Study:
             remedies,
         )
 
-    form = "trial" if are_trials(rows.columns) else "frequency"
-    notes = rows.layout(form, answers.note)
+    notes = rows.layout("trial" if are_trials(rows.columns) else "frequency", answers.note)
     n_blank = (~is_asked & ~has_stimuli).sum()
     if n_blank:
         notes.append(Note((n_blank, "row"), " without stimuli and response left out"))
@@ -695,6 +694,7 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
     if trials is not None:
         is_other = column_counts(rows.table, trials) != n
         rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
+    ask_for_third_count(rows.table, n, rows.names_not_read)
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
     answered: list[object] = [n.sum(), " trials answered "]

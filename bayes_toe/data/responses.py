@@ -24,6 +24,7 @@ from bayes_toe.data.column_roles import (
     is_flag,
     is_missed_flag,
     is_no_response,
+    looks_like,
     named_places,
     without_accents,
 )
@@ -429,11 +430,14 @@ def _unknown_meaning(
     if words_by_answer:
         if task_with(words_by_answer) is not None:
             return "", []
-        words = join_words(list(map(quoted, words_by_answer.values())))
-        return _two_tasks(f"found {words}, words of two tasks", task_column)
+        return _two_tasks(
+            f"found {join_words([*map(quoted, words_by_answer.values())])}, words of two tasks",
+            task_column,
+        )
     if len({*tasks_by_text.values()}) > 1:
-        tasks = join_words(list(map(quoted, tasks_by_text)))
-        return _two_tasks(f"found {shares} of the tasks {tasks}", task_column)
+        return _two_tasks(
+            f"found {shares} of the tasks {join_words([*map(quoted, tasks_by_text)])}", task_column
+        )
     if not texts:
         return "", []
 
@@ -461,6 +465,20 @@ def _complement(table: TextTable, column: Column) -> str:
         if np.ptp(counts + other.map(whole_number, np.int64)) == 0 < np.ptp(counts):
             return name
     return ""
+
+
+def ask_for_third_count(table: TextTable, sums: IntArray, names_not_read: Texts) -> None:
+    """Ask whether a column counts a third answer: all rows have one sum with it, and not without.
+
+    `sums` are those of the counts that are read.
+    """
+    third = _complement(table, Column.from_texts("", map(str, sums)))
+    if third in names_not_read and not looks_like(third, "n_missed"):
+        table.problems.ask(
+            f"column {display_name(third)} seems to count a third answer, since it makes the sums "
+            "of all rows equal. If it counts trials without an answer, remove it",
+            [Remedy("columns", (("n_equal", third),), "if it counts 'equal'")],
+        )
 
 
 def _are_counts(table: TextTable, column: Column) -> bool:
@@ -586,8 +604,8 @@ def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | 
     """
     counts = np.bincount(unknown.codes)
     n_rarest = int(counts.min())
-    n_texts = sum(map(bool, column.texts))
-    if n_rarest >= _MOST_MISSED * column.map(bool).sum() or n_texts <= n_answers:
+    is_frequent = n_rarest >= _MOST_MISSED * column.map(bool).sum()
+    if is_frequent or sum(map(bool, column.texts)) <= n_answers:
         return None
     meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
     return Remedy("missed", unknown.texts[counts.argmin()], meaning)
@@ -635,9 +653,7 @@ def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str,
     if len(texts) > 3 and re.fullmatch("(,?[-+]?(10|[0-9]))+", _joined(ratings)):
         order = sorted(ratings, key=float, reverse=float(order[0]) > float(order[-1]))
     half = len(order) // 2 or 1
-    middle = _joined(order[half:-half])
-    likelier = _joined(order[-half:])
-    return means[order[-1]] - means[order[0]], middle, likelier
+    return means[order[-1]] - means[order[0]], _joined(order[half:-half]), _joined(order[-half:])
 
 
 def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:

@@ -128,15 +128,14 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
         return table.columns[options.name("n_trials")]
 
     names_read = [options.name(role) for role in roles_read if role != "n_trials"]
-    answers = [*map(options.name, answer_roles)]
     candidates = names_like(table.names, "frequency")
     column = table.columns.get(candidates[0]) if len(candidates) == 1 else None
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
         # Frequencies may be those of other columns, too, such as days.
-        all_others = [*filter(column.name.__ne__, table.columns)]
-        keys = (names_read, all_others)
+        keys = (names_read, [*filter(column.name.__ne__, table.columns)])
+        answers = [*map(options.name, answer_roles)]
         if has_counts and any(_is_cross_table(table, key, answers) for key in keys):
             return column
 
@@ -155,11 +154,10 @@ def _is_cross_table(table: TextTable, key: Texts, answers: Texts) -> bool:
 
     A few pairs with several responses may be a chance, but not five, or most rows.
     """
-    n_in_cell = _row_counts(table, key)
     n_of_pair = _row_counts(table, [name for name in key if name not in answers])
     n_of_several = n_of_pair[n_of_pair > 1]
     has_several = len(n_of_several) >= 5 or n_of_several.sum() > 0.5 * len(table.rows)
-    return bool(n_in_cell.max() == 1 and has_several)
+    return bool(_row_counts(table, key).max() == 1 and has_several)
 
 
 def _row_counts(table: TextTable, names: Texts) -> IntArray:
@@ -178,8 +176,10 @@ def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
             f"{table.source}: {frequency}: found {n_trials:,} trials, allowed: at most "
             f"{_MOST_TRIALS:,}; or counts, such as n_equal and n_trials"
         )
-    rows = np.repeat(np.arange(len(counts)), counts)
-    return table.only(rows, f"{frequency} read as the number of trials of each row")
+    return table.only(
+        np.repeat(np.arange(len(counts)), counts),
+        f"{frequency} read as the number of trials of each row",
+    )
 
 
 def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) -> TextTable:

@@ -243,6 +243,7 @@ READ = {
     "frequencies_in_rooms.csv": IN_ROOMS,
     "weights.csv --columns n_trials=weight": labelled(FREQUENCIES, Freq="weight"),
     "counts_of_both.csv": TALLY,
+    "missed_trials_counted.csv": TALLY.assign(n_missed=9 - TALLY.n_first - TALLY.n_second),
     "n_erster_zweiter.csv": labelled(TALLY, n_first="n erster", n_second="n zweiter"),
     "counts_of_unclear_answers.csv --columns n_first=lighter,n_second=heavier,response=heavier": (
         labelled(TALLY, n_first="lighter", n_second="heavier")
@@ -411,6 +412,10 @@ READ = {
 }
 #: What is read where these are not all trials.
 READ_IN_PART = {
+    "third_answer.csv": pd.DataFrame(
+        [["a", 0, 0.3, 1, 2, 5], ["a", 0.3, 0, 4, 2, 2], ["a", 0, 0, 3, 3, 2]],
+        columns=["subject", "s1", "s2", "n_first", "n_equal", "n_second"],
+    ),
     **dict.fromkeys(["nested.mat", "matrix.mat", "nested.json", "7.csv", "P03.csv"], P03),
     "missed_trials.csv": UNEQUAL[IN_LOGS.columns],
     "right_answers.csv": UNEQUAL[IN_LOGS.columns],
@@ -508,7 +513,6 @@ REFUSED = {
         "column correct: found 9 right and 1 wrong answers to equal stimuli",
         "add a column response and leave --correct out",
     ),
-    "a_code_twice.csv --second-code 0 --second-code 1": (CODED, "--second-code: found twice"),
     "rare_code.csv": (
         RARE_CODE,
         "type:  --missed -9 --second-code 2\n",
@@ -606,6 +610,10 @@ REFUSED = {
     "mixed_units.csv": (
         "subject,d1_ms,d2_ms,response\na,500,550,second\na,0.5,550,second\n",
         "row 3, column d1_ms: found '0.5', allowed: a stimulus within a factor of 148 of the ot",
+    ),
+    "base_and_delta.csv": (
+        "subject,base,delta_ms,response\na,500,50,second\na,500,-50,first\n",
+        "Of a base and a difference, add a column of their sum: s2, or the comparison.",
     ),
     "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
         "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",
@@ -836,6 +844,10 @@ ADVISED = {
             for row in IN_GRAMS.itertuples()
         ],
         "--columns subject=id,response=chosen",
+    ),
+    "third_answer.csv": (
+        "subject,s1,s2,n_first,maybe,n_second\na,0,0.3,1,2,5\na,0.3,0,4,2,2\na,0,0,3,3,2\n",
+        "--columns n_equal=maybe",
     ),
     "rats.csv": (labelled(IN_LOGS, subject="Rat"), "--columns subject=Rat"),
     "scored_rats.csv": (
