@@ -441,8 +441,8 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
     if not has_stimuli and counts.get("n_first", "").lower() == "first":
         return {}
-    # One column such as 'second_longer' may have responses, yes or no.
-    if len(answer_roles) == 1 and any(map(_counted_answer, counts.values())):
+    # One column such as 'second_longer' or 'same' may have responses, yes or no.
+    if len(answer_roles) == 1 and not any(map(is_percentage, counts.values())):
         return {}
     return counts
 
@@ -677,9 +677,8 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
     ['--standard-interval order', '--comparison-interval order', '--standard-first']
     """
     for name in interval_names or ["NAME"]:
-        stimuli, _, _ = named_places(name)
         for owner in ("standard", "comparison"):
-            if stimuli in ([], [owner]):
+            if named_places(name)[0] in ([], [owner]):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")

@@ -88,9 +88,8 @@ class StandardOrder:
         if column is not None:
             by_text = _standard_first_by_text(table, column, options)
             first = join_names(map(quoted, filter(by_text.get, by_text)))
-            name = display_name(column.name)
-            self.notes += [f"column {name} read as the order: standard first at {first or 'none'}"]
-            self.is_first = column.map(lambda text: by_text.get(text) is True)
+            self.notes += [f"{column} read as the order: standard first at {first or 'none'}"]
+            self.is_first = column.map(by_text.get)  # None is False
             self.is_unknown = column.map(lambda text: by_text.get(text) is None)
 
     def in_order(self, stimuli: FloatArray) -> FloatArray:
@@ -131,11 +130,8 @@ class StandardOrder:
                 is_second = self.is_first == (meaning == _COMPARISON)
                 answers = np.where(is_second, "second", "first")
                 words = np.where(column.matches([text]), answers, words)
-                stimulus = meaning[0][0]
-                note = (
-                    f"response {quoted(text)} read as the {stimulus}, first or second by the order"
-                )
-                self.notes.append(note)
+                stimulus = f"{meaning[0][0]}, first or second by the order"
+                self.notes.append(f"response {quoted(text)} read as the {stimulus}")
         return Column.from_texts(column.name, words)
 
 

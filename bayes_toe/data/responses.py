@@ -12,6 +12,7 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Se
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, compress, filterfalse, permutations
+from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -569,6 +570,19 @@ def _proposals(
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
         remedies = _three_answers(column, frequent, given, trends) + remedies
+    interval = options.standard_interval
+    # '1' would be 'second', and '2' would be 'first'.
+    is_odd = _joined([*frequent, *map(attrgetter("typed"), remedies[:1])]) == "--second-code 1,1,2"
+    if is_odd and interval and not named_places(interval)[0]:  # not of 'std_position'
+        remedies.insert(
+            0,
+            Remedy(
+                "comparison_interval",
+                interval,
+                "or rather that of the comparison, since 2 is then 'second', and 1 is 'first'",
+                together=(Remedy("second_code", "2"),),
+            ),
+        )
 
     missed = _missed_remedy(column, unknown, len(names))
     if missed is None:
@@ -668,8 +682,9 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
         # In SDs, since differences of stimuli spread more than their sizes.
         rises[option] = rise / (np.std(trend) or 1.0)
         remedies.append(Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}"))
-    # A name such as 'said_same' says the task.
-    if not named_places(column.name)[2].isdisjoint(VOCABULARY["words"]["sameness"]):
+    # A name such as 'said_same' says the task, and so do keys such as s and d.
+    words = named_places(f"{column.name} {_joined(texts).replace(',', '')}")[2]
+    if not words.isdisjoint(VOCABULARY["words"]["sameness"]):
         rises["equal_code"] = np.inf
     remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
 

@@ -156,17 +156,12 @@ LABELS = """
 
 @pytest.mark.parametrize("column, standard, comparison, first, second", text_table(LABELS))
 def test_an_order_beside_labels_is_asked_for(column, standard, comparison, first, second, tmp_path):
-    names = {"standard": first, "comparison": second}
-    table = with_order(column, standard, comparison, CHOSEN_STIMULI.map(names))
-    result = checked(tmp_path, table.rename(columns=names))
-    advice, *_ = typed_lines(result.stderr)
-    stimuli = f"--columns standard={first},comparison={second}"
-    expected = f"--standard-interval {column} {stimuli} --standard-first-code {standard}"
-    assert advice.startswith(expected)
-    assert is_intended(table.rename(columns=names), advice)
-    study = bt.read_study(table.rename(columns=names), typed_options(advice))
-    note = f"response '{second}' read as the comparison, first or second by the order"
-    assert note in study.notes
+    table = with_order(column, standard, comparison, CHOSEN_STIMULI)
+    table = table.replace({"response": {"standard": first, "comparison": second}})
+    table.columns = ["subject", first, second, column, "response"]
+    advice, *_ = typed_lines(checked(tmp_path, table).stderr)
+    assert f"{column} --columns standard={first},comparison={second}" in advice
+    assert is_intended(table, advice)
 
 
 @pytest.mark.parametrize("order", [np.where(IS_FIRST, "AB", "BA"), ["AB"] * 120 + ["BA"] * 120])
@@ -264,8 +259,7 @@ READ = """
 def test_an_interval_is_read_with_options(column, standard, comparison, options):
     table = with_order(column, standard, comparison)
     assert is_intended(table, options)
-    _, note, *_ = bt.read_study(table, typed_options(options)).notes
-    assert note == f"column {column} read as the order: standard first at '{standard}'"
+    assert f"first at '{standard}'" in bt.read_study(table, typed_options(options)).notes[1]
 
 
 #: Columns, and options that contradict their names.
@@ -419,6 +413,12 @@ def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp
     assert first == "--standard-interval order"
     assert "if it says the interval of the standard, in place of what" in result.stderr
     assert is_intended(table, first)
+
+
+def test_codes_that_name_the_first_and_the_second_tell_whose_interval_it_is(tmp_path):
+    table = with_order("order", "2", "1", coded("second=2 first=1"))
+    advice, *_ = typed_lines(checked(tmp_path, table).stderr)
+    assert is_intended(table, advice)
 
 
 def subjects_with(n_subjects, slope, n=40):

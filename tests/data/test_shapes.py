@@ -538,9 +538,18 @@ REFUSED = {
         "type:  --equal-code equal --comparison-code long  ",
     ),
     "keys.csv": (answered(IN_LOGS, "f", "j"), "'f' (", "--equal-code", "--second-code j"),
+    "keys_of_same.csv": (answered(IN_LOGS, "s", "d"), "type:  --equal-code "),
+    "same.csv": (
+        labelled(answered(IN_LOGS, "Yes", "No"), response="Same?"),
+        "type:  --columns 'response=Same?' --equal-code ",
+    ),
     "two_keys.csv": (
         "subject,s1,s2,k.keys,k_2.keys\na,,,space,\na,0,0.3,,j\na,0.3,0,,f\n",
         "type:  --columns response=k_2.keys --second-code j",
+    ),
+    "rated.csv": (
+        labelled(IN_LOGS, response="rating").replace({"first": 2, "second": 5}),
+        "type:  --columns response=rating --second-code 5",
     ),
     "ratings_and_keys.csv": (
         answered(IN_LOGS, "z", "m")
