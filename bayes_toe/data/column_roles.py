@@ -90,8 +90,7 @@ def looks_like(name: str, role: str) -> bool:
         return re.search("|".join(parts), plain) is None
 
     # The standard or the comparison itself, not its position and not a time or a response.
-    stimuli, places, _ = named_places(name)
-    return [role] == stimuli and not places and _may_be_stimulus(name)
+    return named_places(name)[:2] == ([role], []) and _may_be_stimulus(name)
 
 
 def names_like(names: Iterable[str], role: str) -> list[str]:
@@ -254,8 +253,8 @@ def unit_in(name: str) -> str:
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
-    plain = _with_one_micro(name).replace("log10", "decadic")  # words have no digits
-    plain = plain.replace("cd_m2", "cd/m2")
+    # Words have no digits.
+    plain = _with_one_micro(name).replace("log10", "decadic").replace("cd_m2", "cd/m2")
     words = re.findall(r"cd/m2|[^\W\d_]+", plain)
 
     if "decadic" in words:
@@ -512,9 +511,8 @@ def columns_to_read(
 def _missing_columns(names: Texts, missing: Texts) -> str:
     """What is missing, what the file has instead, and what may help."""
     columns = join_names(map(display_name, filter(None, names)))
-    words = {name: display_name(name) for name in missing}
-    words["n_equal"] = "n_equal or n_second"  # either may be meant
-    absent = join_words([f"no column {words[name]}" for name in missing])
+    absent = join_words([f"no column {display_name(name)}" for name in missing])
+    absent = absent.replace("n_equal", "n_equal or n_second")  # either may be meant
     problem = f"there is {absent}. The columns are {columns}."
     if "".join(names).isdigit():  # numbers take the place of the names
         problem += " The file has no header, so these are the numbers of its columns."
@@ -718,8 +716,8 @@ def _stimulus_pairs(names: Texts, signs: Mapping[str, str]) -> list[Texts]:
 def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     """The names of two columns that may be the stimuli; of several such, the likeliest first.
 
-    Without such names they are columns next to each other of which three pairs of values come in
-    both orders. Without these, too, a pair has no names.
+    Columns without names stand next to each other and have many values in common. A pair without
+    names stands for none.
 
     Examples
     --------
@@ -729,16 +727,16 @@ def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     [('c1', 'c2'), ('dur1', 'dur2')]
     """
     texts = {column.name: {*column.texts} for column in columns}
+
+    def fit(pair: Texts) -> tuple[float, str]:
+        """How many values are common, of constant durations one, and the unit."""
+        first, second = map(texts.__getitem__, pair)
+        return len(first & second) ** 2 / len(first | second), unit_in(pair[0])
+
     names = [*filterfalse(str.isdigit, filter(_may_be_stimulus, texts))]
     pairs = _stimulus_pairs(names, _NUMBERS | _LETTERS)
-    if not pairs:
-        for first, second in pairwise(columns):
-            rows = {*zip(first.map(str, object), second.map(str, object), strict=True)}
-            if len(rows & {(b, a) for a, b in rows if a != b}) > 5:
-                pairs.append((first.name, second.name))
-    # Stimuli have many values in common, of two units that of the name.
-    pairs.sort(key=lambda pair: (-len(texts[pair[0]] & texts[pair[1]]), not unit_in(pair[0])))
-    return pairs[:3] or [()]
+    likely = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[0] > 2.0]
+    return sorted(pairs, key=fit, reverse=True)[:3] or [max(likely, key=fit, default=())]
 
 
 def _remedies(
@@ -840,9 +838,10 @@ def _columns_remedies(
     """
     if not roles:
         return []
-    scores = names_like([column.name for column in columns], "correct")
-    by_file = Remedy("subject_from", "{}.*", "if the name of the file is the subject")
-    replacements = {"subject": [by_file], "response": _score_remedies(scores)}
+    replacements = {
+        "subject": [Remedy("subject_from", "{}.*", "if the name of the file is the subject")],
+        "response": _score_remedies(names_like([column.name for column in columns], "correct")),
+    }
     names_by_role = {role: stimuli.get(role) or _likely_names(columns, role) for role in roles}
     blank_roles = [role for role, names in names_by_role.items() if names == ["NAME"]]
     are_replaceable = all(map(replacements.get, blank_roles))

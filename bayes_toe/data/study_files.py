@@ -46,7 +46,7 @@ Line: TypeAlias = tuple[Any, str]
 #: Where the tables of a folder are: those of BIDS, else those in it, else those in subfolders.
 _IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
 #: Where the name of a file or of its folder may have the subject.
-_SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
+_SUBJECT_PLACES = ("{}.*", "{}_*", "{}/{}.*", "{}/*", "{}/*/*")
 #: The same for a sheet of an Excel file, as in study.xlsx/S01.
 _SUBJECT_IN_SHEET = ("{}", "{}_*")
 #: The beginning of all lines, up to a sign between words.
@@ -208,11 +208,9 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
     if len({*names}) < len(names):  # a name in several folders is no subject
         patterns.reverse()
-        folders = {Path(path).parent.name for path in paths}
-        # Folders with several files may be groups, as old/1.csv, or subjects, as S1/1.csv.
-        if len(folders) < len(paths):
-            are_subjects = re.search(r"\d", "".join(folders))
-            patterns.insert(len(patterns) if are_subjects else 0, "{}/{}.*")
+        # Folders without a number may be groups, such as old/1.csv.
+        if not re.search(r"\d", "".join(Path(path).parent.name for path in paths)):
+            patterns.sort(key="{}/{}.*".__ne__)
     for pattern in patterns:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:

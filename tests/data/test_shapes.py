@@ -814,18 +814,6 @@ ADVISED = {
         ],
         "--wide 'Q*_{first}_{second}' --columns subject=ResponseId --unit a.u.",
     ),
-    "parts.json": (
-        [
-            {
-                "id": row.subject,
-                "first": {"g": row.w1},
-                "second": {"g": row.w2},
-                "chosen": row.response,
-            }
-            for row in IN_GRAMS.itertuples()
-        ],
-        "--columns subject=id,response=chosen",
-    ),
     "rats.csv": (labelled(IN_LOGS, subject="Rat"), "--columns subject=Rat"),
     "scored_rats.csv": (
         labelled(SCORED, subject="Rat").drop(columns=["key", "rt"]),
