@@ -17,8 +17,9 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from heapq import nlargest
 from importlib.resources import files
-from itertools import filterfalse, pairwise, product
+from itertools import chain, filterfalse, pairwise, product
 from typing import Any
 
 from bayes_toe.arrays import FloatArray, run_starts
@@ -362,10 +363,12 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
         return options
     stimuli: Texts = tuple(map(options.name, options.stimuli))
     if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
-        pairs = _stimulus_pairs([*filter(_may_be_stimulus, names)], _NUMBERS)
-        # 'first_N' may be a force.
-        pairs = [pair for pair in pairs if pair[0].endswith("_N") or not _counted_answer(pair[0])]
-        stimuli = pairs[0] if len(pairs) == 1 else ()
+        candidates = [
+            name
+            for name in filter(_may_be_stimulus, names)
+            if name.endswith("_N") or not _counted_answer(name)  # 'first_N' may be a force
+        ]
+        stimuli = _stimulus_pair(candidates, _NUMBERS)
 
     units = {*map(unit_in, stimuli)}
     if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
@@ -627,12 +630,11 @@ def unordered_stimuli(names: Texts, options: ReadOptions, interval_names: Texts 
     comparisons = names_like(candidates, "comparison")
     if standards and comparisons:
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
-    if not interval_names or _stimulus_pairs(candidates, _NUMBERS):
+    if not interval_names or _stimulus_pair(candidates, _NUMBERS):
         return ""
     if standards:
         return f"{display_name(standards[0])} and NAME"
-    pair, *_ = [*_stimulus_pairs(candidates, _LETTERS), ()]
-    return " and ".join(map(display_name, pair))
+    return " and ".join(map(display_name, _stimulus_pair(candidates, _LETTERS)))
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
@@ -694,23 +696,28 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     return [*remedies, natural_logs]
 
 
-def _stimulus_pairs(names: Texts, signs: Mapping[str, str]) -> list[Texts]:
-    """The names that differ by one of these signs, such as 'stim1' and 'stim2'.
+def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
+    """The only two names that differ by one of these signs, such as 'stim1' and 'stim2'.
 
     Examples
     --------
-    >>> _stimulus_pairs(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
-    [('stim1_dB', 'stim2_dB')]
-    >>> _stimulus_pairs(["toneA", "toneB"], _LETTERS), _stimulus_pairs(["DATA", "DATB"], _LETTERS)
-    ([('toneA', 'toneB')], [])
+    >>> _stimulus_pair(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
+    ('stim1_dB', 'stim2_dB')
+    >>> _stimulus_pair(["toneA", "toneB"], _LETTERS), _stimulus_pair(["DATA", "DATB"], _LETTERS)
+    (('toneA', 'toneB'), ())
     """
-    pairs = list[Texts]()
+    return next((pairs[0] for pairs in _pairs_by_sign(names, signs) if len(pairs) == 1), ())
+
+
+def _pairs_by_sign(names: Texts, signs: Mapping[str, str]) -> Iterator[Sequence[Texts]]:
+    """The pairs of names that differ by each of these signs."""
     for sign, second_sign in signs.items():
+        pairs = []
         for name in names:
             second_name = re.sub(sign, second_sign, name)
             if second_name != name and second_name in names:
                 pairs.append((name, second_name))
-    return pairs
+        yield pairs
 
 
 def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
@@ -728,15 +735,18 @@ def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     """
     texts = {column.name: {*column.texts} for column in columns}
 
-    def fit(pair: Texts) -> tuple[float, str]:
-        """How many values are common, of constant durations one, and the unit."""
+    def fit(pair: Texts) -> tuple[bool, float, str]:
+        """By name, how many values are common, of constant durations one, and the unit."""
         first, second = map(texts.__getitem__, pair)
-        return len(first & second) ** 2 / len(first | second), unit_in(pair[0])
+        return (
+            _may_be_stimulus(pair[0]),
+            len(first & second) ** 2 / len(first | second),
+            unit_in(pair[0]),
+        )
 
-    names = [*filterfalse(str.isdigit, filter(_may_be_stimulus, texts))]
-    pairs = _stimulus_pairs(names, _NUMBERS | _LETTERS)
-    likely = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[0] > 2.0]
-    return sorted(pairs, key=fit, reverse=True)[:3] or [max(likely, key=fit, default=())]
+    pairs = chain(*_pairs_by_sign([*filterfalse(str.isdigit, texts)], _NUMBERS | _LETTERS))
+    likely = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
+    return nlargest(3, pairs, key=fit) or [max(likely, key=fit, default=())]
 
 
 def _remedies(
@@ -808,8 +818,8 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
     for shape, n_texts in shapes.most_common(1):  # none without texts
         if re.fullmatch(r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*", shape):  # 'Q5_' may be in front
-            pattern = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
-            return pattern.replace("{}", "*"), n_texts
+            last_two = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
+            return last_two.replace("{}", "*"), n_texts
     return "", 0
 
 
@@ -844,19 +854,24 @@ def _columns_remedies(
     }
     names_by_role = {role: stimuli.get(role) or _likely_names(columns, role) for role in roles}
     blank_roles = [role for role, names in names_by_role.items() if names == ["NAME"]]
-    are_replaceable = all(map(replacements.get, blank_roles))
-    if are_replaceable and blank_roles != roles:
+    are_replaced = all(map(replacements.get, blank_roles))
+    if are_replaced and blank_roles != roles:
+        are_replaced = False
         for role in blank_roles:  # they are asked about after the others
             del names_by_role[role]
 
     by_name = []
     for names in product(*names_by_role.values()):
-        meaning = "with the names in your file" if "NAME" in names else ""
+        meaning = (
+            "with the names in your file; if it has no such column, add one"
+            if "NAME" in names
+            else ""
+        )
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
     instead = list[Remedy]()
     for role in names_by_role:
         instead += replacements.get(role, [])
-    return instead + by_name if are_replaceable and blank_roles == roles else by_name + instead
+    return instead + by_name if are_replaced else by_name + instead
 
 
 def _likely_names(columns: Sequence[Column], role: str) -> list[str]:

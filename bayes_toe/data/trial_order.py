@@ -128,7 +128,7 @@ def _order_notes(columns: Columns, unordered: list[str], n_missing: Mapping[str,
         text = "does not order all trials, so the order of the file is used: "
         notes.append(Note(f"{columns['trial']} {text}", unordered))
     if n_missing:
-        advice = "); keep trials without a response in the file, with an empty response"
+        advice = "); if these were trials and no screens, keep them with an empty response"
         notes.append(Note("trial numbers are missing (", named_counts(n_missing), advice))
     return notes
 

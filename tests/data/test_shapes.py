@@ -637,7 +637,7 @@ REFUSED = {
     ),
     "zero_grams.csv": (
         labelled(with_rows(IN_GRAMS, [["P03", 0, 905, "second"]]), w1="s1", w2="s2"),
-        "natural logs. If they are intensities, correct or remove rows with 0",
+        "natural logs or a unit. If they are intensities, correct or remove rows with 0",
         "--unit ln",
     ),
     "comparison_alone.csv": (
