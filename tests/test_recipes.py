@@ -111,7 +111,7 @@ RECIPES = {
     "BIDS": (
         {f"bids/sub-{name}/beh/sub-{name}_task-same_events.tsv": EVENTS for name in ("01", "02")},
         "2 subjects, 2 trials",
-        "2 trials without a response dropped: 01 1, 02 1",
+        "2 rows without a response dropped: 01 1, 02 1",
     ),
     "MATLAB": ({}, "2 subjects, 8 trials", "MATLAB"),
     "Leave-one-out": ({},),

@@ -17,8 +17,9 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from heapq import nlargest
 from importlib.resources import files
-from itertools import filterfalse, pairwise, product
+from itertools import chain, filterfalse, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -92,8 +93,7 @@ def looks_like(name: str, role: str) -> bool:
         return re.search("|".join(parts), plain) is None
 
     # The standard or the comparison itself, not its position and not a time or a response.
-    stimuli, places, _ = named_places(name)
-    return [role] == stimuli and not places and _may_be_stimulus(name)
+    return named_places(name)[:2] == ([role], []) and _may_be_stimulus(name)
 
 
 def names_like(names: Iterable[str], role: str) -> list[str]:
@@ -256,8 +256,8 @@ def unit_in(name: str) -> str:
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
-    plain = _with_one_micro(name).replace("log10", "decadic")  # words have no digits
-    plain = plain.replace("cd_m2", "cd/m2")
+    # Words have no digits.
+    plain = _with_one_micro(name).replace("log10", "decadic").replace("cd_m2", "cd/m2")
     words = re.findall(r"cd/m2|[^\W\d_]+", plain)
 
     if "decadic" in words:
@@ -367,10 +367,12 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
         return options
     stimuli: Texts = tuple(map(options.name, options.stimuli))
     if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
-        pairs = _stimulus_pairs([*filter(_may_be_stimulus, names)], _NUMBERS)
-        # 'first_N' may be a force.
-        pairs = [pair for pair in pairs if pair[0].endswith("_N") or not _counted_answer(pair[0])]
-        stimuli = pairs[0] if len(pairs) == 1 else ()
+        candidates = [
+            name
+            for name in filter(_may_be_stimulus, names)
+            if name.endswith("_N") or not _counted_answer(name)  # 'first_N' may be a force
+        ]
+        stimuli = _stimulus_pair(candidates, _NUMBERS)
 
     units = {*map(unit_in, stimuli)}
     if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
@@ -515,9 +517,8 @@ def columns_to_read(
 def _missing_columns(names: Texts, missing: Texts) -> str:
     """What is missing, what the file has instead, and what may help."""
     columns = join_names(map(display_name, filter(None, names)))
-    words = {name: display_name(name) for name in missing}
-    words["n_equal"] = "n_equal or n_second"  # either may be meant
-    absent = join_words([f"no column {words[name]}" for name in missing])
+    absent = join_words([f"no column {display_name(name)}" for name in missing])
+    absent = absent.replace("n_equal", "n_equal or n_second")  # either may be meant
     problem = f"there is {absent}. The columns are {columns}."
     if "".join(names).isdigit():  # numbers take the place of the names
         problem += " The file has no header, so these are the numbers of its columns."
@@ -634,16 +635,15 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     comparisons = names_like(candidates, "comparison")
     if standards and comparisons:
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
-    pairs = _stimulus_pairs(candidates, _NUMBERS)
+    pair = _stimulus_pair(candidates, _NUMBERS)
     interval_names = _interval_names(columns)
-    for pair in pairs:
+    if pair:
         interval_names = [name for name in interval_names if _are_labels(pair, name, columns)]
     if not interval_names:
         return ""
     if standards:
         return f"{display_name(standards[0])} and NAME"
-    pairs = pairs or _stimulus_pairs(candidates, _LETTERS)
-    return " and ".join(map(display_name, pairs[0])) if pairs else ""
+    return " and ".join(map(display_name, pair or _stimulus_pair(candidates, _LETTERS)))
 
 
 def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
@@ -715,35 +715,38 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     remedies = unit_remedies(unit)[:-1] if unit else []
     if (stimuli > 0.0).all():
         remedies.append(intensities)
-        if unit == "dB":  # a level may be a pressure
-            remedies.insert(0, Remedy("unit", "NAME", "with their unit, such as Pa or dB"))
     return [*remedies, natural_logs]
 
 
-def _stimulus_pairs(names: Texts, signs: Mapping[str, str]) -> list[Texts]:
-    """The names that differ by one of these signs, such as 'stim1' and 'stim2'.
+def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
+    """The only two names that differ by one of these signs, such as 'stim1' and 'stim2'.
 
     Examples
     --------
-    >>> _stimulus_pairs(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
-    [('stim1_dB', 'stim2_dB')]
-    >>> _stimulus_pairs(["toneA", "toneB"], _LETTERS), _stimulus_pairs(["DATA", "DATB"], _LETTERS)
-    ([('toneA', 'toneB')], [])
+    >>> _stimulus_pair(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
+    ('stim1_dB', 'stim2_dB')
+    >>> _stimulus_pair(["toneA", "toneB"], _LETTERS), _stimulus_pair(["DATA", "DATB"], _LETTERS)
+    (('toneA', 'toneB'), ())
     """
-    pairs = list[Texts]()
+    return next((pairs[0] for pairs in _pairs_by_sign(names, signs) if len(pairs) == 1), ())
+
+
+def _pairs_by_sign(names: Texts, signs: Mapping[str, str]) -> Iterator[Sequence[Texts]]:
+    """The pairs of names that differ by each of these signs."""
     for sign, second_sign in signs.items():
+        pairs = []
         for name in names:
             second_name = re.sub(sign, second_sign, name)
             if second_name != name and second_name in names:
                 pairs.append((name, second_name))
-    return pairs
+        yield pairs
 
 
 def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     """The names of two columns that may be the stimuli; of several such, the likeliest first.
 
-    Without such names they are columns next to each other of which three pairs of values come in
-    both orders. Without these, too, a pair has no names.
+    Columns without names stand next to each other and have many values in common. A pair without
+    names stands for none.
 
     Examples
     --------
@@ -753,16 +756,19 @@ def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     [('c1', 'c2'), ('dur1', 'dur2')]
     """
     texts = {column.name: {*column.texts} for column in columns}
-    names = [*filterfalse(str.isdigit, filter(_may_be_stimulus, texts))]
-    pairs = _stimulus_pairs(names, _NUMBERS | _LETTERS)
-    if not pairs:
-        for first, second in pairwise(columns):
-            rows = {*zip(first.map(str, object), second.map(str, object), strict=True)}
-            if len(rows & {(b, a) for a, b in rows if a != b}) > 5:
-                pairs.append((first.name, second.name))
-    # Stimuli have many values in common, of two units that of the name.
-    pairs.sort(key=lambda pair: (-len(texts[pair[0]] & texts[pair[1]]), not unit_in(pair[0])))
-    return pairs[:3] or [()]
+
+    def fit(pair: Texts) -> tuple[bool, float, str]:
+        """By name, how many values are common, of constant durations one, and the unit."""
+        first, second = map(texts.__getitem__, pair)
+        return (
+            _may_be_stimulus(pair[0]),
+            len(first & second) ** 2 / len(first | second),
+            unit_in(pair[0]),
+        )
+
+    pairs = chain(*_pairs_by_sign([*filterfalse(str.isdigit, texts)], _NUMBERS | _LETTERS))
+    likely = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
+    return nlargest(3, pairs, key=fit) or [max(likely, key=fit, default=())]
 
 
 def _remedies(
@@ -835,8 +841,8 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
     for shape, n_texts in shapes.most_common(1):  # none without texts
         if re.fullmatch(r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*", shape):  # 'Q5_' may be in front
-            pattern = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
-            return pattern.replace("{}", "*"), n_texts
+            last_two = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
+            return last_two.replace("{}", "*"), n_texts
     return "", 0
 
 
@@ -865,24 +871,30 @@ def _columns_remedies(
     """
     if not roles:
         return []
-    scores = names_like([column.name for column in columns], "correct")
-    by_file = Remedy("subject_from", "{}.*", "if the name of the file is the subject")
-    replacements = {"subject": [by_file], "response": _score_remedies(scores)}
+    replacements = {
+        "subject": [Remedy("subject_from", "{}.*", "if the name of the file is the subject")],
+        "response": _score_remedies(names_like([column.name for column in columns], "correct")),
+    }
     names_by_role = {role: stimuli.get(role) or _likely_names(columns, role) for role in roles}
     blank_roles = [role for role, names in names_by_role.items() if names == ["NAME"]]
-    are_replaceable = all(map(replacements.get, blank_roles))
-    if are_replaceable and blank_roles != roles:
+    are_replaced = all(map(replacements.get, blank_roles))
+    if are_replaced and blank_roles != roles:
+        are_replaced = False
         for role in blank_roles:  # they are asked about after the others
             del names_by_role[role]
 
     by_name = []
     for names in product(*names_by_role.values()):
-        meaning = "with the names in your file" if "NAME" in names else ""
+        meaning = (
+            "with the names in your file; if it has no such column, add one"
+            if "NAME" in names
+            else ""
+        )
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
     instead = list[Remedy]()
     for role in names_by_role:
         instead += replacements.get(role, [])
-    return instead + by_name if are_replaceable and blank_roles == roles else by_name + instead
+    return instead + by_name if are_replaced else by_name + instead
 
 
 def _likely_names(columns: Sequence[Column], role: str) -> list[str]:

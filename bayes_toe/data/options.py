@@ -81,8 +81,8 @@ class ReadOptions:
         which not every row is a trial. An empty text stands for an empty cell.
     subject_from : str, optional
         The pattern of file names with the subject, with {} where the subject stands and * for any
-        other text, such as "sub-{}_*.tsv"; with / the last folders are looked at, too. A column of
-        subjects is then ignored.
+        other text, such as "sub-{}_*.tsv"; with / the last folders are looked at, too. With {}
+        twice, the subject of old/1.csv is 'old_1'. A column of subjects is then ignored.
     condition : str, optional
         The column of a condition that differs within subjects; by default one that is called
         condition, where there is one.
@@ -258,7 +258,7 @@ class ReadOptions:
         if self.subject_from is not None and "{}" not in self.subject_from:
             yield (
                 f"--subject-from: found {quoted(self.subject_from)}, allowed: a file's name with "
-                "one {}, such as 'sub-{}_*.tsv'"
+                "{}, such as 'sub-{}_*.tsv'"
             )
 
     @property

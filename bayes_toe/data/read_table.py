@@ -415,12 +415,7 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     text, label = decoded(source, data, encoding)
     records = []
     n_fields = 0
-    for trial in _json_records(source, _with_info(_parse_json(source, text)), {}):
-        record = dict[str, object]()
-        for key, value in trial.items():  # 'first': {'ms': 400} becomes 'first.ms': 400
-            parts = value if isinstance(value, dict) else {"": value}
-            for name, cell in parts.items():
-                record[f"{key}.{name}".removesuffix(".")] = cell
+    for record in _json_records(source, _with_info(_parse_json(source, text)), {}):
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)

@@ -49,6 +49,9 @@ _IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
 _SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
 #: The same for a sheet of an Excel file, as in study.xlsx/S01.
 _SUBJECT_IN_SHEET = ("{}", "{}_*")
+#: Paths in folders that are subjects, not groups: with a number at the end, as S1/a.csv, or with
+#: files of one name.
+_SUBJECT_FOLDERS = r"(?m)\d[/\\][^/\\\n]*$|\A.*[/\\](.+)(?:\n.*[/\\]\1)*\Z"
 #: The beginning of all lines, up to a sign between words.
 _COMMON_BEGINNING = r"\A((?:.*[_. -])?).*(?:\n\1.*)*\Z"
 
@@ -208,11 +211,8 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
     if len({*names}) < len(names):  # a name in several folders is no subject
         patterns.reverse()
-        folders = {Path(path).parent.name for path in paths}
-        # Folders with several files may be groups, as old/1.csv, or subjects, as S1/1.csv.
-        if len(folders) < len(paths):
-            are_subjects = re.search(r"\d", "".join(folders))
-            patterns.insert(len(patterns) if are_subjects else 0, "{}/{}.*")
+        if not re.search(_SUBJECT_FOLDERS, "\n".join(map(str, paths))):
+            patterns.insert(0, "{}/{}.*")
     for pattern in patterns:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len({*subjects}) > 1:

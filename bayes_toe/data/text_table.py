@@ -169,7 +169,7 @@ def value_text(value: object) -> str | NoValue:
             return text
     return NoValue(
         f"found {quoted(str(value))} of type {type(value).__name__}, allowed: text, numbers or "
-        "truth values"
+        "truth values, each in a column of its own"
     )
 
 

@@ -130,7 +130,7 @@ def _order_notes(
         text = "does not order all trials, so the order of the file is used: "
         yield Note(f"{columns['trial']} {text}", unordered)
     if n_missing:
-        advice = "); keep trials without a response in the file, with an empty response"
+        advice = "); if these were trials and no screens, keep them with an empty response"
         yield Note("trial numbers are missing (", named_counts(n_missing), advice)
 
 

@@ -160,7 +160,7 @@ def test_rows_without_a_response_are_dropped_and_counted(text):
     assert content(study) == EQUAL
     notes = (
         "1 row without stimuli and response left out",
-        "3 trials without a response dropped: a 2, b 1",
+        "3 rows without a response dropped: a 2, b 1",
         "1 subject without any response left out: b",
     )
     # Without any text, the reader of the file leaves out the blank row.
@@ -268,7 +268,7 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
         "block 1* 0.0 0.0 1/1",
     ]
     assert study.notes[1:] == (
-        "trial numbers are missing (a 1); keep trials without a response in the file, with an "
+        "trial numbers are missing (a 1); if these were trials and no screens, keep them with an "
         "empty response",
     )
     first, second = answers_in_order(study.exclude("a", "2")["a"])

@@ -655,7 +655,7 @@ REFUSED = {
     ),
     "zero_grams.csv": (
         labelled(with_rows(IN_GRAMS, [["P03", 0, 905, "second"]]), w1="s1", w2="s2"),
-        "natural logs. If they are intensities, correct or remove rows with 0",
+        "natural logs or a unit. If they are intensities, correct or remove rows with 0",
         "--unit ln",
     ),
     "comparison_alone.csv": (
@@ -841,18 +841,6 @@ ADVISED = {
             :, lambda table: ~table.columns.duplicated()
         ],
         "--wide 'Q*_{first}_{second}' --columns subject=ResponseId --unit a.u.",
-    ),
-    "parts.json": (
-        [
-            {
-                "id": row.subject,
-                "first": {"g": row.w1},
-                "second": {"g": row.w2},
-                "chosen": row.response,
-            }
-            for row in IN_GRAMS.itertuples()
-        ],
-        "--columns subject=id,response=chosen",
     ),
     "third_answer.csv": (
         "subject,s1,s2,n_first,maybe,n_second\na,0,0.3,1,2,5\na,0.3,0,4,2,2\na,0,0,3,3,2\n",

@@ -34,7 +34,7 @@ def as_polars(frame):
     return pytest.importorskip("polars").DataFrame(with_none.to_dict("list"), strict=False)
 
 
-ALLOWED_VALUES = "allowed: text, numbers or truth values"
+ALLOWED_VALUES = "allowed: text, numbers or truth values, each in a column of its own"
 EACH_SOURCE = pytest.mark.parametrize("as_source", [pd.DataFrame, as_polars])
 
 
@@ -187,7 +187,7 @@ def test_only_columns_that_are_read_must_hold_texts(tmp_path):
     savemat(path, {**columns, "response": frames})
     (problem,) = problems(bt.read_study, path)
     assert problem.startswith("trials.mat: row 1, column response: found")
-    assert problem.endswith("of type list, allowed: text, numbers or truth values")
+    assert problem.endswith(f"of type list, {ALLOWED_VALUES}")
 
 
 def test_folders_and_files_that_are_too_large(tmp_path):
