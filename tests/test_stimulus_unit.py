@@ -135,7 +135,8 @@ def test_stimuli_that_differ_by_rounding_are_merged_and_said(pairs, options, end
 
 def test_one_mistyped_stimulus_merges_no_others():
     study = bt.read_study(trials("0 1e-4, 1e-4 0, " * 30 + "0 2.9, 2.9 0"))
-    assert (study.reading.doubts, study["A"].n_pairs) == ((), 4)
+    assert study["A"].n_pairs == 4
+    assert "rounding" not in " ".join(study.reading.doubts)
 
 
 #: Low, middle and high quantile of a difference in per cent, the unit of the stimuli, and the text.

@@ -630,8 +630,7 @@ REFUSED = {
     ),
     "levels.csv --columns s1=level1,s2=level2": (
         "subject,level1,level2,response\na,60,63,second\na,63,60,first\n",
-        "\ntype:  --unit NAME      with their unit, such as Pa or dB\n",
-        "\n       --unit dB        if 20 dB are a factor of ten\n",
+        "\ntype:  --unit dB        if 20 dB are a factor of ten\n",
         "\n       --unit dB-power  ",
         "\n       --unit a.u.      ",
     ),
