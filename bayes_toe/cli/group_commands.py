@@ -109,6 +109,7 @@ def contrast(
     context.require_files(output, figure_file)
     keep = context.partial_folder(output)
     study, prior = context.read_and_describe(file, several_tasks=True)
+    # A study has an entry for each subject in a condition: 'S01@left', 'S01@right'.
     n_subjects = len({subject.subject_name for subject in study})
     answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")
     has_tasks = len(study.by_task) > 1
