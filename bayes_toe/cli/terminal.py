@@ -336,18 +336,17 @@ def cell_width(text: str) -> int:
 # --- words ---------------------------------------------------------------------------------------
 
 
-def names_to_show(names: Iterable[str], urgent: Collection[str]) -> list[str]:
+def names_to_show(names: Texts, urgent: Collection[str]) -> Texts:
     """Subjects that a table shows: all, or only those in `urgent` if there are many.
 
     Examples
     --------
-    >>> names_to_show(["S2", "S1"], {"S1"}), names_to_show(map(str, range(2000)), {"7", "1999"})
-    (['S2', 'S1'], ['7', '1999'])
+    >>> names_to_show(["S2", "S1"], {"S1"}), names_to_show([*"abcdefghijklmnopqrstuvwxyz"], {"h"})
+    (['S2', 'S1'], ['h'])
     """
-    all_names = list(names)
-    if len(all_names) < MANY_SUBJECTS:
-        return all_names
-    return [name for name in all_names if name in urgent]
+    if len(names) < MANY_SUBJECTS:
+        return names
+    return [name for name in names if name in urgent]
 
 
 def notes_of(rows: Iterable[Any]) -> list[Note]:
@@ -382,7 +381,7 @@ def describe_study(study: Study) -> str:
 
 
 def describe_amount(study: Study) -> str:
-    """Amounts of a study: '2 subjects, 960 trials, which is stronger, 26 pairs'."""
+    """Amounts of a study: '2 subjects, 1,300 trials, which was stronger (2AFC), 13 pairs'."""
     n_trials = sum(subject.total_trials for subject in study)
     pair_counts = [subject.n_pairs for subject in study]
     subjects = plural(len({subject.subject_name for subject in study}), "subject")

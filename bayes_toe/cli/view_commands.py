@@ -148,17 +148,18 @@ def corner(
         folder = folder.absolute()  # A worker may be in another folder than this process.
         jobs = []
         for file, group in subjects_by_file.items():
-            job = partial(
-                _save_corner,
-                folder / file,
-                # A worker gets few draws, since they are copied to it.
-                draws[group[0]] if len(group) == 1 else draws,
-                group,
-                coordinates=coordinates,
-                prior=draws.prior if show_prior else None,
-                truths=truths,
+            jobs.append(
+                partial(
+                    _save_corner,
+                    folder / file,
+                    # They are copied to the worker, so that a single subject's are selected.
+                    draws[group[0]] if len(group) == 1 else draws,
+                    group,
+                    coordinates=coordinates,
+                    prior=draws.prior if show_prior else None,
+                    truths=truths,
+                )
             )
-            jobs.append(job)
         context.draw(jobs, files)
     context.print_written(f"{plural(len(files), 'corner plot')} in {output}")
 

@@ -172,6 +172,7 @@ class Entry:
         index = np.arange(n_rows) * len(draws) // n_rows
 
         columns = self.columns()
+        # By quantity, the draws that have it.
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
         names = self.target.names.all
         truth = {name: value for name, value in self.truth.items() if name in names}
@@ -192,7 +193,7 @@ class Entry:
             "names": list(columns),
             "main": [name for name in self.main if name in columns],
             "values": to_base64(np.stack(list(columns.values()))[:, index]),  # (names, rows)
-            "marked": [*map(self._interval, present, present.values())],
+            "marked": [self._interval(name, values) for name, values in present.items()],
             "with": [*map(len, present.values())],  # draws that have each quantity
             "truth": truth,
             "spans": spans,
@@ -286,9 +287,12 @@ class Entry:
         }
 
     def _equal_stimuli(self, ends: Sequence[float]) -> FloatArray:
-        """The second stimulus that seems equal to each of two first ones, shape (2, draws)."""
+        """The second stimulus that seems equal to each of two first ones, shape (2, draws).
+
+        s2 = s1 - contraction * (s1 - mean) + constant_error: the page joins both ends by a line.
+        """
         quantities = self.quantities
-        first = np.array(ends)[:, None]
+        first = np.array(ends)[:, None]  # (2, 1)
         zeros = np.zeros_like(quantities["jnd"])  # of a model without the effect
         # The paper's model has 'pull' and 'offset' in place of contraction and constant error.
         contraction = quantities.get("contraction", quantities.get("pull", zeros))
@@ -302,10 +306,10 @@ def _is_plottable(is_present: BoolArray) -> bool:
 
 
 def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
-    """The contours of every two quantities, each a text; the one with the fewest draws first.
+    """The contours of every two quantities, each a text; the innermost one first.
 
-    A contour has its x, then its y, with NaN between two lines. There are none where few draws have
-    both quantities.
+    `columns` and `spans` are as axes show them. A contour has its x, then its y, with NaN between
+    two lines. There are none where few draws have both quantities.
     """
     from bokeh.plotting.contour import contour_data
 
@@ -359,11 +363,12 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     """The entry of the four models averaged, in place of that of the paper's model."""
     subject = entry.target.subject
     prior = draws.prior.observer
-    # More draws than an answer needs, because the page shows them.
+    # More draws than an answer needs, because the page shows them. The list has one result.
     (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
     average = evidence.averaged()
     # The page takes draws of equal weight, here as one chain.
     points = average.resampled(generator(draws.seed, subject.name, "explorer"), 4000)
+    # The badge of the fit says whether the model fits.
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
     sizes = answer.sizes
     label = entry.label.replace(model_title(draws.model), "four models averaged")
@@ -434,7 +439,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         position = position[is_member]
         order = presentation_order(subject)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
-        # A single pair of equal stimuli is a point of the other curves, if there are any.
+        # A single pair of equal stimuli is where the other curves begin, if there are any.
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
         start = fixed
@@ -442,7 +447,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         # The panel of the weakest stimulus also has the pairs of equal stimuli below it.
         low = min(fixed, float(position.min()))
 
-    # A curve goes on beyond its last pair, also where all pairs are in one place.
+    # A curve goes on beyond its last pair. If all pairs are in one place, 1e-9 gives it a length.
     x = np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
     ends = [low, float(x[-1])]
     fixed_stimuli = np.full_like(x, fixed)
@@ -452,7 +457,8 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     if is_by_first:
         presented[0] = fixed_stimuli, fixed_stimuli + x
         scale = difference_scale(unit, ends)
-    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])  # (orders, POINTS, rows)
+    # P of the counted answer, (rows, POINTS) for each order, becomes (orders, POINTS, rows).
+    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
 
     title = f"{subject.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
     # The names by which explorer.js reads them.
@@ -496,6 +502,7 @@ def _selected_slices(subject: Subject) -> tuple[list[float], int]:
     A slice without trials of different stimuli does not count, unless there are only such slices.
     """
     slice_of_pair, _ = slice_and_position(subject)
+    # `index` has the number of the slice of each pair.
     fixed, index = np.unique(slice_of_pair, return_inverse=True)
     n_trials = np.bincount(index, subject.n_trials * (subject.s1 != subject.s2))
     n_slices = max(1, int(np.count_nonzero(n_trials)))

@@ -169,15 +169,14 @@ def responses_panel(ax: Axes, subject: Subject, fitted: Predictor) -> None:
     In 'which is stronger' and with three answers all pairs are pooled. In 'same or different' these
     are the pairs with the weaker stimulus that most pairs share.
     """
-    curve = fitted.yes
     if subject.task.has_three_answers:
         three_panel(ax, subject, fitted, subject.s1)
         return
     if subject.task == WHICH_STRONGER:
-        correct_panel(ax, subject, curve)
+        correct_panel(ax, subject, fitted.yes)
         return
     weaker = main_weaker(subject)
-    order_panel(ax, subject, curve, weaker)
+    order_panel(ax, subject, fitted.yes, weaker)
     if len(np.unique(_weaker(subject))) > 1:
         write_note(ax, _describe_group(subject, np.array([weaker]), "weaker"))
 

@@ -88,7 +88,7 @@ def plain(name: str | int, limit: int = 32) -> str:
 
 
 def rounded(low: float, high: float, *values: float) -> list[str]:
-    """Numbers with as many decimals as show two digits of `high - low`.
+    """Numbers as texts, with as many decimals as show two digits of `high - low`.
 
     Examples
     --------
@@ -202,7 +202,7 @@ class Scale(NamedTuple):
                 # With fewer ticks allowed, the locator would leave some powers out.
                 locators.append(LogLocator(subs=multiples, numticks=50))
         locators.append(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-        # The first locator with three ticks, else the last one.
+        # The numbers of the first locator that gives three of them, else of the last one.
         for locator in locators:
             numbers = np.asarray(locator.tick_values(start, end))
             numbers = numbers[(numbers >= start) & (numbers <= end)]
