@@ -140,7 +140,7 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
     whole command stands there. If several have one, the command with all follows the '!' notes.
     """
     notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
-    options = []  # the first of each subject, because several may contradict each other
+    options = []  # the first of each subject, which may settle its other problems
     problems_by_subject = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in problems_by_subject.values():
         options += [option for _, _, option in problems if option][:1]

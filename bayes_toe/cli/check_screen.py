@@ -50,7 +50,7 @@ def _print_task(
     by_subject = _by_subject(findings)
     out.line(describe_study(study))
     out.line(describe_pairs(study))
-    for note in study.notes[:1]:  # The first one is the layout of the file.
+    for note in study.notes[:1]:  # The first one says what the files are.
         out.line(f"Read as {note}", indent=2)
     if shows_prior:
         out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
@@ -113,25 +113,25 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
         return [*lines, obstacle], []
 
     by_subject = _by_subject(findings)
-    options = []  # the first one of each subject, because several may contradict each other
+    options = []  # the first one of each subject, which may settle its other problems
     for subject_findings in by_subject.values():
         options += [finding.option for finding in subject_findings if finding.option][:1]
-    run = typed_command("run" if len(study.by_task) == 1 else "contrast")
+    run_command = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         decision = "No subject needs a decision. Type:"
         if by_subject:
             decision = "No subject must be excluded; the table says what to keep in mind. Type:"
-        return [*lines, decision], [run]
+        return [*lines, decision], [run_command]
 
     # Blocks that look swapped may be swapped or excluded: two commands.
-    exclude = [option.replace("--swap", "--exclude", 1) for option in options]
+    exclusions = [option.replace("--swap", "--exclude", 1) for option in options]
     commands = []
-    if exclude != options:
-        commands.append(f"{run} {' '.join(options)}")
-    if {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclude):
+    if exclusions != options:
+        commands.append(f"{run_command} {' '.join(options)}")
+    if {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclusions):
         lines.append("Without the subjects that need a decision, no subject is left.")
     else:
-        commands.append(f"{run} {' '.join(exclude)}")
+        commands.append(f"{run_command} {' '.join(exclusions)}")
 
     verb = "needs" if len(options) == 1 else "need"
     decision = f"{len(options)} of {plural(len(study), 'subject')} {verb} a decision."

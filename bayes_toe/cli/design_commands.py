@@ -365,7 +365,7 @@ def _find_design(
     print_power(context.out, optimal.power)
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
-    if optimal.learnable:  # a warning that observers may learn the few pairs
+    if optimal.learnable:  # a warning that subjects may learn a regularity of the pairs
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
     power_command = (
         f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"

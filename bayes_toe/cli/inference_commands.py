@@ -56,14 +56,14 @@ def run(
     if figures not in ("all", "flagged", "none"):
         raise bt.InputError(f"--figures is {figures!r}. It must be one of all, flagged, none.")
     context.require_folder(output, PRODUCTS)
-    keep = context.partial_folder(output)
+    store = context.partial_folder(output)
     study, prior = context.read_and_describe(file)
     if explore:  # Many subjects are refused before the work, not when the page is made.
         require_few(len(study), "subjects")
     _require_fitting(context, study, prior)
 
     analysis = context.work(
-        "sampling", len(study), bt.run, study, draws=context.draws, prior=prior, keep=keep
+        "sampling", len(study), bt.run, study, draws=context.draws, prior=prior, keep=store
     )
     files = f"{output / 'report.html'} and {output / 'evidence.csv'}"
     print_subjects(context.out, analysis.answers, files)
@@ -77,7 +77,7 @@ def run(
 
     write_results(analysis, output, context, check=check, figures=figures, has_explorer=explore)
     failed = analysis.draws.failed
-    context.finish(keep, failed)
+    context.finish(store, failed)
     context.out.reasons("No result", failed)
     problems = {**failed, **analysis.draws.not_converged, **analysis.draws.imprecise}
     if analysis.group is not None and not analysis.group.is_reliable:
@@ -123,7 +123,7 @@ def sample(
     from bayes_toe.checks.design_checks import identification_findings
 
     context.require_files(output)
-    keep = context.partial_folder(output)
+    store = context.partial_folder(output)
     study, prior = context.read(file)
     _require_fitting(context, study, prior, model)
     context.introduce(study, prior)
@@ -137,12 +137,12 @@ def sample(
         model=model,
         draws=context.draws,
         prior=prior,
-        keep=keep,
+        keep=store,
     )
     draws.save(output, overwrite=context.overwrite)
 
     print_draws(context.out, draws)
-    context.finish(keep, draws.failed)
+    context.finish(store, draws.failed)
     context.out.reasons("No result", draws.failed)
     context.print_written(f"Draws in {output}", draws.seed)
     context.end(draws.failed, draws.not_converged, draws.imprecise)
@@ -172,11 +172,11 @@ def evidence(
     from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
 
     context.require_files(output)
-    keep = context.partial_folder(output)
+    store = context.partial_folder(output)
     study, prior = context.read_and_describe(file)
-    table = context.work("evidence", len(study), bt.evidence, study, prior=prior, keep=keep)
+    table = context.work("evidence", len(study), bt.evidence, study, prior=prior, keep=store)
     table.save(output, overwrite=context.overwrite, units=study.conditions is not None)
-    context.finish(keep, table.failed)
+    context.finish(store, table.failed)
     print_model_evidence(context.out, table, output.name)
     print_subjects(context.out, table.answers, output.name)
     closing = without_decision(table.answers, table.failed)

@@ -240,9 +240,9 @@ class RunContext:
         self.out.line(f"{text}." if seed is None else f"{text}. Seed {seed}.")
 
     def end(self, *problems: object) -> None:
-        """End with exit code 3 if any of the problems is not empty, 0 or False.
+        """End with exit code 3 if there is a problem: True, or a record of subjects with reasons.
 
-        Problems are subjects that failed, or draws that did not converge.
+        Subjects failed, or their draws did not converge.
         """
         if any(problems):
             raise typer.Exit(3)

@@ -314,7 +314,7 @@ def shorten(text: str, width: int) -> str:
     Examples
     --------
     >>> shorten("SubA_Bimodal_l2", 10), shorten("A08 !", 8)
-    ('SubA...l2', 'A08 !')
+    ('SubA_...l2', 'A08 !')
     """
     if cell_width(text) <= width:
         return text

@@ -66,9 +66,9 @@ SPANNED = (0.005, 0.995)
 #: wobble.
 _SMOOTHING = 1.4 * BINS / 6.0
 #: Bins of a curve on the diagonal.
-_FINE = 240
+_CURVE_BINS = 240
 #: Bins by which a curve is smoothed, times the fifth root of the number of distinct draws.
-_SMOOTHING_OF_CURVE = 1.2 * _FINE / 6.0
+_SMOOTHING_OF_CURVE = 1.2 * _CURVE_BINS / 6.0
 PRIOR = "#999999"
 TRUTH = WEAKER_FIRST
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
@@ -79,7 +79,7 @@ OVERLAID = (
     ("#A0458A", "dashdot"),
 )
 #: Style of the true values of several subjects.
-_TRUTHS: Style = {"mec": "black", "mew": 0.8, "zorder": 5}
+_TRUTH_MARKS: Style = {"mec": "black", "mew": 0.8, "zorder": 5}
 #: Up to so many panels a side leave no corner free for the key, which then stands above them.
 _FEW_PANELS = 2
 #: The share of the height below such a key.
@@ -239,7 +239,7 @@ def shown_unit(unit: StimulusUnit, draws_by_subject: Iterable[NamedArrays]) -> S
     for draws in draws_by_subject:
         for name, values in draws.items():
             if _is_difference(name, unit):
-                ends += np.nanquantile(values, SPANNED).tolist()  # NaN: without the effect
+                ends += np.nanquantile(values, SPANNED).tolist()
     return unit.for_percent(percent(ends))
 
 
@@ -459,7 +459,7 @@ def _draw_contours(
             ax.axvline(x, color=TRUTH)
             ax.axhline(y, color=TRUTH)
         else:  # lines would be taken for medians
-            ax.plot(x, y, "s", ms=5, color=sample.colour, **_TRUTHS)
+            ax.plot(x, y, "s", ms=5, color=sample.colour, **_TRUTH_MARKS)
 
 
 def _draw_curves(
@@ -483,12 +483,12 @@ def _draw_curves(
         else:
             ax.axvline(median, color=sample.colour, lw=1.0, ls=sample.line)
             # A triangle, because a further upright line would be taken for a median.
-            ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, color=sample.colour, **_TRUTHS)
+            ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, color=sample.colour, **_TRUTH_MARKS)
 
 
 def _smooth_density(values: FloatArray, span: Span) -> ArrayPair:
     """Middles of the bins of a curve on the diagonal, and the smoothed share of draws in each."""
-    counts, edges = np.histogram(values, _FINE, span)
+    counts, edges = np.histogram(values, _CURVE_BINS, span)
     n_distinct = len(np.unique(values))  # a draw that is repeated says nothing new
     smooth = gaussian_filter(counts / len(values), _SMOOTHING_OF_CURVE * n_distinct**-0.2)
     return 0.5 * (edges[1:] + edges[:-1]), smooth
@@ -501,7 +501,7 @@ def _arrange_axes(axes: Panels) -> None:
     """Set limits, ticks and labels of the panels, which have their curves."""
     # Room above the curves. Lines of other lengths are quantiles and true values.
     for ax in axes.diagonal():
-        densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
+        densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _CURVE_BINS]
         ax.set_ylim(0.0, 1.1 * np.max(densities))
 
     # No ticks near an end, where their labels touch those of the next panel.
@@ -524,7 +524,7 @@ def _arrange_axes(axes: Panels) -> None:
 
 def _new_figure(n_panels: int) -> Figure:
     """A figure for so many panels a side, with room above few panels for the key."""
-    # Inches: 1.68 for each panel with its gap, and 1.1 for labels, as the corner package has them.
+    # Inches: 1.68 for each panel, and 1.1 for the margins that the corner package leaves.
     width = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1
     height = width / _BELOW_KEY if n_panels <= _FEW_PANELS else width
     return Figure(figsize=(width, height))

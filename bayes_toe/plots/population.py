@@ -88,8 +88,8 @@ def population(result: PopulationResult) -> Figure:
     figure.suptitle(_heading(result), fontsize=LETTERS + 1.0, color=colour)
     sections = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
-    # The first two sections have a panel for each parameter. Forests have the same subjects as
-    # rows; densities differ in height.
+    # The first two sections have a panel for each parameter. Forests share the axis of subjects;
+    # densities have axes of their own.
     for section, draw in zip(sections, (forest, prior_panel), strict=False):
         panels = section.subplots(1, len(names), squeeze=False, sharey=draw is forest)[0]
         for name, ax in zip(names, panels, strict=True):
