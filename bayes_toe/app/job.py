@@ -264,6 +264,8 @@ def file_name(path: str) -> str:
     >>> file_name("../../a b?.csv"), file_name("-x.CSV"), file_name("e\u0301.csv")
     ('a b_.csv', 'x.CSV', 'é.csv')
     """
+    # The part behind the last '/' or '\\'. At its start a '.' would hide the file, and a command
+    # would take a '-' for an option.
     last = unicodedata.normalize("NFC", path).replace("\\", "/").rpartition("/")[2]
     stem, suffix = os.path.splitext(re.sub(r"[^\w .+()@-]", "_", last).lstrip(" .-"))
     if suffix.lower() not in TABLE_SUFFIXES:
@@ -369,7 +371,7 @@ def end_group(group: int, number: signal.Signals) -> None:
 
 
 def _open_lock(home: Path, name: str) -> IO[str]:
-    """Open a file that can be locked; a link is refused, and the content stays."""
+    """Open a lock of the home folder; a link is refused, and the content stays."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
     return open(os.open(home / _LOCKS / name, flags, 0o666), "a+", encoding="utf-8")
 

@@ -110,6 +110,7 @@ def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     that in the names of the stimuli, and `order` has the column that says which of them came first.
     """
     options = with_known_order(table, options)
+    # Without the unit of the options, `with_likely_columns` finds that in the names.
     without_unit = replace(options, unit=None, intensity=None)
     return {
         "roles": _roles(table.names, options),

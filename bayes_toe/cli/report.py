@@ -85,6 +85,7 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     """
     names = analysis.study.names
     is_paged = len(names) > MAX_SUBJECTS
+    # To the section of each subject, or to its page.
     links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
     answers = list(analysis.answers)
     if is_paged:  # The index begins with the subjects that need action.

@@ -39,7 +39,7 @@ TYPED: list[str] = []
 _GLUE = "\ufffe"
 #: 'p = .12 [.05, .19]', '+12 % [8, 16]' or a number alone.
 _ESTIMATE = re.compile(r"(p = )?[-+.\d]+( %)?( \[[^\]]*\])?")
-#: '--swap ' before a value, with the space.
+#: '--swap ' before a value, with the space, but not before a further option, as in '--even --keep'.
 _OPTION = re.compile(r"(?<=\s)(--?\w[\w-]*) (?!-)")
 
 

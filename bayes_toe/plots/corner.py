@@ -277,6 +277,7 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
     """Symbol and unit of a quantity, as in 'JND, %'; a pure number has no unit."""
+    # `filter` leaves out an empty unit with its comma.
     return ", ".join(filter(None, (QUANTITY_BY_NAME[name].symbol, axis_unit(name, unit))))
 
 

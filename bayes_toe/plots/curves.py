@@ -192,7 +192,8 @@ def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None
     high = float(stronger[is_in_panel].max(initial=weaker))
     high = max(high, weaker + 1e-9)  # a curve needs two ends
     x = np.linspace(weaker, high, POINTS)
-    # In the panel of the weakest stimulus, equal stimuli may be below it.
+    # Other curves begin at the weaker stimulus; in the panel of the weakest one, equal stimuli may
+    # be below it.
     equal = np.linspace(low, high, POINTS)
     fixed = np.full_like(x, weaker)
     # The first and second stimuli along the curve of each order.
@@ -338,7 +339,7 @@ def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
 def draw_shares(ax: Axes, x: FloatArray, n_yes: IntArray, n_trials: IntArray, mark: Mark) -> None:
     """Draw the Laplace estimator of shares with its standard deviation, Eq. e:2b."""
     style: Style = {"ms": 4.0, "elinewidth": 0.9}
-    if len(x) > 25:  # points overlap
+    if len(x) > 25:  # So many points overlap.
         style = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
     style |= {"color": mark.colour, "mec": "white", "mew": 0.5}
     value = laplace_estimate(n_yes, n_trials)

@@ -86,8 +86,14 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
 
     if not ax.lines:
-        word = Word.CANNOT_BE_TOLD.value
-        ax.text(0.5, 0.5, word, transform=ax.transAxes, ha="center", fontsize=LETTERS)
+        ax.text(
+            0.5,
+            0.5,
+            Word.CANNOT_BE_TOLD.value,
+            transform=ax.transAxes,
+            ha="center",
+            fontsize=LETTERS,
+        )
     ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
     ax.set_xticks(range(len(trials)), list(map("{:,}".format, trials)))
     style_axes(ax)
