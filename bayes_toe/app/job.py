@@ -75,11 +75,12 @@ class Job:
             record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
             is_complete = {"seed", "options", "created"}.issubset(record)
             names = record["files"]
-            has_good_names = names and [*map(file_name, names)] == names  # safe names stay
+            # `file_name` leaves safe names as they are.
+            has_good_names = names and [*map(file_name, names)] == names
             if is_complete and has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
                 return record
         except (OSError, ValueError, TypeError, LookupError, RecursionError):
-            pass
+            pass  # what reading a damaged record can raise, refused below
         raise InputError(f"The folder {quoted(self.name)} holds no study, or a damaged one")
 
     def store(self, files: Mapping[str, bytes]) -> None:
@@ -119,6 +120,7 @@ class Job:
             "run": self.run_state(),
             "folder": str(self.folder / RESULTS),
             "done": len(stored_files(self.folder / _STORE)),
+            # What the run has printed.
             "log": log.read_text(encoding="utf-8", errors="replace") if log.exists() else "",
             "command": shlex.join(["bayes-toe", *self.command()]),
         }
@@ -127,9 +129,10 @@ class Job:
         """Whether the study is 'new', 'running', 'stopped', 'done', or 'changed' since its run."""
         if running_job(self.folder.parent)[0] == self.name:
             return "running"
-        command = self._last_command()
+        command = self._last_command()  # None before the first run
         if command != self.command():
             return "new" if command is None else "changed"
+        # The folder of results appears at the end of a run, with all its files.
         return "done" if (self.folder / RESULTS / "report.html").is_file() else "stopped"
 
     def start(self) -> subprocess.Popen[bytes]:
@@ -155,12 +158,13 @@ class Job:
             resume = ["--resume"] if stored_files(store) else []
             with open(self.folder / _LOG, "wb") as log:
                 process = subprocess.Popen(
+                    # With -P, no file of the folder is imported as a module.
                     [sys.executable, "-P", "-m", "bayes_toe", *words, *resume],
                     cwd=self.folder,
                     stdin=subprocess.DEVNULL,
                     stdout=log,
                     stderr=subprocess.STDOUT,
-                    start_new_session=True,
+                    start_new_session=True,  # so that Ctrl+C for the server does not reach it
                     pass_fds=[lock.fileno()],
                 )
             try:
@@ -221,6 +225,7 @@ def home_lock(home: Path) -> Iterator[None]:
 
 def job_of(home: Path, files: Mapping[str, bytes]) -> Job:
     """The study of these files; its folder is named after their names and contents."""
+    # Sorted, so that the order in which files are dropped does not matter.
     checksums = [[name, sha256(content).hexdigest()] for name, content in sorted(files.items())]
     return Job(home / _checksum(checksums)[:16])
 
@@ -259,6 +264,8 @@ def file_name(path: str) -> str:
     >>> file_name("../../a b?.csv"), file_name("-x.CSV"), file_name("e\u0301.csv")
     ('a b_.csv', 'x.CSV', 'é.csv')
     """
+    # The part behind the last '/' or '\\'. At its start a '.' would hide the file, and a command
+    # would take a '-' for an option.
     last = unicodedata.normalize("NFC", path).replace("\\", "/").rpartition("/")[2]
     stem, suffix = os.path.splitext(re.sub(r"[^\w .+()@-]", "_", last).lstrip(" .-"))
     if suffix.lower() not in TABLE_SUFFIXES:
@@ -271,7 +278,7 @@ def file_name(path: str) -> str:
 
 
 def _checksum(value: object) -> str:
-    """A checksum of a value that JSON can hold, 64 hexadecimal digits."""
+    """The SHA-256 of a value that JSON can hold, 64 hexadecimal digits."""
     return sha256(json.dumps(value).encode()).hexdigest()
 
 
@@ -304,6 +311,7 @@ def require_options(content: bytes) -> Record:
     except (TypeError, ValueError, RecursionError):
         raise InputError("The options are no record") from None
     for name, value in options.items():
+        # Names and values of a dict, and items of a list, must be texts.
         texts = [*value, *value.values()] if isinstance(value, dict) else value
         is_valid = type(value) is _KINDS.get(name)
         if isinstance(texts, list):
@@ -352,18 +360,18 @@ def running_job(home: Path) -> tuple[str, int]:
             return "", 0
         lock.seek(0)
         name, _, group = lock.read().partition(" ")
-    return name, int(group or 0)
+    return name, int(group or 0)  # no number yet while the process starts
 
 
 def end_group(group: int, number: signal.Signals) -> None:
-    """Send a signal to the processes of a run; 0 is no group."""
-    if group:
+    """Send a signal to the processes of a run; `group` is 0 if there is none."""
+    if group:  # 0 would mean the group of this process
         with suppress(ProcessLookupError):
             os.killpg(group, number)
 
 
 def _open_lock(home: Path, name: str) -> IO[str]:
-    """Open a file that can be locked; a link is refused, and the content stays."""
+    """Open a lock of the home folder; a link is refused, and the content stays."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
     return open(os.open(home / _LOCKS / name, flags, 0o666), "a+", encoding="utf-8")
 

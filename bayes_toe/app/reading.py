@@ -43,7 +43,7 @@ def read_job(job: Job) -> Record:
         file_options = bt.ReadOptions(sheet=options.get("sheet"), encoding=options.get("encoding"))
         sheets, file_options = with_sheets(paths, file_options, set)
         table = read_table(
-            sheets[0],
+            sheets[0],  # The page shows the columns of the first file or sheet.
             set,  # all columns
             LARGEST_STUDY,
             sheet=file_options.sheet,
@@ -87,7 +87,7 @@ def describe_table(table: TextTable) -> Record:
 
     Columns of more than twelve different texts are not counted: they are no codes.
     """
-    texts = {}
+    texts = {}  # by column, each text with its count, the most frequent first
     for name, column in table.columns.items():
         counts = Counter(column.codes.tolist()).most_common()
         if len(counts) <= 12:
@@ -110,6 +110,7 @@ def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     that in the names of the stimuli, and `order` has the column that says which of them came first.
     """
     options = with_known_order(table, options)
+    # Without the unit of the options, `with_likely_columns` finds that in the names.
     without_unit = replace(options, unit=None, intensity=None)
     return {
         "roles": _roles(table.names, options),

@@ -104,7 +104,7 @@ class Site:
         _, group = running_job(self.home)
         for number in (signal.SIGTERM, signal.SIGKILL):
             end_group(group, number)
-            for _ in range(ENDING_TIME * 10):
+            for _ in range(ENDING_TIME * 10):  # ten times a second
                 name, _ = running_job(self.home)
                 if not name:
                     return
@@ -112,7 +112,7 @@ class Site:
 
 
 async def read_in_process(job: Job) -> Record:
-    """The record that the reading process prints, or one with the problem if it prints none."""
+    """The record that :mod:`~bayes_toe.app.reading` prints, or one with the problem if it fails."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "bayes_toe.app.reading", str(job.folder)),
         cwd=job.folder,
@@ -185,7 +185,7 @@ class Handler(RequestHandler):
     def send_error(self, status_code: int = 500, **details: Any) -> None:
         """Answer with the problem of a bad input (400), of a folder (507), or of an HTTPError."""
         error = details["exc_info"][1]
-        self.clear()
+        self.clear()  # headers and content of the answer so far
         self.set_status(status_code, getattr(error, "reason", None))
         problem = self._reason  # set by set_status, the code's usual words if there is no reason
 
@@ -280,7 +280,7 @@ class Results(Handler, StaticFileHandler):
     async def get(self, path: str, include_body: bool = True) -> None:
         """Send a file of the folder; the path is 'KEY/STUDY/FILE'."""
         _, name, file = path.split("/", 2)
-        if "\0" in file:  # no file of the system
+        if "\0" in file:  # No name of a file has this character, and opening it raises.
             raise HTTPError(404)
         self.root = str(self.job(name).folder / RESULTS)
         self.set_header("Content-Security-Policy", _REPORT_POLICY)
@@ -298,6 +298,7 @@ def application(site: Site) -> Application:
             ("/(|page.js|page.css)", Page),
             ("/api/jobs", Jobs),
             (f"/api/jobs/{job}(?:|/(options|run|stop|delete))", OneJob),
+            # The path of each request is that of a study, see `Results.get`.
             ("/results/([0-9a-f]+/[0-9a-f]{16}/.+)", Results, {"path": ""}),
         ],
         default_handler_class=Handler,

@@ -47,16 +47,13 @@ _HEADINGS = (
 def flagged(
     answers: Iterable[OrderEffect], not_converged: Collection[str] = ()
 ) -> dict[str, list[str]]:
-    """Subjects that need action, in their order, with the reasons.
+    """Subjects that need action with the reasons, as in {'A08': ['poor fit', 'not converged']}.
 
-    Examples
-    --------
-    >>> flagged([])
-    {}
+    `not_converged` has the subjects whose draws did not converge.
     """
     reasons = defaultdict(list)
     for answer in answers:
-        if answer.fits is False:
+        if answer.fits is False:  # None if the design cannot test the fit
             reasons[answer.subject].append("poor fit")
         if not answer.is_interpretable:
             reasons[answer.subject].append("not interpreted")
@@ -92,10 +89,10 @@ def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
 
 
 def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
-    """Print the table of subjects; if it is too wide, one kind of words after the other is cut."""
+    """Print the table of subjects; if it is too wide, its cells get shorter words."""
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
+    # Words are shortened before a name is cut, because two names may be the same once cut.
     name_width = max(len(row[0]) for row in (headings, *rows))
-
     for long, short in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(headings, rows, name_width):
             for row in rows:
@@ -105,14 +102,14 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
 
 
 def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
-    """The conclusion of a subject as a row of the table.
+    """The conclusion of a subject as a row of the table, without the last cells if one says all.
 
     `letters` has the letter, such as '(a)', of each reason why a question cannot be told.
     """
     name = f"{answer.subject} {answer.mark}".rstrip()
     if not answer.is_interpretable:
         return [name, f"not interpreted: {answer.flags[0]}"]
-    reasons = {line.reason for line in answer.lines.values()}
+    reasons = {line.reason for line in answer.lines.values()}  # '' if a question can be told
     if len(reasons) == 1 and "" not in reasons:
         return [name, f"cannot be told {letters[reasons.pop()]}"]
     cells = [name]
@@ -127,7 +124,7 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
 
 
 def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
-    """A letter for each reason why a question cannot be told: (a), (b)."""
+    """A letter for each reason why a question cannot be told, as in {'no equal pairs': '(a)'}."""
     letters: dict[str, str] = {}
     for answer in answers:
         if answer.is_interpretable:
@@ -139,10 +136,11 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
 def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
     """Print problems by mark: '!' needs action, '?' depends on the prior, '-' is a note.
 
-    If several subjects have an option, the command with all options follows the first group.
+    An option such as '--exclude A08' stands below its problem. If a single subject has one, the
+    whole command stands there. If several have one, the command with all follows the '!' notes.
     """
     notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
-    options = []  # the first of each subject
+    options = []  # the first of each subject, which may settle its other problems
     problems_by_subject = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in problems_by_subject.values():
         options += [option for _, _, option in problems if option][:1]
@@ -170,8 +168,8 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
     Of a subject that is not interpreted, only the reason counts.
     """
     if not answer.is_interpretable:
-        first = answer.problems[answer.flags[0]]
-        return [("!", first.message, first.option)]
+        problem = answer.problems[answer.flags[0]]
+        return [("!", problem.message, problem.option)]
     marked = []
     for flag, problem in answer.problems.items():
         message = problem.message
@@ -200,6 +198,7 @@ def print_answer(
     """
     lines = [*answer_lines(study, answers, group), *group_lines]
     for answer in answers:
+        # The table has the reasons already, each with its letter.
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]
     out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
@@ -224,4 +223,4 @@ def not_counted(answers: OrderEffects) -> list[str]:
     names = [answer.subject for answer in answers if not answer.is_interpretable]
     if not names or len(answers) == 1:
         return []
-    return [f"The answer does not count {join_names(names, 5)}."]
+    return [f"The answer does not count {join_names(names, max_items=5)}."]

@@ -57,7 +57,7 @@ class Command(TyperCommand):
         return super().parse_args(ctx, complete_example(args))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help."""
+        """Write the help, without the options for other layouts unless it is that of `check`."""
         parameters: list[Any] = self.get_params(ctx)
         for parameter in parameters:
             if parameter.param_type_name == "argument" or parameter.name == "help":

@@ -32,7 +32,7 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool)
     """Everything that `check` prints."""
     findings = list[Finding]()
     for part in study.by_task:
-        if part.task != study.task:
+        if part.task != study.task:  # a further task
             out.line()
             part = replace(part, notes=())  # They are of the whole study, and already printed.
         findings += _print_task(out, part, prior, shows_prior=shows_prior)
@@ -50,13 +50,14 @@ def _print_task(
     by_subject = _by_subject(findings)
     out.line(describe_study(study))
     out.line(describe_pairs(study))
-    for note in study.notes[:1]:
+    for note in study.notes[:1]:  # The first one says what the files are.
         out.line(f"Read as {note}", indent=2)
     if shows_prior:
         out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
 
     _print_problems(out, study, by_subject)
     study_findings = [finding for finding in findings if not finding.subject]
+    # The answer has what is not identified, and the remarks below have the notes.
     separate_codes = ("not_identified", *NOTES)
     out.findings(finding for finding in study_findings if finding.code not in separate_codes)
     notes = [finding.message for finding in study_findings if finding.code in NOTES]
@@ -95,7 +96,7 @@ def _print_problems(out: Terminal, study: Study, by_subject: FindingsBySubject) 
     n_others = len(study) - len(rows)
     if n_others:
         rows.append([f"{n_others:,} more" if rows else f"all {n_others:,}", "", "", "none"])
-    out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, (1, 2))
+    out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, numeric=(1, 2))
     out.notes((finding.subject, finding.message, "") for finding in full_findings)
 
 
@@ -112,28 +113,29 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
         return [*lines, obstacle], []
 
     by_subject = _by_subject(findings)
-    options = []  # the first one of each subject
+    options = []  # the first one of each subject, which may settle its other problems
     for subject_findings in by_subject.values():
         options += [finding.option for finding in subject_findings if finding.option][:1]
-    run = typed_command("run" if len(study.by_task) == 1 else "contrast")
+    run_command = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         decision = "No subject needs a decision. Type:"
         if by_subject:
             decision = "No subject must be excluded; the table says what to keep in mind. Type:"
-        return [*lines, decision], [run]
+        return [*lines, decision], [run_command]
 
     # Blocks that look swapped may be swapped or excluded: two commands.
-    exclude = [option.replace("--swap", "--exclude", 1) for option in options]
+    exclusions = [option.replace("--swap", "--exclude", 1) for option in options]
     commands = []
-    if exclude != options:
-        commands.append(f"{run} {' '.join(options)}")
-    if {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclude):
+    if exclusions != options:
+        commands.append(f"{run_command} {' '.join(options)}")
+    if {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclusions):
         lines.append("Without the subjects that need a decision, no subject is left.")
     else:
-        commands.append(f"{run} {' '.join(exclude)}")
+        commands.append(f"{run_command} {' '.join(exclusions)}")
 
     verb = "needs" if len(options) == 1 else "need"
     decision = f"{len(options)} of {plural(len(study), 'subject')} {verb} a decision."
+    # There are no commands, one or two.
     what_to_type = ("", " Type this:", " Type one of these:")[len(commands)]
     return [*lines, decision + what_to_type], commands
 
@@ -158,15 +160,17 @@ def _limits_of_design(study: Study, findings: Findings) -> list[str]:
     identifications = [identify(subject) for subject in study]
     effects = []
     for effect in ("constant_error", "contraction"):
-        n = sum(effect not in identification.reasons for identification in identifications)
-        if n:
-            share = "" if n == len(study) else f" ({n} of {all_subjects})"
+        # `reasons` has the effects that the design of a subject cannot show.
+        n_able = sum(effect not in identification.reasons for identification in identifications)
+        if n_able:
+            share = "" if n_able == len(study) else f" ({n_able} of {all_subjects})"
             effects.append(f"a {effect.replace('_', ' ')}{share}")
     lines = [f"The design can show {join_words(effects)}."] if effects else []
-    limits = [finding for finding in findings if finding.code == "not_identified"]
-    for subjects, message, _ in merge_notes(
-        (finding.subject, finding.message, "") for finding in limits
-    ):
+    limits = []
+    for finding in findings:
+        if finding.code == "not_identified":
+            limits.append((finding.subject, finding.message, ""))
+    for subjects, message, _ in merge_notes(limits):
         if subjects:  # none are named if the limit holds for the whole study
             message = f"{message.rstrip('.')} ({len(subjects)} of {all_subjects})."
         lines.append(message)
@@ -182,19 +186,20 @@ def describe_pairs(study: Study) -> str:
     >>> describe_pairs(bt.Study([subject]))
     'Pairs: 1 equal one, and 1 different one, in both orders'
     """
+    # Ordered pairs (s1, s2): a pair in both orders is there twice.
     pairs = set(chain.from_iterable(subject.pairs for subject in study))
     n_equal = sum(first == second for first, second in pairs)
     n_single = sum(pair[::-1] not in pairs for pair in pairs)
     n_both = (len(pairs) - n_equal - n_single) // 2
-    parts = []
+    descriptions = []
     if n_equal:
-        parts.append(plural(n_equal, "equal one"))
+        descriptions.append(plural(n_equal, "equal one"))
     if n_both:
         separator = ", each" if n_both > 1 else ","
-        parts.append(f"{plural(n_both, 'different one')}{separator} in both orders")
+        descriptions.append(f"{plural(n_both, 'different one')}{separator} in both orders")
     if n_single:
-        parts.append(f"{plural(n_single, 'different one')} in one order only")
-    return f"Pairs: {', and '.join(parts)}"
+        descriptions.append(f"{plural(n_single, 'different one')} in one order only")
+    return f"Pairs: {', and '.join(descriptions)}"
 
 
 def _by_subject(findings: Findings) -> FindingsBySubject:
@@ -204,5 +209,6 @@ def _by_subject(findings: Findings) -> FindingsBySubject:
         if finding.subject:
             by_subject[finding.subject].append(finding)
     for subject_findings in by_subject.values():
+        # False comes before True, and sorting keeps the order of the others.
         subject_findings.sort(key=lambda finding: not finding.option.startswith("--swap"))
     return dict(by_subject)

@@ -75,11 +75,13 @@ class StudyPlan:
                     f"Two design files have the name {quoted(name)}. Names must differ."
                 )
         designs = {}
-        for question in self.questions.split(","):
+        questions = self.questions.split(",")
+        for question in questions:
             read = [bt.design.read_study_design(file, question, self.unit) for file in files]
+            # `name_designs` names a single design itself, and takes None for the paper's design.
             given = read[0] if len(read) == 1 else dict(zip(names, read, strict=True))
             for name, design in name_designs(given or None, question).items():
-                task = f", {design.task.short_name}" if "," in self.questions else ""
+                task = f", {design.task.short_name}" if len(questions) > 1 else ""
                 designs[name + task] = design
         return designs
 
@@ -113,7 +115,8 @@ def power(
     observers = plan.observers
     # Studies of several subjects also simulate how subjects differ.
     if plan.subjects is not None:
-        numbers_of_subjects = _whole_numbers("--subjects", plan.subjects, 2)
+        # One subject alone has no SD between subjects.
+        numbers_of_subjects = _whole_numbers("--subjects", plan.subjects, least=2)
         observers = observers or GROUPS
 
     context.require_folder(output, _POWER_FILES)
@@ -157,7 +160,8 @@ def _count_simulated(designs: Iterable[StudyDesign], observers: str | None, n_ea
 
     n_data_sets = 0
     for design in designs:
-        n_data_sets += len(assume_observers(observers, n_each, 0, [design]))
+        # Any seed: the observers are only counted.
+        n_data_sets += len(assume_observers(observers, n_each, seed=0, designs=[design]))
     return n_data_sets
 
 
@@ -212,7 +216,10 @@ class SearchOptions:
     )
 
     def log_levels(self) -> FloatArray:
-        """The levels that pairs can have, natural-log intensity, from the range or the file."""
+        """The levels that pairs can have, natural-log intensity, from the range or the file.
+
+        A range is refused if it is missing, given twice, or probably in another unit.
+        """
         from bayes_toe.design.optimal_pairs import levels_between, read_levels
 
         options = self.reading()
@@ -251,14 +258,14 @@ class SearchOptions:
         return unit
 
     def goal(self) -> DesignGoal:
-        """The goal of the design."""
+        """The effect that the design must show, and the limits of its pairs."""
         from bayes_toe.data.tasks import task_of
 
         keep = None
         if self.keep is not None:
             keep = bt.design.read_study_design(self.keep, self.question, self.unit)
         task = task_of(self.question)
-        return bt.design.DesignGoal(self.aim, self.max_pairs, keep, task, self.even)
+        return bt.design.DesignGoal(self.aim, self.max_pairs, keep, task, is_even=self.even)
 
 
 @dataclass(frozen=True)
@@ -295,7 +302,7 @@ def design(
 
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest 45 --highest 213 --unit um
     """
-    if file is not None:
+    if file is not None:  # a design that is found already
         _list_trials(file, search, lists, context)
         return
     if lists != ListOptions():
@@ -313,7 +320,10 @@ def _find_design(
     observers: str | None,
     context: RunContext,
 ) -> None:
-    """Search for a design, and write it with its figure and its power."""
+    """Search for a design; write its pairs, the power of it and of an even design, and its figure.
+
+    DESIGN.csv has the pairs, DESIGN_compared.csv the power, and DESIGN.png the figure.
+    """
     from bayes_toe.cli.design_screens import print_power
     from bayes_toe.cli.terminal import repeated_command
     from bayes_toe.data.tables import write_table
@@ -341,7 +351,8 @@ def _find_design(
         data_sets=simulated,
         prior=context.prior,
     )
-    optimal = replace(optimal, unit=search.shown_unit())
+    optimal = replace(optimal, unit=search.shown_unit())  # search and power are in natural logs
+
     written = context.write(
         {
             output: partial(write_table, optimal.design.frame(optimal.unit)),
@@ -354,7 +365,7 @@ def _find_design(
     print_power(context.out, optimal.power)
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
-    if optimal.learnable:
+    if optimal.learnable:  # a warning that subjects may learn a regularity of the pairs
         context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
     power_command = (
         f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"
@@ -420,13 +431,13 @@ def _describe_list(lists: ListOptions, n_trials_each: int, levels: Texts) -> str
 
     n_trials = n_trials_each * max(1, len(levels))
     suffix = " each" if lists.subjects > 1 else ""
-    split = ""
+    by_level = ""
     if levels:
-        split = f" ({n_trials_each} in each of {join_names(levels)}, mixed within blocks)"
+        by_level = f" ({n_trials_each} in each of {join_names(levels)}, mixed within blocks)"
     return (
         f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{suffix} in "
-        f"{plural(lists.blocks, 'block')}{split}. Within each block, both orders of a pair are as "
-        f"frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other"
+        f"{plural(lists.blocks, 'block')}{by_level}. Within each block, both orders of a pair are "
+        f"as frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other"
     )
 
 
@@ -506,6 +517,7 @@ def simulate(
     if truth_output is not None:
         # A row for each subject, or for a subject in a condition.
         rows = [{"subject": name, **truth[name]} for name in simulated.names]
+        # It is an option of this command, the same for all, and no quantity that figures mark.
         frame = pd.DataFrame(rows).drop(columns="carry_over", errors="ignore")
         writers[truth_output] = partial(write_table, frame)
     context.write(writers, seed)

@@ -56,11 +56,11 @@ def print_groups(
     """Print how many subjects, and how often group means, studies of several sizes detect."""
     for design, trials in table.designs:
         heading = f"{capitalized(design)}, {trials:,} trials"
-        kinds = groups.select(design, trials, "order_effect")
-        # Each kind of observers has a row for each size of a study; the sizes are the same.
-        sizes = [f"{row.subjects} subjects" for row in next(iter(kinds.values()))]
+        # By the kind of observers, a row for each size of a study; all kinds have the same sizes.
+        rows_by_kind = groups.select(design, trials, "order_effect")
+        sizes = [f"{row.subjects} subjects" for row in next(iter(rows_by_kind.values()))]
         rows = []
-        for kind, kind_rows in kinds.items():
+        for kind, kind_rows in rows_by_kind.items():
             rows.append([kind, *(row.counts_text for row in kind_rows)])
         out.table(["observers", *sizes], rows, title=f"{heading}: subjects with an order effect")
         for question in SIZE_OF:
@@ -82,10 +82,7 @@ def print_groups(
 
 
 def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
-    """The true mean, and the standard deviation between subjects.
-
-    Where the true mean is 0, that of the simulated observers is a rounding error.
-    """
+    """The true mean, and the standard deviation between subjects: '12 (4) %'."""
     values = 100.0 * np.array([row.true_mean, row.true_sd])
     unit_name = "%"
     if row.question == CONSTANT_ERROR.name:
@@ -93,6 +90,6 @@ def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
         unit_name = unit.of_differences
 
     mean, sd = (float(f"{value:.2g}") + 0.0 for value in values)  # -0 becomes 0
-    if not row.has_mean:
+    if not row.has_mean:  # The mean of the simulated observers has an error of rounding.
         mean = 0.0
     return f"{mean:g} ({sd:g}) {unit_name}"

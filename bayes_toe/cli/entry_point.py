@@ -32,7 +32,7 @@ class Stopped(BaseException):
     """Raised in the main thread when a signal arrives; as KeyboardInterrupt, not to be caught."""
 
     def __init__(self, number: int) -> None:
-        self.number = number
+        self.number = number  # the number of the signal
         super().__init__(number)
 
 
@@ -103,7 +103,8 @@ def open_streams() -> Log:
         try:
             os.fstat(number)
         except OSError:
-            # Closed: open the null device on it, so that no later file gets its number.
+            # The stream is closed. The null device, opened now, gets the lowest free number, which
+            # is this one: otherwise a later file gets it, and what is printed goes there.
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     if sys.stdin is None:
         sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
@@ -147,6 +148,7 @@ def listen() -> list[signal.Signals]:
     handled = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
     def stop(number: int, _: FrameType | None) -> None:
+        """Raise :class:`Stopped`, once."""
         _ignore(handled)  # A second signal must not interrupt the cleaning up.
         # A thread of joblib may fail while its workers are ended; nobody needs its traceback.
         threading.excepthook = lambda _: None
@@ -159,8 +161,9 @@ def listen() -> list[signal.Signals]:
 
 def say_stopped(number: int) -> None:
     """Print on standard error that a signal ends the command, and which results are stored."""
-    parts = [f"stopped by {signal.Signals(number).name}", describe_stored()]
-    print(": ".join(filter(None, parts)), file=sys.stderr, flush=True)
+    # The second text is '' if no results are stored.
+    texts = [f"stopped by {signal.Signals(number).name}", describe_stored()]
+    print(": ".join(filter(None, texts)), file=sys.stderr, flush=True)
 
 
 def _ignore(signals: list[signal.Signals]) -> None:

@@ -107,8 +107,9 @@ def contrast(
 
     figure_file = picture_beside(output)
     context.require_files(output, figure_file)
-    keep = context.partial_folder(output)
+    store = context.partial_folder(output)
     study, prior = context.read_and_describe(file, several_tasks=True)
+    # A study has an entry for each subject in a condition: 'S01@left', 'S01@right'.
     n_subjects = len({subject.subject_name for subject in study})
     answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")
     has_tasks = len(study.by_task) > 1
@@ -116,7 +117,7 @@ def contrast(
         context.require_files(answers_file)
 
     table = context.work(
-        "comparing conditions", n_subjects, bt.contrast, study, prior=prior, keep=keep
+        "comparing conditions", n_subjects, bt.contrast, study, prior=prior, keep=store
     )
     figure = bt.plots.contrast(table, synthetic=study.synthetic)
     writers: dict[Path, Any] = {
@@ -126,7 +127,7 @@ def contrast(
     if has_tasks:
         writers[answers_file] = table.save_answers
     written = context.write(writers, table.seed)
-    context.finish(keep, table.failed)
+    context.finish(store, table.failed)
 
     print_contrast(context.out, table, output.name)
     context.print_uninterpretable(study)

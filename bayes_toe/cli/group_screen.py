@@ -41,6 +41,7 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
         if name in result.identified:
             new_subject.append(f"{label} {group_estimate(result, name, 'new_subject')}")
     out.line(f"New subject (prediction): {', '.join(new_subject)}.")
+    # The names of the worst parameters are not shown.
     (_, n_effective), (_, r_hat) = worst(result.draws.convergence)
     fit = "poor" if check.warnings else "good"
     out.line(f"Fit of the group: {fit}. Draws: {n_effective:,.0f} effective, R-hat {r_hat:.3f}.")
@@ -74,7 +75,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
     rows = []
     for labels, quantities in groupby(table, attrgetter("subject", "comparison")):
         for row in quantities:
-            if row.quantity == ORDER_EFFECT:  # The answer has it, in a sentence.
+            if row.quantity == ORDER_EFFECT:  # The answer at the end has it, in a sentence.
                 continue
             word = row.short_word
             size = "-"  # no size of a difference that is not there
@@ -83,13 +84,13 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
             if row.robust == "no":
                 word += " ?"
             rows.append([*labels, row.quantity, size, row.factor, word])
-            labels = "", ""
+            labels = "", ""  # of the further rows
 
     # The column of a single comparison is left out, and the heading of its sizes names it.
     if len(comparisons) == 1:
         headings[3] = f"{comparisons.pop()} [95 % interval]"
         for cells in [headings, *rows]:
-            del cells[1]
+            del cells[1]  # the difference, behind the subject
     return headings, rows
 
 
@@ -107,6 +108,7 @@ def print_history(out: Terminal, table: SerialDependence, file: str) -> None:
         cells = [row.subject]
         for effect in EFFECT_MODELS:
             word = row.word(effect)
+            # An effect that is not there has no size.
             cells += [word, row.size(effect) if word not in ("no", "probably not") else "-"]
         rows.append(cells)
 

@@ -56,14 +56,14 @@ def run(
     if figures not in ("all", "flagged", "none"):
         raise bt.InputError(f"--figures is {figures!r}. It must be one of all, flagged, none.")
     context.require_folder(output, PRODUCTS)
-    keep = context.partial_folder(output)
+    store = context.partial_folder(output)
     study, prior = context.read_and_describe(file)
     if explore:  # Many subjects are refused before the work, not when the page is made.
         require_few(len(study), "subjects")
     _require_fitting(context, study, prior)
 
     analysis = context.work(
-        "sampling", len(study), bt.run, study, draws=context.draws, prior=prior, keep=keep
+        "sampling", len(study), bt.run, study, draws=context.draws, prior=prior, keep=store
     )
     files = f"{output / 'report.html'} and {output / 'evidence.csv'}"
     print_subjects(context.out, analysis.answers, files)
@@ -77,7 +77,7 @@ def run(
 
     write_results(analysis, output, context, check=check, figures=figures, has_explorer=explore)
     failed = analysis.draws.failed
-    context.finish(keep, failed)
+    context.finish(store, failed)
     context.out.reasons("No result", failed)
     problems = {**failed, **analysis.draws.not_converged, **analysis.draws.imprecise}
     if analysis.group is not None and not analysis.group.is_reliable:
@@ -89,7 +89,10 @@ def run(
 def _print_conclusion(
     out: Terminal, analysis: Analysis, problems: Collection[str], folder: Path
 ) -> None:
-    """Print the answer of the study and of the group, and the file with which to go on."""
+    """Print the answer of the study and of the group, and the file with which to go on.
+
+    `problems` has the subjects without a result, or without enough draws; `folder` the results.
+    """
     from bayes_toe.answers.group_answer import group_answer
     from bayes_toe.cli.answer_screen import print_answer, without_decision
 
@@ -120,7 +123,7 @@ def sample(
     from bayes_toe.checks.design_checks import identification_findings
 
     context.require_files(output)
-    keep = context.partial_folder(output)
+    store = context.partial_folder(output)
     study, prior = context.read(file)
     _require_fitting(context, study, prior, model)
     context.introduce(study, prior)
@@ -134,12 +137,12 @@ def sample(
         model=model,
         draws=context.draws,
         prior=prior,
-        keep=keep,
+        keep=store,
     )
     draws.save(output, overwrite=context.overwrite)
 
     print_draws(context.out, draws)
-    context.finish(keep, draws.failed)
+    context.finish(store, draws.failed)
     context.out.reasons("No result", draws.failed)
     context.print_written(f"Draws in {output}", draws.seed)
     context.end(draws.failed, draws.not_converged, draws.imprecise)
@@ -169,11 +172,11 @@ def evidence(
     from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
 
     context.require_files(output)
-    keep = context.partial_folder(output)
+    store = context.partial_folder(output)
     study, prior = context.read_and_describe(file)
-    table = context.work("evidence", len(study), bt.evidence, study, prior=prior, keep=keep)
+    table = context.work("evidence", len(study), bt.evidence, study, prior=prior, keep=store)
     table.save(output, overwrite=context.overwrite, units=study.conditions is not None)
-    context.finish(keep, table.failed)
+    context.finish(store, table.failed)
     print_model_evidence(context.out, table, output.name)
     print_subjects(context.out, table.answers, output.name)
     closing = without_decision(table.answers, table.failed)
@@ -190,7 +193,7 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
     stats = draws.group("sample_stats")
-    problems = {**draws.not_converged, **draws.imprecise}
+    problems = {**draws.not_converged, **draws.imprecise}  # a reason by subject
     columns = ["constant_error", "contraction", "jnd"]
     if "mu1" in draws.parameters:  # the paper's model
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
@@ -199,13 +202,13 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
     rows = []
     for name in names_to_show(draws.names, problems):
         subject_stats = stats.sel(subject=name)
-        # Digits are shown as far as they are certain. The smallest effective size of all quantities
-        # shows rather too few.
+        # Digits are shown as far as they are certain. The smallest effective number of draws, of
+        # all quantities, shows rather too few digits than too many.
         n_effective = float(subject_stats["min_ess"])
         row = [f"{name} !" if name in problems else name]
         for key in keys:
             scale = QUANTITY_BY_NAME[key].scale
-            decimals = 2 if scale == 1.0 else 0
+            decimals = 2 if scale == 1.0 else 0  # A scale of 100 makes per cent of a share.
             text = format_draws(scale * draws.values(name, key), n_effective, decimals)
             # The table has no room for all intervals: '.12 [.09, .15]' -> '.12'.
             if key in ("sigma_p", "sigma_l", "q0", "lapse_rate"):
@@ -216,7 +219,8 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
     headings = ["subject", *(_HEADINGS.get(key, key) for key in keys), "ESS", "R-hat"]
     if rows:
         title = f"{capitalized(model_title(draws.model))}: medians [95 % interval]"
-        out.table(headings, rows, (len(keys) + 1, len(keys) + 2), title=title)
+        # ESS and R-hat stand behind the name and the quantities.
+        out.table(headings, rows, numeric=(len(keys) + 1, len(keys) + 2), title=title)
     n_others = len(draws.names) - len(rows)
     if n_others:
         out.line(f"The draws of {n_others:,} other subjects converged.")

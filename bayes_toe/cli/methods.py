@@ -118,7 +118,7 @@ def _methods(analysis: Analysis) -> Record:
     words_of_changes = "dropped|excluded|merged|swapped|only rows|only pairs"
     changes = [note for note in study.notes if re.search(words_of_changes, note)]
     trials_by_subject: Counter[str] = Counter()
-    for unit in study:
+    for unit in study:  # a subject, or a subject in one condition
         trials_by_subject[unit.subject_name] += unit.total_trials
     stimuli = np.concatenate([subject.stimuli for subject in study])
     (lowest, highest), stimulus_unit = _numbers(study, [stimuli.min(), stimuli.max()])
@@ -141,19 +141,25 @@ def _methods(analysis: Analysis) -> Record:
 
 
 def _numbers(study: Study, logs: npt.ArrayLike) -> tuple[list[str], str]:
-    """Stimuli in the unit of the study, or in per cent of their mean, and the unit in words."""
+    """Stimuli (natural logs) in the unit of the study, or in per cent of their mean; the unit.
+
+    Without a unit, as in (['80', '125'], '% of the geometric mean stimulus').
+    """
     texts, unit = study.unit.numbers(logs, study_scales(study).mean)
     in_words = {"ln": "in natural-log intensity", "% of mean": "% of the geometric mean stimulus"}
     return texts, in_words.get(unit, unit)
 
 
 def _largest_error(answers: Sequence[OrderEffect]) -> float:
-    """The largest standard error of a log marginal likelihood near the best of its subject."""
+    """The largest standard error of the log evidences that count for the answer of a subject.
+
+    A model that is far behind the best one has no weight in the answer, nor has its error.
+    """
     errors = [0.0]
     for answer in answers:
         best = answer.log_evidence[answer.best_model]
         for model, value in answer.log_evidence.items():
-            if value > best - COUNTS_WITHIN:
+            if value > best - COUNTS_WITHIN:  # a difference of log evidences
                 errors.append(answer.standard_error[model])
     return max(errors)
 

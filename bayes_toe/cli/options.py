@@ -82,7 +82,7 @@ def complete_example(words: list[str]) -> list[str]:
 
 
 def writes(metavar: str, help_text: str) -> Any:
-    """The option --output, which names a folder if it is shown as DIR, or else a file."""
+    """The option --output; `metavar` is 'DIR' for a folder, or a name such as 'FILE.csv'."""
     parser = folder_name if metavar == "DIR" else file_name
     return typer.Option("-o", "--output", metavar=metavar, help=help_text, parser=parser)
 
@@ -190,7 +190,7 @@ class StudyFile:
                 "Allowed: --example 2afc, --example same-different."
             )
 
-        # A wrong name of a task is refused before a file is read.
+        # A wrong name of a task is refused before a file is read, which may take a while.
         question = self.reading.get("task")
         task = None if question is None else task_of(question)
         if self.example:
@@ -211,18 +211,19 @@ class StudyFile:
         """The files that the command reads: a folder stands for the tables in it."""
         from bayes_toe.data.study_files import table_files
 
-        return tuple(table_files(self.files or ())[0])
+        return tuple(table_files(self.files or ())[0])  # without the notes on folders
 
     def _paths(self) -> list[Path]:
         """The files; a name with * that the shell has not replaced becomes those that match."""
         paths = []
         for file in self.files or ():
+            # A file that exists is meant, even if its name has a '*'.
             matches = [] if os.path.exists(file) else sorted(map(Path, glob(str(file))))
-            paths += matches or [file]
+            paths += matches or [file]  # Without a match, the reader says that there is no file.
         return paths
 
     def _read_options(self) -> ReadOptions:
-        """The options of the command line as those of reading, without the options not typed."""
+        """The typed options of :data:`LAYOUT_OPTIONS` as the options of reading."""
         from bayes_toe.data.options import ReadOptions, parse_columns, parse_pairs
 
         options = {name: value for name, value in self.reading.items() if value is not None}

@@ -85,6 +85,7 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     """
     names = analysis.study.names
     is_paged = len(names) > MAX_SUBJECTS
+    # To the section of each subject, or to its page.
     links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
     answers = list(analysis.answers)
     if is_paged:  # The index begins with the subjects that need action.
@@ -218,7 +219,7 @@ def _subjects(
 
     summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
     sections = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
-    for i, (counts, row, answer, asymmetry) in enumerate(sections):
+    for i, (counts, evidence_row, answer, asymmetry) in enumerate(sections):
         name = counts.name
         log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []
@@ -228,25 +229,25 @@ def _subjects(
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,
-            "row": row,
+            "row": evidence_row,
             "answer": answer,
             "probabilities": ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist(),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, row) for row in summaries[name].itertuples()],
             "natural": (*analysis.draws.posterior(name).names.natural, "gamma"),
-            "remarks": [*remarks, *row.notes],
+            "remarks": [*remarks, *evidence_row.notes],
         }
 
 
 def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
-    """A row of the summary, its estimate as text, and for differences also that in their unit.
+    """A row of the summary, its estimate as text, and that in the unit of differences, or ''.
 
-    The texts have the digits that are certain: 'median [95 % interval]'.
+    The texts have the digits that are certain: '0.112 [0.041, 0.183]' and '12 % [4, 20]'.
     """
     draws = analysis.draws.values(row.subject, row.parameter)
-    n_effective = min(row.ess_bulk, row.ess_tail)
-    difference = ""
+    n_effective = min(row.ess_bulk, row.ess_tail)  # of the median and of the interval's ends
+    difference = ""  # Other quantities are no differences of stimuli.
     if row.parameter in ("pse_shift", "jnd"):
         unit = analysis.study.unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
         difference = format_draws(unit.differences(draws), n_effective, 1, unit.of_differences)

@@ -118,25 +118,29 @@ def _write_tables(analysis: Analysis, folder: Path) -> None:
 def _drawing_jobs(
     analysis: Analysis, stems: Mapping[str, str], folder: Path, curves: Path
 ) -> list[partial[None]]:
-    """A call of :func:`_draw_subject` for each subject of `stems`, which names the files."""
+    """A call of :func:`_draw_subject` for each subject of `stems`, which names the files.
+
+    Corner plots stay in `folder`; the report takes the curves from `curves`, which is then removed.
+    """
     study = analysis.study
     jobs = []
-    truths: Truth = {}
+    truths: Truth = {}  # known only of the bundled example
     if study.source == EXAMPLE and study.task == SAME_DIFFERENT:
         truths = example_truth(SAME_DIFFERENT)
     if stems:
         (folder / "corner").mkdir()
     for name, stem in stems.items():
-        job = partial(
-            _draw_subject,
-            analysis.draws[name],
-            analysis.settings.prior,
-            truths,
-            analysis.curve(name),
-            folder / "corner" / f"{stem}.png",
-            curves / f"{stem}.png",
+        jobs.append(
+            partial(
+                _draw_subject,
+                analysis.draws[name],
+                analysis.settings.prior,
+                truths,
+                analysis.curve(name),
+                folder / "corner" / f"{stem}.png",
+                curves / f"{stem}.png",
+            )
         )
-        jobs.append(job)
     return jobs
 
 
@@ -149,7 +153,7 @@ def _draw_subject(
     curve_file: Path,
 ) -> None:
     """Write the corner plot and the curves of the only subject of the draws."""
-    [name] = draws.names
+    [name] = draws.names  # one subject, since a worker gets only the draws that it needs
     corner_file.write_bytes(png(corner(draws, name, truths=truths, prior=prior)))
     title = "synthetic data" if draws.synthetic else ""
     curve_file.write_bytes(png(fitted_figure(fitted, title)))

@@ -91,7 +91,7 @@ class RunContext:
         preset = preset_or_file(self.prior)
         study = file.read()
         if len(study.by_task) > 1 and not several_tasks:
-            # This fails: without a condition, several tasks are refused with the options to type.
+            # Without --condition, reading refuses several tasks. Its error has what to type.
             replace(file, reading={**file.reading, "condition": None}).read()
         return study, prior_for(study, preset)
 
@@ -130,7 +130,10 @@ class RunContext:
     def work(
         self, label: str, total: int, function: Callable[..., Result], *values: Any, **options: Any
     ) -> Result:
-        """Call a function with seed, workers and a progress bar; return its result."""
+        """Call a function with these arguments, seed, workers and progress; return its result.
+
+        The bar has `total` parts, which are subjects or data sets, and the function advances it.
+        """
         with self.out.progress(label, total) as tick:
             return function(*values, seed=self.seed, workers=self.workers, progress=tick, **options)
 
@@ -139,6 +142,7 @@ class RunContext:
         from bayes_toe.workers import local_processes, run_in_order
 
         with self.out.progress("drawing", len(jobs)) as tick:
+            # A job has a tuple of names, here of a single one.
             run_in_order(jobs, local_processes(self.workers), tick, [(name,) for name in names])
 
     @cached_property
@@ -164,6 +168,7 @@ class RunContext:
         # '.' and '..' have no name to which an ending can be added.
         target = output if output.name not in ("", "..") else output.resolve()
         folder = target.with_name(f"{target.name}.partial")
+        # --resume keeps what is stored.
         n_stored = 0 if self.resume else len(stored_files(folder))
         if n_stored and not self.overwrite:
             raise OutputError(
@@ -235,7 +240,10 @@ class RunContext:
         self.out.line(f"{text}." if seed is None else f"{text}. Seed {seed}.")
 
     def end(self, *problems: object) -> None:
-        """End with exit code 3 if subjects failed or draws did not converge."""
+        """End with exit code 3 if there is a problem: True, or a record of subjects with reasons.
+
+        Subjects failed, or their draws did not converge.
+        """
         if any(problems):
             raise typer.Exit(3)
 
@@ -252,12 +260,12 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     records: dict[str, Any] = {}  # class and names of options, by the name of the parameter
     parameters = []
     for name, parameter in signature.parameters.items():
-        # Annotated[RunContext, "seed"] has a class and names of fields.
-        record, *names = get_args(parameter.annotation) or [parameter.annotation]
+        # Annotated[RunContext, "seed"] has a class and names of fields; a class alone has no names.
+        kind, *names = get_args(parameter.annotation) or [parameter.annotation]
         options = [parameter]
-        if is_dataclass(record):
-            options = _options(record, names)
-            records[name] = record, [option.name for option in options]
+        if is_dataclass(kind):
+            options = _options(kind, names)
+            records[name] = kind, [option.name for option in options]
         parameters += options
 
     @wraps(function)
@@ -266,16 +274,17 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         inputs = _input_paths(values)
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
-            for name, (record, option_names) in records.items():
-                record_values = {key: values.pop(key) for key in option_names}
-                if record is RunContext:
-                    record_values["inputs"] = inputs
-                if record is StudyFile:
-                    layout = {key: record_values.pop(key) for key in LAYOUT_OPTIONS}
-                    record_values["reading"] = layout
-                values[name] = record(**record_values)
-                # Each command has its study before the context, which gets these files too.
-                if record is StudyFile:
+            # Each command has its study before the context, which gets the files of the study too.
+            for name, (kind, option_names) in records.items():
+                fields_of_record = {key: values.pop(key) for key in option_names}
+                if kind is RunContext:
+                    fields_of_record["inputs"] = inputs
+                if kind is StudyFile:
+                    fields_of_record["reading"] = {
+                        key: fields_of_record.pop(key) for key in LAYOUT_OPTIONS
+                    }
+                values[name] = kind(**fields_of_record)
+                if kind is StudyFile:
                     inputs += values[name].data_files()
             with warnings.catch_warnings():
                 # Every screen names what did not converge.
@@ -285,7 +294,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
             print_error(error, function.__name__)
             raise typer.Exit(2) from error
 
-    # Typer makes the options of this signature.
+    # Typer reads the signature of a command, and makes an option of each parameter.
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return command
 
@@ -300,15 +309,15 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _options(record: Any, names: Sequence[str]) -> list[Parameter]:
-    """A parameter for each field of a record; a RunContext has only `names` and `quiet`.
+def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
+    """A parameter for each field of a class of records; a RunContext has only `names` and `quiet`.
 
     The field `reading` of a StudyFile has a parameter for each of the layout options.
     """
-    hints = get_type_hints(record, include_extras=True)
+    hints = get_type_hints(kind, include_extras=True)
     options = []
-    for field in fields(record):
-        is_absent = record is RunContext and field.name not in (*names, "quiet")
+    for field in fields(kind):
+        is_absent = kind is RunContext and field.name not in (*names, "quiet")
         if is_absent or field.name == "reading":
             continue
         options.append(
@@ -319,7 +328,7 @@ def _options(record: Any, names: Sequence[str]) -> list[Parameter]:
                 annotation=hints[field.name],
             )
         )
-    if record is StudyFile:
+    if kind is StudyFile:
         options += layout_options()
     return options
 
@@ -327,7 +336,7 @@ def _options(record: Any, names: Sequence[str]) -> list[Parameter]:
 def print_error(error: BayesToeError, command: str) -> None:
     """Print the problems of an error, then what to type, one choice a line."""
     problems = str(error)
-    choices = []
+    choices = []  # what to type, and what it means in the cases in which it helps
     if isinstance(error, InputError):
         problems = "\n".join(error.problems)
         for remedies, meanings in error.choices:
@@ -343,28 +352,33 @@ def print_error(error: BayesToeError, command: str) -> None:
         problems = f"{problems}; {stored}"
 
     for problem in problems.split("\n"):
-        print_labelled("error:", visible(problem))
+        print_labelled("error:", problem)
+    _print_choices(choices)
+
+
+def _print_choices(choices: Sequence[tuple[str, Sequence[str]]]) -> None:
+    """Print what can be typed, and what it means: 'type: --overwrite  to replace it'."""
     # Meanings begin in one column, behind the longest option, but not behind a very long one.
     width = min(max((len(typed) for typed, _ in choices), default=0), 40)
     label = "type:"  # before the first choice
     for typed, meanings in choices:
         # One meaning stands beside the option, several below.
-        line = typed
         if len(meanings) == 1:
-            line = f"{typed:<{width}}  {meanings[0]}"
-        print_labelled(label, visible(line.rstrip()))
-        if len(meanings) > 1:
+            print_labelled(label, f"{typed:<{width}}  {meanings[0]}".rstrip())
+        else:
+            print_labelled(label, typed)
             for meaning in meanings:
-                print_labelled("", visible(f"    {meaning}"))
-        label = ""
+                print_labelled("", f"    {meaning}")
+        label = ""  # of further choices
 
 
 def print_labelled(label: str, text: str) -> None:
     """Print a text on standard error behind a label; a terminal gets lines of 80 columns."""
+    text = visible(text)
     lines = [text]
     if sys.stderr.isatty():
         # The label takes 7 columns.
         lines = wrap(text, WIDTH - 7, break_long_words=False, break_on_hyphens=False)
     for line in lines:
         typer.echo(f"{label:<7}{line}", err=True)
-        label = ""
+        label = ""  # of further lines

@@ -85,15 +85,15 @@ def fit(
         "fitting", len(study), bt.fit, study, replicates=replicates, level=level, prior=prior
     )
 
-    saving = {"overwrite": context.overwrite, "units": study.conditions is not None}
-    table.save(output, **saving)
+    save_options = {"overwrite": context.overwrite, "units": study.conditions is not None}
+    table.save(output, **save_options)
     print_fits(context.out, table)
     if asymmetries is None:
         context.out.remarks([f"No test of asymmetry: {problem}."])
     else:
         print_asymmetry(context.out, asymmetries)
         if asymmetry_output is not None:
-            asymmetries.save(asymmetry_output, **saving)
+            asymmetries.save(asymmetry_output, **save_options)
     context.print_written(f"Table in {', '.join(map(str, outputs))}", table.seed)
 
 

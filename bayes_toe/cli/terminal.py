@@ -39,7 +39,7 @@ TYPED: list[str] = []
 _GLUE = "\ufffe"
 #: 'p = .12 [.05, .19]', '+12 % [8, 16]' or a number alone.
 _ESTIMATE = re.compile(r"(p = )?[-+.\d]+( %)?( \[[^\]]*\])?")
-#: '--swap ' before a value, with the space.
+#: '--swap ' before a value, with the space, but not before a further option, as in '--even --keep'.
 _OPTION = re.compile(r"(?<=\s)(--?\w[\w-]*) (?!-)")
 
 
@@ -47,28 +47,32 @@ _OPTION = re.compile(r"(?<=\s)(--?\w[\w-]*) (?!-)")
 
 
 class Terminal:
-    """The output of a command; a `quiet` one prints nothing."""
+    """The output of a command: lines, tables, notes, a progress bar; a `quiet` one has none."""
 
     def __init__(self, quiet: bool = False) -> None:
         from rich.console import Console
 
+        # On a terminal, None stands for its own width, which the progress bar takes.
         self.console = Console(quiet=quiet, width=None if sys.stdout.isatty() else WIDTH)
 
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[str], None]]:
-        """Show a progress bar on a terminal; yield a function that advances it by one part."""
+        """Show a progress bar of `total` parts on a terminal; yield a function that advances it.
+
+        The function is called with the name of a finished part, which the bar does not show.
+        """
         from rich.progress import Progress
 
         with Progress(
             console=self.console,
             disable=not self.console.is_terminal or self.console.quiet,
-            transient=True,
+            transient=True,  # The bar disappears at the end.
         ) as bar:
             task = bar.add_task(label, total=total)
             yield lambda _: bar.advance(task)
 
     def line(self, text: str = "", indent: int = 0) -> None:
-        """Print a text, wrapped at :data:`WIDTH`; further lines are indented."""
+        """Print a text in lines of at most :data:`WIDTH` columns, the second and later indented."""
         self.lines(wrap_line(text, indent))
 
     def lines(self, lines: Iterable[str], style: str = "") -> None:
@@ -150,6 +154,7 @@ def wrap_line(text: str, indent: int = 0) -> list[str]:
     >>> wrap_line("word " * 17, indent=2)[1]
     '  word'
     """
+    # An estimate stays on one line with its unit and its interval.
     glued = _ESTIMATE.sub(lambda match: match[0].replace(" ", _GLUE), visible(text))
     return _wrap_glued(glued, WIDTH, subsequent_indent=" " * indent) or [""]
 
@@ -170,7 +175,7 @@ def note_lines(mark: str, subjects: Texts, text: str, option: str) -> list[str]:
     """
     label = f"{mark} "
     if subjects:
-        label += f"{join_names([*map(visible, subjects)], 5)}  "
+        label += f"{join_names([*map(visible, subjects)], max_items=5)}  "
     # Further lines stand under the text; under a long label they begin at the eighth column.
     indent = len(label) if len(label) <= 12 else 7
     lines = wrap_line(label + text, indent)
@@ -187,6 +192,7 @@ def command_lines(command: str, start: str) -> list[str]:
     >>> command_lines("bayes-toe run study.csv", "  ")
     ['  bayes-toe run study.csv']
     """
+    # A word stays on one line, and an option with its value.
     words = [shlex.quote(word).replace(" ", _GLUE) for word in shlex.split(visible(command))]
     glued = _OPTION.sub(rf"\1{_GLUE}", " ".join(words))
     lines = _wrap_glued(
@@ -232,16 +238,16 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
     >>> format_table(["subject", "order\neffect"], [["A01", "yes"], ["A02", "no"]])
     ['         order', 'subject  effect', 'A01      yes', 'A02      no']
     """
-    # Columns fit if they do once the first one is cut.
+    # Columns fit if they do once the first one is cut. Two are kept in any case.
     n_fitting = len(headings)
     while n_fitting > 2 and not is_narrow(headings[:n_fitting], [row[:n_fitting] for row in rows]):
         n_fitting -= 1
 
-    lines = [row[:n_fitting] for row in (*_heading_rows(headings[:n_fitting]), *rows)]
-    widths, gap = _column_widths(lines)
+    fitting_rows = [row[:n_fitting] for row in (*_heading_rows(headings[:n_fitting]), *rows)]
+    widths, gap = _column_widths(fitting_rows)
     excess = sum(widths) + gap * (n_fitting - 1) - WIDTH
     widths[0] -= max(excess, 0)
-    table = [_table_line(row, widths, gap, numeric) for row in lines]
+    table = [_table_line(row, widths, gap, numeric) for row in fitting_rows]
 
     if n_fitting < len(headings):
         headings_below = [headings[0], *headings[n_fitting:]]
@@ -263,12 +269,13 @@ def _heading_rows(headings: Texts) -> Rows:
 
     ['subject', 'order\neffect'] -> [('', 'order'), ('subject', 'effect')]
     """
+    # From the last line upwards, so that a shorter heading is filled at its top.
     upwards = [heading.split("\n")[::-1] for heading in headings]
     return [*itertools.zip_longest(*upwards, fillvalue="")][::-1]
 
 
 def _column_widths(rows: Rows) -> tuple[list[int], int]:
-    """The width that each column needs, and the gap between columns."""
+    """The width that each column needs, and the gap between columns: 2, or 1 in a wide table."""
     n_columns = len(rows[0])
     widths = [0] * n_columns
     for row in rows:
@@ -294,8 +301,10 @@ def _table_line(row: Texts, widths: Sequence[int], gap: int, numeric: Collection
         text = shorten(cell, width)
         padding = " " * (width - cell_width(text))
         if i in numeric and not is_spanning:
-            text, padding = padding, text
-        line += text + padding + " " * gap
+            text = padding + text
+        else:
+            text += padding
+        line += text + " " * gap
     return line.rstrip()
 
 
@@ -305,10 +314,11 @@ def shorten(text: str, width: int) -> str:
     Examples
     --------
     >>> shorten("SubA_Bimodal_l2", 10), shorten("A08 !", 8)
-    ('SubA...l2', 'A08 !')
+    ('SubA_...l2', 'A08 !')
     """
     if cell_width(text) <= width:
         return text
+    # Without the three dots, a third of the characters are from the end.
     n_last = max(width - 3, 0) // 3
     n_first = max(width - 3 - n_last, 0)
     short = f"{text[:n_first]}...{text[len(text) - n_last :]}"
@@ -326,22 +336,21 @@ def cell_width(text: str) -> int:
 # --- words ---------------------------------------------------------------------------------------
 
 
-def names_to_show(names: Iterable[str], first: Collection[str]) -> list[str]:
-    """Subjects that a table shows: all, or only those in `first` if there are many.
+def names_to_show(names: Texts, urgent: Collection[str]) -> Texts:
+    """Subjects that a table shows: all, or only those in `urgent` if there are many.
 
     Examples
     --------
-    >>> names_to_show(["S2", "S1"], {"S1"}), names_to_show(map(str, range(2000)), {"7", "1999"})
-    (['S2', 'S1'], ['7', '1999'])
+    >>> names_to_show(["S2", "S1"], {"S1"}), names_to_show([*"abcdefghijklmnopqrstuvwxyz"], {"h"})
+    (['S2', 'S1'], ['h'])
     """
-    all_names = list(names)
-    if len(all_names) < MANY_SUBJECTS:
-        return all_names
-    return [name for name in all_names if name in first]
+    if len(names) < MANY_SUBJECTS:
+        return names
+    return [name for name in names if name in urgent]
 
 
 def notes_of(rows: Iterable[Any]) -> list[Note]:
-    """The notes of the rows of a table, for :meth:`Terminal.notes`."""
+    """A note for each text in `row.notes` of the rows, as in ('A08', 'few trials.', '')."""
     notes = []
     for row in rows:
         notes += [(row.subject, f"{note}.", "") for note in row.notes]
@@ -356,7 +365,7 @@ def merge_notes(notes: Iterable[Note]) -> list[tuple[list[str], str, str]]:
     >>> merge_notes([("A", "few trials", ""), ("B", "few trials", "")])
     [(['A', 'B'], 'few trials', '')]
     """
-    # The subjects of each text and option, each once and in their order.
+    # The subjects of each text and option, in a dict as a set that keeps their order.
     merged: dict[tuple[str, str], dict[str, None]] = {}
     for subject, text, option in notes:
         subjects = merged.setdefault((text, option), {})
@@ -366,21 +375,21 @@ def merge_notes(notes: Iterable[Note]) -> list[tuple[list[str], str, str]]:
 
 
 def describe_study(study: Study) -> str:
-    """File, subjects, trials, task and pairs of a study in a line."""
+    """The file of a study, and its amounts as :func:`describe_amount` has them."""
     label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
     return f"{study.source}{label}: {describe_amount(study)}"
 
 
 def describe_amount(study: Study) -> str:
-    """Subjects, trials, task and pairs of a study."""
+    """Amounts of a study: '2 subjects, 1,300 trials, which was stronger (2AFC), 13 pairs'."""
     n_trials = sum(subject.total_trials for subject in study)
-    n_pairs = [subject.n_pairs for subject in study]
+    pair_counts = [subject.n_pairs for subject in study]
     subjects = plural(len({subject.subject_name for subject in study}), "subject")
     if study.conditions is not None:
         subjects += f" in {len(study.conditions.levels)} conditions"
-    pairs = f"{min(n_pairs):,} to {max(n_pairs):,} pairs"
-    if len(set(n_pairs)) == 1:
-        pairs = plural(n_pairs[0], "pair")
+    pairs = f"{min(pair_counts):,} to {max(pair_counts):,} pairs"
+    if len(set(pair_counts)) == 1:
+        pairs = plural(pair_counts[0], "pair")
     tasks = join_words([part.task.title for part in study.by_task])
     return f"{subjects}, {plural(n_trials, 'trial')}, {tasks}, {pairs}"
 

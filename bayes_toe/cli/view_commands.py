@@ -62,8 +62,8 @@ def explore(
     with context.out.progress("packing", len(page_entries)) as tick:
         explorer = page(page_entries, tick)
     explorer.save(output, overwrite=context.overwrite)
-    size = len(explorer.html.encode()) / 1e6
-    context.print_written(f"Explorer in {output}: {size:.1f} MB, open it in a browser")
+    megabytes = len(explorer.html.encode()) / 1e6
+    context.print_written(f"Explorer in {output}: {megabytes:.1f} MB, open it in a browser")
 
 
 def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
@@ -78,12 +78,12 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
         return {}
     # All subjects of a file have the same quantities.
     quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
-    optional = list(dict.fromkeys(quantities))
-    names, columns = read_numbers(path, (), key="subject", optional=optional, gaps=True)
+    optional = dict.fromkeys(quantities)  # each once: several files of draws may have it
+    names, columns = read_numbers(path, (), key="subject", optional=list(optional), gaps=True)
     truth: dict[str, dict[str, float]] = {name: {} for name in names}
     for key, column in columns.items():
         for name, value in zip(names, column.tolist(), strict=True):
-            if not isnan(value):
+            if not isnan(value):  # an empty cell
                 truth[name][key] = value
     if not any(truth.get(name) for name in subjects):
         raise bt.InputError(
@@ -137,36 +137,39 @@ def corner(
     # Subjects that are named share a figure; otherwise each has one.
     groups = [names] if subject else [(name,) for name in names]
     stems = file_stems(draws.names)
-    files = []
+    subjects_by_file = {}
     for group in groups:
         joint_stem = "+".join(stems[name] for name in group)
-        files.append(f"{joint_stem}.{ending}")
+        subjects_by_file[f"{joint_stem}.{ending}"] = group
 
+    files = list(subjects_by_file)
     context.require_folder(output, files)
     with whole_folder(output, files, overwrite=context.overwrite) as folder:
         folder = folder.absolute()  # A worker may be in another folder than this process.
         jobs = []
-        for file, group in zip(files, groups, strict=True):
-            job = partial(
-                _save_corner,
-                folder / file,
-                draws[group[0]] if len(group) == 1 else draws,  # It gets the draws that it needs.
-                group,
-                coordinates=coordinates,
-                prior=draws.prior if show_prior else None,
-                truths=truths,
+        for file, group in subjects_by_file.items():
+            jobs.append(
+                partial(
+                    _save_corner,
+                    folder / file,
+                    # They are copied to the worker, so that a single subject's are selected.
+                    draws[group[0]] if len(group) == 1 else draws,
+                    group,
+                    coordinates=coordinates,
+                    prior=draws.prior if show_prior else None,
+                    truths=truths,
+                )
             )
-            jobs.append(job)
         context.draw(jobs, files)
     context.print_written(f"{plural(len(files), 'corner plot')} in {output}")
 
 
 def _save_corner(file: Path, draws: bt.Draws, subjects: Sequence[str], **options: Any) -> None:
-    """Draw the corner plot of subjects, and write it."""
-    from bayes_toe.plots.figure_files import figure_bytes
+    """Draw the corner plot of subjects, and write it; `options` are those of `bt.plots.corner`."""
+    from bayes_toe.plots.figure_files import figure_bytes, require_suffix
 
     figure = bt.plots.corner(draws, subjects, **options)
-    file.write_bytes(figure_bytes(figure, file.suffix, dpi=150))
+    file.write_bytes(figure_bytes(figure, require_suffix(file), dpi=150))
 
 
 def app(

@@ -172,6 +172,7 @@ class Entry:
         index = np.arange(n_rows) * len(draws) // n_rows
 
         columns = self.columns()
+        # By quantity, the draws that have it.
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
         names = self.target.names.all
         truth = {name: value for name, value in self.truth.items() if name in names}
@@ -192,7 +193,7 @@ class Entry:
             "names": list(columns),
             "main": [name for name in self.main if name in columns],
             "values": to_base64(np.stack(list(columns.values()))[:, index]),  # (names, rows)
-            "marked": [*map(self._interval, present, present.values())],
+            "marked": [self._interval(name, values) for name, values in present.items()],
             "with": [*map(len, present.values())],  # draws that have each quantity
             "truth": truth,
             "spans": spans,
@@ -247,31 +248,29 @@ class Entry:
 
         `x` has shape (rows, k), and `index` the numbers of these draws among all.
         """
-        counts = self.target.subject
-        low = float(counts.stimuli.min())
-        high = float(counts.stimuli.max())
+        subject = self.target.subject
+        low = float(subject.stimuli.min())
+        high = float(subject.stimuli.max())
         pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
         ends = [low - pad, high + pad]
 
         pairs = {
-            "s1": counts.s1,
-            "s2": counts.s2,
-            "k": counts.n_yes,
-            "n": counts.n_trials,
-            "order": presentation_order(counts),
-            "estimate": laplace_estimate(counts.n_yes, counts.n_trials),
-            "error": laplace_error(counts.n_yes, counts.n_trials),
-            "along": slice_and_position(counts)[1],
+            "s1": subject.s1,
+            "s2": subject.s2,
+            "k": subject.n_yes,
+            "n": subject.n_trials,
+            "order": presentation_order(subject),
+            "estimate": laplace_estimate(subject.n_yes, subject.n_trials),
+            "error": laplace_error(subject.n_yes, subject.n_trials),
+            "along": slice_and_position(subject)[1],
         }
 
-        describe = counts.unit.describe
-        stimuli = [f"{describe(s1)}, {describe(s2)}".replace("-", "−") for s1, s2 in counts.pairs]
-        plane = None
-        if counts.unit.of_stimuli:
-            plane = _packed_scale(stimulus_scale("first stimulus", counts.unit, 0.0, ends), ends)
+        describe = subject.unit.describe
+        stimuli = [f"{describe(s1)}, {describe(s2)}".replace("-", "−") for s1, s2 in subject.pairs]
+        plane = stimulus_scale("first stimulus", subject.unit, 0.0, ends)
 
         fitted = Predictor(self.target, x)
-        selected, n_slices = _selected_slices(counts)
+        selected, n_slices = _selected_slices(subject)
         slices = [pack_slice(fitted, fixed, has_title=n_slices > 1) for fixed in selected]
 
         # The names by which explorer.js reads them.
@@ -280,7 +279,7 @@ class Entry:
                 **{key: values.tolist() for key, values in pairs.items()},
                 "stimuli": stimuli,
             },
-            "plane": plane,
+            "plane": _packed_scale(plane, subject.unit, ends),
             "slices": slices,
             "undrawn": n_slices - len(selected),
             "ends": ends,
@@ -288,9 +287,12 @@ class Entry:
         }
 
     def _equal_stimuli(self, ends: Sequence[float]) -> FloatArray:
-        """The second stimulus that seems equal to each of two first ones, shape (2, draws)."""
+        """The second stimulus that seems equal to each of two first ones, shape (2, draws).
+
+        s2 = s1 - contraction * (s1 - mean) + constant_error: the page joins both ends by a line.
+        """
         quantities = self.quantities
-        first = np.array(ends)[:, None]
+        first = np.array(ends)[:, None]  # (2, 1)
         zeros = np.zeros_like(quantities["jnd"])  # of a model without the effect
         # The paper's model has 'pull' and 'offset' in place of contraction and constant error.
         contraction = quantities.get("contraction", quantities.get("pull", zeros))
@@ -304,10 +306,10 @@ def _is_plottable(is_present: BoolArray) -> bool:
 
 
 def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
-    """The contours of every two quantities, each a text; the one with the fewest draws first.
+    """The contours of every two quantities, each a text; the innermost one first.
 
-    A contour has its x, then its y, with NaN between two lines. There are none where few draws have
-    both quantities.
+    `columns` and `spans` are as axes show them. A contour has its x, then its y, with NaN between
+    two lines. There are none where few draws have both quantities.
     """
     from bokeh.plotting.contour import contour_data
 
@@ -361,11 +363,12 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     """The entry of the four models averaged, in place of that of the paper's model."""
     subject = entry.target.subject
     prior = draws.prior.observer
-    # More draws than an answer needs, because the page shows them.
+    # More draws than an answer needs, because the page shows them. The list has one result.
     (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
     average = evidence.averaged()
     # The page takes draws of equal weight, here as one chain.
     points = average.resampled(generator(draws.seed, subject.name, "explorer"), 4000)
+    # The badge of the fit says whether the model fits.
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
     sizes = answer.sizes
     label = entry.label.replace(model_title(draws.model), "four models averaged")
@@ -421,10 +424,10 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     has_title : bool
         Whether the fixed stimulus stands above the panel.
     """
-    counts = fitted.target.subject
-    unit = counts.unit
-    is_by_first = counts.task == WHICH_STRONGER
-    slice_of_pair, position = slice_and_position(counts)
+    subject = fitted.target.subject
+    unit = subject.unit
+    is_by_first = subject.task == WHICH_STRONGER
+    slice_of_pair, position = slice_and_position(subject)
     if is_by_first:  # Position is s2 - s1, of which all panels show the same range.
         is_member = slice_of_pair == fixed
         orders = [0]
@@ -432,11 +435,11 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         end = float(position.max())
         low = start
     else:  # Position is the stronger stimulus, and curves start at the weaker one.
-        is_member = pairs_with_weaker(counts, fixed)
+        is_member = pairs_with_weaker(subject, fixed)
         position = position[is_member]
-        order = presentation_order(counts)[is_member]
+        order = presentation_order(subject)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
-        # A single pair of equal stimuli is a point of the other curves, if there are any.
+        # A single pair of equal stimuli is where the other curves begin, if there are any.
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
         start = fixed
@@ -444,7 +447,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         # The panel of the weakest stimulus also has the pairs of equal stimuli below it.
         low = min(fixed, float(position.min()))
 
-    # A curve goes on beyond its last pair, also where all pairs are in one place.
+    # A curve goes on beyond its last pair. If all pairs are in one place, 1e-9 gives it a length.
     x = np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
     ends = [low, float(x[-1])]
     fixed_stimuli = np.full_like(x, fixed)
@@ -454,49 +457,54 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     if is_by_first:
         presented[0] = fixed_stimuli, fixed_stimuli + x
         scale = difference_scale(unit, ends)
-    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])  # (orders, POINTS, rows)
+    # P of the counted answer, (rows, POINTS) for each order, becomes (orders, POINTS, rows).
+    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
 
-    title = f"{counts.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
+    title = f"{subject.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
     # The names by which explorer.js reads them.
     return {
         "title": title if has_title else "",
         "pairs": np.flatnonzero(is_member).tolist(),
         "low": low,
         "x": x.tolist(),
-        "scale": _packed_scale(scale, ends) if unit.of_stimuli else None,
+        "scale": _packed_scale(scale, unit, ends),
         "orders": orders,
         # Probabilities as whole numbers of 16 bits, which the page divides by the largest one.
         "yes": to_base64(np.rint(curves * 65535), "<u2"),
     }
 
 
-def _packed_scale(scale: Scale, ends: Sequence[float]) -> Record | None:
-    """Label and ticks of a scale between two ends; None for natural logs."""
-    if scale.unit is None:
+def _packed_scale(scale: Scale, unit: StimulusUnit, ends: Sequence[float]) -> Record | None:
+    """Label and ticks of a scale between two ends; None for natural logs, which the page labels.
+
+    Stimuli without a unit are natural logs on the page, although other figures have per cents.
+    """
+    if scale.unit is None or not unit.of_stimuli:
         return None
     positions, texts = scale.ticks(*ends)
     return {"label": scale.label, "at": positions.tolist(), "texts": texts}
 
 
-def slice_and_position(counts: Subject) -> ArrayPair:
+def slice_and_position(subject: Subject) -> ArrayPair:
     """The fixed stimulus of the slice of each pair, and its position there, shape (pairs,) each.
 
     These are the weaker and the stronger stimulus, or the first one and s2 - s1 in 'which is
     stronger'.
     """
-    if counts.task == WHICH_STRONGER:
-        return counts.s1, counts.s2 - counts.s1
-    return np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2)
+    if subject.task == WHICH_STRONGER:
+        return subject.s1, subject.s2 - subject.s1
+    return np.minimum(subject.s1, subject.s2), np.maximum(subject.s1, subject.s2)
 
 
-def _selected_slices(counts: Subject) -> tuple[list[float], int]:
+def _selected_slices(subject: Subject) -> tuple[list[float], int]:
     """The fixed stimuli of the slices with the most trials, ascending; the number of all slices.
 
     A slice without trials of different stimuli does not count, unless there are only such slices.
     """
-    slice_of_pair, _ = slice_and_position(counts)
+    slice_of_pair, _ = slice_and_position(subject)
+    # `index` has the number of the slice of each pair.
     fixed, index = np.unique(slice_of_pair, return_inverse=True)
-    n_trials = np.bincount(index, counts.n_trials * (counts.s1 != counts.s2))
+    n_trials = np.bincount(index, subject.n_trials * (subject.s1 != subject.s2))
     n_slices = max(1, int(np.count_nonzero(n_trials)))
     most_first = np.argsort(-n_trials, kind="stable")
     selected = fixed[most_first][: min(MOST_SLICES, n_slices)]

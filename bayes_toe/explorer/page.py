@@ -115,16 +115,17 @@ def entries(
     """The entries of the page, with the arguments and errors of :func:`explore`."""
     truths = truths or {}
     by_label = _draws_by_label(draws)
-    all_names = list(
-        dict.fromkeys(chain.from_iterable(model_draws.names for model_draws in by_label.values()))
-    )
+    names_by_model = [model_draws.names for model_draws in by_label.values()]
+    all_names = list(dict.fromkeys(chain.from_iterable(names_by_model)))  # each once
     names = all_names if subjects is None else list(dict.fromkeys(subjects))
     for name in names:
         if name not in all_names:
             listing = join_names([*map(repr, all_names)], 20)
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
 
-    n_entries = sum(name in part.names for part in by_label.values() for name in names)
+    n_entries = 0
+    for names_of_model in names_by_model:
+        n_entries += len(set(names).intersection(names_of_model))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
     page_entries = []
@@ -215,13 +216,14 @@ def page(
         if progress is not None:
             progress(entry.target.subject.name)
 
+    # The template has a mark where the data stand.
     html_of_page = _frame(task).replace(_ISLANDS, "".join(scripts))
     # Bokeh's script makes functions of texts, which browsers refuse without this word.
     return Explorer(with_policy(html_of_page, "'unsafe-eval'"))
 
 
 def _texts_of_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:
-    """The label of each quantity on an axis, such as 'JND, %', and what it means."""
+    """The label of each quantity on an axis, such as 'JND, %', and its meaning in words."""
     texts = {}
     for name, quantity in QUANTITY_BY_NAME.items():
         label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))

@@ -38,7 +38,7 @@ SLOTS = 6
 
 
 class _Look(NamedTuple):
-    """Colour of an entry, marker of its draws, dash of its lines, and marker of its truth."""
+    """Colour of an entry, marker of its draws, dash of its lines, and marker of its true value."""
 
     colour: str
     marker: str
@@ -64,6 +64,7 @@ def document(task: Task) -> Document:
     sources = _Sources()
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
     roots = [_distribution(sources, ranges, i) for i in range(SLOTS)]
+    # Panels below the diagonal: the column j is smaller than the row i.
     roots += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
     for letter in LETTERS:
         roots += [_curves(sources, letter, task), _plane(sources, letter, task)]
@@ -123,7 +124,7 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
     """A panel of the corner, which can be brushed; explorer.js shows the axes at the edges."""
     select = BoxSelectTool(dimensions=dimensions, renderers=[], continuous=True)
     plot = _plot(name, [select], x_range=x, y_range=y)
-    plot.toolbar.active_drag = select
+    plot.toolbar.active_drag = select  # without a click on a tool before
     brushed = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
     plot.js_on_event("selectiongeometry", CustomJS(code=brushed))
     for axis in plot.axis:
@@ -146,7 +147,7 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
 def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
     """The panel of quantity i on the diagonal, in which a drag selects an interval.
 
-    It has the prior, histograms of all draws and of the brushed ones, and the truth.
+    It has the prior, histograms of all draws and of the brushed ones, and the true value.
     """
     plot = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width")
     x, y = f"x{i}", f"y{i}"
@@ -170,7 +171,7 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
 
 
 def _dots(look: _Look, size: int, alpha: float) -> Scatter:
-    """The draws of one file, as dots without an outline."""
+    """The draws of one entry, as dots without an outline."""
     return Scatter(
         x="x",
         y="y",
@@ -183,26 +184,22 @@ def _dots(look: _Look, size: int, alpha: float) -> Scatter:
 
 
 def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
-    """The panel of quantities i (up) and j (across): draws, contours and truth.
+    """The panel of quantities i (up) and j (across): draws, contours and true values.
 
-    Later glyphs cover earlier ones: all draws are behind, the true values in front.
+    Later glyphs cover earlier ones: all draws are behind, those that are brushed before them with
+    the contours, the true values in front.
     """
     name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
     plot = _panel(name, ranges[j], ranges[i], "both")
     for letter, look in LETTERS.items():
-        faint = _dots(look, size=3, alpha=0.12)
-        plot.add_glyph(sources.get_source(f"all-{letter}-{i}-{j}", "x", "y"), faint)
+        draws = sources.get_source(f"all-{letter}-{i}-{j}", "x", "y")
+        plot.add_glyph(draws, _dots(look, size=3, alpha=0.12))
 
     selected = []
     for letter, look in LETTERS.items():
-        strong = _dots(look, size=4, alpha=0.35)
-        selected.append(
-            plot.add_glyph(
-                sources.get_source(f"kept-{letter}-{i}-{j}", "x", "y", "row"),
-                strong,
-                name=letter.upper(),
-            )
-        )
+        brushed = sources.get_source(f"kept-{letter}-{i}-{j}", "x", "y", "row")
+        dots = _dots(look, size=4, alpha=0.35)
+        selected.append(plot.add_glyph(brushed, dots, name=letter.upper()))
         lines = sources.get_source(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
         plot.add_glyph(
             lines, MultiLine(xs="xs", ys="ys", line_color=_PAGE, line_width=4, line_alpha=0.7)
@@ -297,7 +294,10 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
 
 
 def _band(plot: Any, source: ColumnDataSource, colour: str) -> None:
-    """Add the mean over all draws (dotted), that over the brushed ones, and their band."""
+    """Add the mean over all draws (dotted), that over the brushed ones, and their band.
+
+    The source has the columns :data:`_BAND`.
+    """
     plot.add_glyph(source, VArea(x="x", y1="low", y2="high", fill_color=colour, fill_alpha=0.2))
     plot.add_glyph(
         source, Line(x="x", y="all", line_color=colour, line_width=1.5, line_dash="dotted")
@@ -323,6 +323,7 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
     _small_words(plot, plot.axis)
 
     axis = sources.get_source(f"axis-{letter}", *_BAND)
+    # The line of equal stimuli.
     plot.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
     _band(plot, axis, LETTERS[letter].colour)
 

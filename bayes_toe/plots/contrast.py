@@ -116,6 +116,7 @@ def _draw_subjects(
             continue
         rows_of_word = [row for row in rows if row.word == word]
         y = [subjects.index(row.subject) for row in rows_of_word]
+        # A word that no row of this panel has gives the shape (0, 3), and an entry of the legend.
         quantiles = np.array([row.interval(unit) for row in rows_of_word]).reshape(-1, 3)
         draw_intervals(ax, y, quantiles.T, colour=colour, line=1.0, mfc=face, mew=0.7, label=label)
     name_rows(ax, len(subjects), names)

@@ -66,9 +66,9 @@ SPANNED = (0.005, 0.995)
 #: wobble.
 _SMOOTHING = 1.4 * BINS / 6.0
 #: Bins of a curve on the diagonal.
-_FINE = 240
+_CURVE_BINS = 240
 #: Bins by which a curve is smoothed, times the fifth root of the number of distinct draws.
-_SMOOTHING_OF_CURVE = 1.2 * _FINE / 6.0
+_SMOOTHING_OF_CURVE = 1.2 * _CURVE_BINS / 6.0
 PRIOR = "#999999"
 TRUTH = WEAKER_FIRST
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
@@ -79,7 +79,7 @@ OVERLAID = (
     ("#A0458A", "dashdot"),
 )
 #: Style of the true values of several subjects.
-_TRUTHS: Style = {"mec": "black", "mew": 0.8, "zorder": 5}
+_TRUTH_MARKS: Style = {"mec": "black", "mew": 0.8, "zorder": 5}
 #: Up to so many panels a side leave no corner free for the key, which then stands above them.
 _FEW_PANELS = 2
 #: The share of the height below such a key.
@@ -142,6 +142,7 @@ def corner(
 
     samples = []
     limits = []
+    # OVERLAID has four styles, of which fewer subjects take the first ones.
     for target, values, (colour, line) in zip(targets, natural_values, OVERLAID, strict=False):
         target = in_unit(target, unit)
         columns = [axis_values(key, values[key], unit) for key in names]
@@ -155,15 +156,14 @@ def corner(
     highest = np.max(limits, axis=0)[:, 1]
     spans = np.column_stack([lowest, highest]).tolist()
     fig = fig or _new_figure(len(spans))
-    for sample in samples:  # all in the same panels
+    for sample in samples:  # all in the same panels, so that `axes` stays the same
         axes = _draw_posterior(fig, sample, spans, is_single=len(samples) == 1)
     if prior is not None:  # its marginals, as shares of the same bins
         for sample in samples:
-            subject_of_sample = sample.target.subject
-            values = prior_values(model_posterior(draws.model, subject_of_sample, prior))
+            values = prior_values(model_posterior(draws.model, sample.target.subject, prior))
             for ax, name, span in zip(axes.diagonal(), names, spans, strict=True):
-                shown = axis_values(name, values[name], unit)
-                ax.plot(*_smooth_density(shown, span), color=PRIOR, lw=1.4, ls=sample.line)
+                prior_draws = axis_values(name, values[name], unit)
+                ax.plot(*_smooth_density(prior_draws, span), color=PRIOR, lw=1.4, ls=sample.line)
     _arrange_axes(axes)
     _write_key(fig, draws, samples, len(spans), has_prior=prior is not None)
     return fig
@@ -230,11 +230,14 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
     return target.names.natural
 
 
-def shown_unit(unit: StimulusUnit, columns: Iterable[NamedArrays]) -> StimulusUnit:
-    """The unit in which axes show quantities, whose draws by subject are in natural logs."""
-    ends = []
-    for quantities_of_subject in columns:
-        for name, values in quantities_of_subject.items():
+def shown_unit(unit: StimulusUnit, draws_by_subject: Iterable[NamedArrays]) -> StimulusUnit:
+    """The unit in which axes show differences: `unit`, or natural logs if per cents are too large.
+
+    The draws of each subject, by quantity, are in natural logs.
+    """
+    ends = []  # of all axes of differences
+    for draws in draws_by_subject:
+        for name, values in draws.items():
             if _is_difference(name, unit):
                 ends += np.nanquantile(values, SPANNED).tolist()
     return unit.for_percent(percent(ends))
@@ -274,6 +277,7 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
     """Symbol and unit of a quantity, as in 'JND, %'; a pure number has no unit."""
+    # `filter` leaves out an empty unit with its comma.
     return ", ".join(filter(None, (QUANTITY_BY_NAME[name].symbol, axis_unit(name, unit))))
 
 
@@ -295,15 +299,15 @@ def axis_limits(
 ) -> list[Span]:
     """Axis limits of quantities, within their support, with the true values that are known.
 
-    Quantiles in place of the ends: a few draws far out in a funnel would squeeze all others into
-    one bin.
+    Draws, true values and limits are as axes show them. Limits are at quantiles, not at the ends: a
+    few draws far out in a funnel would squeeze all others into one bin.
     """
     spans = []
     for values, name in zip(columns, names, strict=True):
         low, high = np.quantile(values, SPANNED).tolist()
         low = min(low, truth.get(name, low))
         high = max(high, truth.get(name, high))
-        if high > low:
+        if high > low:  # room for a mark at either end
             pad = 0.08 * (high - low)
         else:  # all draws are equal, perhaps 0, and an axis needs a width
             pad = 0.5 * abs(low) + 1e-12
@@ -314,11 +318,12 @@ def axis_limits(
 
 def support(target: SubjectPosterior, name: str) -> Span:
     """The smallest and the largest possible value of a quantity, in natural logs."""
-    # A quantity that several parameters determine has no prior of its own.
+    # A quantity that several parameters determine has no prior quantiles of its own.
     if name in ("offset", "pse_shift"):
         return -np.inf, np.inf
     if name in ("zone", "width", "jnd") or name.startswith("sigma"):
         return 0.0, np.inf
+    # The quantiles at 0 and at 1 are the ends of the prior.
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
 
 
@@ -336,9 +341,10 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
         low, high = support(target, name)
         rule = f"a finite number from {low:g} to {high:g}"
         if name == "sigma_p":  # gamma = (sigma_l / sigma_p)^2 does not exist at 0
-            low = np.nextafter(0.0, 1.0)
+            low = np.nextafter(0.0, 1.0)  # the smallest positive number
             rule = "a positive finite number"
         require_kind(f"truths: {name}", value, Real, rule)
+        # A finite log may be an infinite intensity.
         if not (np.isfinite(axis_values(name, value, unit)) and low <= value <= high):
             raise InputError(f"truths: {name}={value!r}, allowed: {rule}")
 
@@ -371,7 +377,7 @@ def contour_grid(x: FloatArray, y: FloatArray, across: Span, up: Span) -> tuple[
 
     # Two more bins on each side: the density goes on, and then drops, so that contours close.
     continued = np.pad(smooth, 1, mode="edge")
-    values = np.pad(continued, 1, constant_values=smooth.min())
+    padded = np.pad(continued, 1, constant_values=smooth.min())
     # Middles of bins as shares of the panel.
     shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS
     middle_x = across[0] + (across[1] - across[0]) * shares
@@ -379,10 +385,11 @@ def contour_grid(x: FloatArray, y: FloatArray, across: Span, up: Span) -> tuple[
 
     # The density at draws outside the panel is below any level.
     density = RegularGridInterpolator(
-        (middle_y, middle_x), values, bounds_error=False, fill_value=-1.0
+        (middle_y, middle_x), padded, bounds_error=False, fill_value=-1.0
     )
+    # Half of the draws lie where the density is above its median at the draws.
     levels = np.unique(np.quantile(density((y, x)), 1.0 - np.array(LEVELS)))
-    return middle_x, middle_y, values, levels
+    return middle_x, middle_y, padded, levels
 
 
 def corner_package() -> Any:
@@ -453,18 +460,22 @@ def _draw_contours(
             ax.axvline(x, color=TRUTH)
             ax.axhline(y, color=TRUTH)
         else:  # lines would be taken for medians
-            ax.plot(x, y, "s", ms=5, color=sample.colour, **_TRUTHS)
+            ax.plot(x, y, "s", ms=5, color=sample.colour, **_TRUTH_MARKS)
 
 
 def _draw_curves(
     diagonal: Panels, sample: _Sample, spans: Sequence[Span], *, is_single: bool
 ) -> None:
-    """Draw curves of density, medians or intervals, and true values on the diagonal."""
+    """Draw densities and true values on the diagonal, with the median and interval above it.
+
+    Of several subjects, an upright line is the median, and no interval is drawn.
+    """
     panels = zip(diagonal, sample.columns, spans, sample.truth, strict=True)
     for ax, values, span, true_value in panels:
         ax.plot(*_smooth_density(values, span), color=sample.colour, lw=1.4, ls=sample.line)
         low, median, high = np.quantile(values, MARKED)
         if is_single:
+            # The width of the interval determines the decimals of all three.
             texts = rounded(low, high, low, median, high)
             if len(texts[1]) > 9:  # too long for the width of a panel
                 texts = list(map("{:.2g}".format, (low, median, high)))
@@ -472,12 +483,13 @@ def _draw_curves(
             ax.axvline(true_value, color=TRUTH)
         else:
             ax.axvline(median, color=sample.colour, lw=1.0, ls=sample.line)
-            ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, color=sample.colour, **_TRUTHS)
+            # A triangle, because a further upright line would be taken for a median.
+            ax.plot(true_value, 0.0, "^", ms=7, clip_on=False, color=sample.colour, **_TRUTH_MARKS)
 
 
 def _smooth_density(values: FloatArray, span: Span) -> ArrayPair:
     """Middles of the bins of a curve on the diagonal, and the smoothed share of draws in each."""
-    counts, edges = np.histogram(values, _FINE, span)
+    counts, edges = np.histogram(values, _CURVE_BINS, span)
     n_distinct = len(np.unique(values))  # a draw that is repeated says nothing new
     smooth = gaussian_filter(counts / len(values), _SMOOTHING_OF_CURVE * n_distinct**-0.2)
     return 0.5 * (edges[1:] + edges[:-1]), smooth
@@ -490,10 +502,10 @@ def _arrange_axes(axes: Panels) -> None:
     """Set limits, ticks and labels of the panels, which have their curves."""
     # Room above the curves. Lines of other lengths are quantiles and true values.
     for ax in axes.diagonal():
-        densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _FINE]
+        densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _CURVE_BINS]
         ax.set_ylim(0.0, 1.1 * np.max(densities))
 
-    # No ticks near an end, where their labels touch the next panel.
+    # No ticks near an end, where their labels touch those of the next panel.
     for ax in axes.flat:
         for axis in (ax.xaxis, ax.yaxis):
             low, high = axis.get_view_interval()
@@ -513,7 +525,8 @@ def _arrange_axes(axes: Panels) -> None:
 
 def _new_figure(n_panels: int) -> Figure:
     """A figure for so many panels a side, with room above few panels for the key."""
-    width = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1  # with the margins of corner
+    # Inches: 1.68 for each panel, and 1.1 for the margins that the corner package leaves.
+    width = 3.7 if n_panels == 1 else 1.68 * n_panels + 1.1
     height = width / _BELOW_KEY if n_panels <= _FEW_PANELS else width
     return Figure(figsize=(width, height))
 

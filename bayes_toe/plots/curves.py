@@ -104,20 +104,20 @@ def curves(source: Analysis | Draws, subject: str) -> Figure:
 
 def fitted_figure(fitted: Predictor, title: str) -> Figure:
     """Draw the responses and curves of a subject in panels by weaker or by first stimulus."""
-    counts = fitted.target.subject
+    subject = fitted.target.subject
     # The paper's model has no curves for 'first' and 'second'.
     has_three_curves = (
-        isinstance(fitted.target, ObserverPosterior) and counts.task.has_three_answers
+        isinstance(fitted.target, ObserverPosterior) and subject.task.has_three_answers
     )
-    is_by_first = counts.task == WHICH_STRONGER or has_three_curves
-    weaker = np.unique(_weaker(counts))
+    is_by_first = subject.task == WHICH_STRONGER or has_three_curves
+    weaker = np.unique(_weaker(subject))
     is_by_weaker = not is_by_first and 0 < len(weaker) <= MOST_PANELS
-    # The stimuli of each panel. Without different stimuli, no pair has a weaker one.
+    # The stimuli (ln) of each panel. Without different stimuli, no pair has a weaker one.
     if is_by_weaker:
         stimulus_name = "weaker"
         groups = [*weaker[:, None]]  # one stimulus in each panel
     else:
-        firsts = np.unique(counts.s1)
+        firsts = np.unique(subject.s1)
         stimulus_name = "first"
         groups = np.array_split(firsts, min(len(firsts), MOST_PANELS))
 
@@ -128,22 +128,22 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
     for ax, group in zip(panels, groups, strict=True):
         if has_three_curves:
-            three_panel(ax, counts, fitted, group)
+            three_panel(ax, subject, fitted, group)
         elif is_by_weaker:
-            order_panel(ax, counts, fitted.yes, float(group[0]))
+            order_panel(ax, subject, fitted.yes, float(group[0]))
         else:
-            first_panel(ax, counts, fitted.yes, group)
+            first_panel(ax, subject, fitted.yes, group)
         if len(groups) > 1:
-            ax.set_title(_describe_group(counts, group, stimulus_name), loc="left", fontsize=SMALL)
+            ax.set_title(_describe_group(subject, group, stimulus_name), loc="left", fontsize=SMALL)
     finish_panels(panels, n_columns)
     legend_outside(below_title, side="upper")
     figure.suptitle(title, fontsize=LETTERS + 1.0)
     return figure
 
 
-def mean_first(counts: Subject) -> float:
+def mean_first(subject: Subject) -> float:
     """The mean first stimulus, of which axes show per cent, natural-log intensity."""
-    return float(np.average(counts.s1, weights=counts.n_trials))
+    return float(np.average(subject.s1, weights=subject.n_trials))
 
 
 def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
@@ -153,9 +153,9 @@ def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
     explain_curves(panels[0])
 
 
-def _describe_group(counts: Subject, group: FloatArray, stimulus_name: str) -> str:
+def _describe_group(subject: Subject, group: FloatArray, stimulus_name: str) -> str:
     """The title of a panel of sorted stimuli (ln), as in 'first stimulus 20 to 25 g'."""
-    numbers, unit = counts.unit.numbers(group[[0, -1]], mean_first(counts))
+    numbers, unit = subject.unit.numbers(group[[0, -1]], mean_first(subject))
     ends = " to ".join(dict.fromkeys(numbers))  # one number if both are the same
     return f"{stimulus_name} stimulus {ends} {unit}".replace("-", "−")
 
@@ -163,43 +163,43 @@ def _describe_group(counts: Subject, group: FloatArray, stimulus_name: str) -> s
 # --- panels ---------------------------------------------------------------------------------------
 
 
-def responses_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
+def responses_panel(ax: Axes, subject: Subject, fitted: Predictor) -> None:
     """Draw the responses and curves of a subject by order.
 
     In 'which is stronger' and with three answers all pairs are pooled. In 'same or different' these
     are the pairs with the weaker stimulus that most pairs share.
     """
-    curve = fitted.yes
-    if counts.task.has_three_answers:
-        three_panel(ax, counts, fitted, counts.s1)
+    if subject.task.has_three_answers:
+        three_panel(ax, subject, fitted, subject.s1)
         return
-    if counts.task == WHICH_STRONGER:
-        correct_panel(ax, counts, curve)
+    if subject.task == WHICH_STRONGER:
+        correct_panel(ax, subject, fitted.yes)
         return
-    weaker = main_weaker(counts)
-    order_panel(ax, counts, curve, weaker)
-    if len(np.unique(_weaker(counts))) > 1:
-        write_note(ax, _describe_group(counts, np.array([weaker]), "weaker"))
+    weaker = main_weaker(subject)
+    order_panel(ax, subject, fitted.yes, weaker)
+    if len(np.unique(_weaker(subject))) > 1:
+        write_note(ax, _describe_group(subject, np.array([weaker]), "weaker"))
 
 
-def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
+def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None:
     """P('equal') over the stronger stimulus of all pairs with one weaker stimulus (ln), by order.
 
     As in Fig. 3, upper row.
     """
-    stronger = np.maximum(counts.s1, counts.s2)
-    is_in_panel = pairs_with_weaker(counts, weaker)
+    stronger = np.maximum(subject.s1, subject.s2)
+    is_in_panel = pairs_with_weaker(subject, weaker)
     low = float(stronger[is_in_panel].min(initial=weaker))
     high = float(stronger[is_in_panel].max(initial=weaker))
     high = max(high, weaker + 1e-9)  # a curve needs two ends
     x = np.linspace(weaker, high, POINTS)
-    # In the panel of the weakest stimulus, equal stimuli may be below it.
+    # Other curves begin at the weaker stimulus; in the panel of the weakest one, equal stimuli may
+    # be below it.
     equal = np.linspace(low, high, POINTS)
     fixed = np.full_like(x, weaker)
     # The first and second stimuli along the curve of each order.
     pairs = {0: (equal, equal), -1: (fixed, x), 1: (x, fixed)}
 
-    order = presentation_order(counts)
+    order = presentation_order(subject)
     for sign, mark in ORDERS.items():
         rows = is_in_panel & (order == sign)
         if not rows.any():
@@ -207,77 +207,77 @@ def order_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float) -> None:
         first, second = pairs[sign]
         draw_band(ax, np.maximum(first, second), curve(first, second), mark.colour)
         position = stronger[rows] + sign * _SHIFT * (high - low)
-        draw_shares(ax, position, counts.n_yes[rows], counts.n_trials[rows], mark)
+        draw_shares(ax, position, subject.n_yes[rows], subject.n_trials[rows], mark)
 
-    stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
-    ax.set_ylabel(f"proportion '{counts.task.yes}'")
+    stimulus_axis(ax, "stronger stimulus", subject.unit, mean_first(subject))
+    ax.set_ylabel(f"proportion '{subject.task.yes}'")
 
 
-def first_panel(ax: Axes, counts: Subject, curve: Curve, firsts: FloatArray) -> None:
+def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) -> None:
     """P of the counted answer over s2 - s1 of all pairs with one of these first stimuli (ln).
 
     The curve is that of their middle one.
     """
-    difference = counts.s2 - counts.s1
+    difference = subject.s2 - subject.s1
     pad = 0.05 * max(float(np.ptp(difference)), 1e-9)  # above 0 if all differences are the same
     x = np.linspace(difference.min() - pad, difference.max() + pad, POINTS)
-    middle_first = np.full_like(x, firsts[len(firsts) // 2])
+    middle_first = np.full_like(x, firsts[len(firsts) // 2])  # of the sorted ones
     draw_band(ax, x, curve(middle_first, middle_first + x), _INK)
-    is_in_panel = np.isin(counts.s1, firsts)
-    for mark, has_order in rows_by_order(presentation_order(counts)):
+    is_in_panel = np.isin(subject.s1, firsts)
+    for mark, has_order in rows_by_order(presentation_order(subject)):
         rows = has_order & is_in_panel
-        draw_shares(ax, difference[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
-    if counts.task == WHICH_STRONGER:
+        draw_shares(ax, difference[rows], subject.n_yes[rows], subject.n_trials[rows], mark)
+    if subject.task == WHICH_STRONGER:
         _draw_half(ax, "one half: PSE")
-    difference_axis(ax, counts.unit)
-    ax.set_ylabel(f"proportion '{counts.task.yes}'")
+    difference_axis(ax, subject.unit)
+    ax.set_ylabel(f"proportion '{subject.task.yes}'")
 
 
-def three_panel(ax: Axes, counts: Subject, fitted: Predictor, firsts: FloatArray) -> None:
+def three_panel(ax: Axes, subject: Subject, fitted: Predictor, firsts: FloatArray) -> None:
     """P of each of three answers over s2 - s1, of all pairs with one of these first stimuli (ln).
 
     Pairs whose difference is the same are pooled. The marks of the answers stand side by side.
     """
-    is_in_panel = np.isin(counts.s1, firsts)
-    steps = counts.steps  # s2 - s1
+    is_in_panel = np.isin(subject.s1, firsts)
+    steps = subject.steps  # s2 - s1
     # Which pairs have each difference, shape (differences, pairs).
     groups = is_in_panel & (steps == np.unique(steps[is_in_panel])[:, None])
-    weights = groups * counts.n_trials
-    expected = fitted.answers(counts.s1, counts.s2)
-    n_by_answer = {"first": counts.n_first, "equal": counts.n_yes, "second": counts.n_second}
+    weights = groups * subject.n_trials
+    expected = fitted.answers(subject.s1, subject.s2)
+    n_by_answer = {"first": subject.n_first, "equal": subject.n_yes, "second": subject.n_second}
     # The marks stand at the left, in the middle and at the right.
     for position, (answer, n_answers) in enumerate(n_by_answer.items(), start=-1):
         shift = position * _SHIFT * np.ptp(steps[is_in_panel])
         # The style of the order in which the answer is right: 'first' if s1 > s2.
         mark = ORDERS[-position]._replace(label=repr(answer))
-        n_present = cast(IntArray, n_answers)  # three answers have all counts
+        n_present = cast(IntArray, n_answers)  # None only in tasks of two answers
         _draw_pooled(ax, weights, steps, expected[answer], n_present, mark, shift)
-    difference_axis(ax, counts.unit)
+    difference_axis(ax, subject.unit)
     ax.set_ylabel("proportion")
 
 
-def correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
+def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
     """The proportion correct over the middle of the pair, of all steps between the stimuli.
 
     Pairs with neighbouring middles are pooled where there are more than six middles.
     """
-    middle = 0.5 * (counts.s1 + counts.s2)
-    order = presentation_order(counts)
-    p_second = curve(counts.s1, counts.s2)
-    is_second_stronger = order < 0
+    middle = 0.5 * (subject.s1 + subject.s2)
+    order = presentation_order(subject)
+    p_second = curve(subject.s1, subject.s2)
+    is_second_stronger = order < 0  # The order is the sign of s1 - s2.
     p_correct = np.where(is_second_stronger, p_second, 1.0 - p_second)
-    n_correct = np.where(is_second_stronger, counts.n_yes, counts.n_trials - counts.n_yes)
+    n_correct = np.where(is_second_stronger, subject.n_yes, subject.n_trials - subject.n_yes)
 
-    # Equal stimuli have no correct answer.
+    # Equal stimuli have no correct answer. Neighbouring middles are a group.
     neighbours = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
-    groups = np.array([np.isin(middle, middles) for middles in neighbours])
+    groups = np.array([np.isin(middle, middles) for middles in neighbours])  # (groups, pairs)
     for sign in (-1, 1):
         shift = sign * _SHIFT * np.ptp(middle)
-        weights = (groups & (order == sign)) * counts.n_trials
+        weights = (groups & (order == sign)) * subject.n_trials
         _draw_pooled(ax, weights, middle, p_correct, n_correct, ORDERS[sign], shift)
 
     _draw_half(ax, "chance")
-    stimulus_axis(ax, "middle of the pair", counts.unit, mean_first(counts))
+    stimulus_axis(ax, "middle of the pair", subject.unit, mean_first(subject))
     ax.set_ylabel("proportion correct")
 
 
@@ -299,6 +299,7 @@ def _draw_pooled(
     weights = weights[weights.any(axis=1)]
     n_trials = weights.sum(axis=1)
     if len(n_trials):
+        # The means of x and of P over the trials of each group.
         position = weights @ x / n_trials
         draw_band(ax, position, expected @ weights.T / n_trials, mark.colour)
         draw_shares(ax, position + shift, (weights > 0) @ n_answers, n_trials, mark)
@@ -309,36 +310,36 @@ def _draw_half(ax: Axes, label: str) -> None:
     ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label=label)
 
 
-def _weaker(counts: Subject) -> FloatArray:
+def _weaker(subject: Subject) -> FloatArray:
     """The weaker stimulus of every pair of different ones."""
-    return np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2]
+    return np.minimum(subject.s1, subject.s2)[subject.s1 != subject.s2]
 
 
-def main_weaker(counts: Subject) -> float:
+def main_weaker(subject: Subject) -> float:
     """The weaker stimulus that most pairs of different stimuli share, or of the equal ones.
 
     It is the reference r of the paper's design.
     """
-    weaker = _weaker(counts)
-    return float(mode(weaker if weaker.size else counts.s1).mode)
+    weaker = _weaker(subject)
+    return float(mode(weaker if weaker.size else subject.s1).mode)
 
 
-def pairs_with_weaker(counts: Subject, weaker: float) -> BoolArray:
+def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
     """Which pairs the panel of a weaker stimulus has.
 
     They are the pairs with this weaker stimulus, and pairs of equal stimuli from it upward. The
     panel of the weakest stimulus has all pairs of equal stimuli.
     """
-    has_weaker = np.minimum(counts.s1, counts.s2) == weaker
-    is_equal = counts.s1 == counts.s2
-    is_weakest = weaker <= _weaker(counts).min(initial=np.inf)
-    return has_weaker | (is_equal & ((counts.s1 >= weaker) | is_weakest))
+    has_weaker = np.minimum(subject.s1, subject.s2) == weaker
+    is_equal = subject.s1 == subject.s2
+    is_weakest = weaker <= _weaker(subject).min(initial=np.inf)  # also where none is weaker
+    return has_weaker | (is_equal & ((subject.s1 >= weaker) | is_weakest))
 
 
 def draw_shares(ax: Axes, x: FloatArray, n_yes: IntArray, n_trials: IntArray, mark: Mark) -> None:
     """Draw the Laplace estimator of shares with its standard deviation, Eq. e:2b."""
     style: Style = {"ms": 4.0, "elinewidth": 0.9}
-    if len(x) > 25:  # points overlap
+    if len(x) > 25:  # So many points overlap.
         style = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
     style |= {"color": mark.colour, "mec": "white", "mew": 0.5}
     value = laplace_estimate(n_yes, n_trials)

@@ -31,12 +31,11 @@ def png(figure: Figure) -> bytes:
     return figure_bytes(figure, "png", dpi=150)
 
 
-def figure_bytes(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
-    """A figure as the content of a file.
+def figure_bytes(figure: Figure, form: str, *, dpi: int = 300) -> bytes:
+    """A figure as the content of a file in a format such as 'png'.
 
     Without dates or random names, so that the same figure gives the same bytes.
     """
-    form = suffix.lstrip(".").lower()
     settings: dict[Any, Any] = {
         "text.hinting": "no_hinting",  # browsers scale pictures, and letters with them
         "pdf.fonttype": 42,  # TrueType: some journals refuse letters as outlines (type 3)
@@ -65,9 +64,9 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
         If matplotlib knows no such format.
     """
     require_number("dpi", dpi)
-    suffix = require_suffix(path)
+    form = require_suffix(path)
     with whole_file(path, overwrite=overwrite) as target:
-        target.write_bytes(figure_bytes(figure, suffix, dpi=dpi))
+        target.write_bytes(figure_bytes(figure, form, dpi=dpi))
     return Path(path)
 
 
@@ -83,7 +82,7 @@ def picture_beside(table: Path) -> Path:
 
 
 def require_suffix(path: StrPath) -> str:
-    """The format that a file's name says; one that matplotlib does not write is refused."""
+    """The format that a file's name says: 'S01.PNG' -> 'png'; unknown formats are refused."""
     suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in FigureCanvasBase.get_supported_filetypes():
         raise InputError(

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.answers.order_effect import OrderEffect
+from bayes_toe.answers.order_effect import SIZE_OF, OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import plural
@@ -38,12 +38,11 @@ from bayes_toe.plots.style import (
 
 
 class QuestionStyle(NamedTuple):
-    """How the forest of an effect looks, and the names of its size in answers and in a group."""
+    """How the forest of an effect looks, and the name of its size in the table of a group."""
 
     name: str
     colour: str
     marker: str
-    size: str
     group_size: str
     title: str
     axis: str
@@ -56,7 +55,6 @@ QUESTION_STYLES = (
         "#00805D",
         "s",
         "pse_shift_percent",
-        "pse_shift_percent",
         "Constant error: PSE shift",
         "PSE shift ({unit})\nabove 0: first stimulus overestimated",
     ),
@@ -64,7 +62,6 @@ QUESTION_STYLES = (
         "contraction",
         "#C06A9B",
         "D",
-        "contraction_p",
         "contraction",
         "Contraction",
         "% of the way to the mean\nbelow 0: repulsion",
@@ -126,7 +123,8 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
     is_crowded = len(answers) > MAX_NAMES
     if is_crowded:
         answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
-    # Below the last subject, or below the group.
+    # Rows are at 0, 1, ... from above, and the group is at 0.25 below the place of a further one.
+    # The panel ends below the last subject, or below the group.
     lowest_y = len(answers) - 0.5 if group is None else len(answers) + 1.0
 
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
@@ -138,7 +136,7 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
 
         limits = _limits(sizes)
-        low, _, high = sizes.T
+        low, _, high = sizes.T  # NaN, of rows without a size, is not beyond any limit
         n_cut = int(np.sum((low < limits[0]) | (high > limits[1])))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
@@ -177,8 +175,9 @@ def _sizes(
     sizes = np.full((len(answers) + 1, 3), np.nan)
     for row, answer in enumerate(answers):
         if answer.words[question.name] in _FILLS:
-            sizes[row] = answer.sizes[question.size]
-    # All subjects of a study have the same unit.
+            sizes[row] = answer.sizes[SIZE_OF[question.name]]
+    # All subjects of a study have the same unit. Sizes are in per cent so far, and natural logs
+    # take their place if these are too large.
     unit = answers[0].unit.for_percent(_limits(sizes))
     if group is not None and question.name in group.identified:
         sizes[-1] = group.table.row("mean", question.group_size).interval
@@ -214,13 +213,14 @@ def _draw_sizes(
 def _limits(sizes: FloatArray) -> tuple[float, float]:
     """Limits of an axis that holds 0, every median and ordinary intervals.
 
-    An interval is cut if it extends farther from all medians than twice the ordinary width.
+    `sizes` has a row for each interval: low, median and high, or NaN. An interval is cut if it
+    extends farther from all medians than twice the ordinary width.
     """
     sizes = sizes[~np.isnan(sizes[:, 1])]
-    if not len(sizes):
+    if not len(sizes):  # an empty panel
         return -1.0, 1.0
     low, median, high = sizes.T
-    margin = 2.0 * np.median(high - low)
+    margin = 2.0 * np.median(high - low)  # twice the ordinary width
     start = min(0.0, max(low.min(), median.min() - margin))
     end = max(0.0, min(high.max(), median.max() + margin))
     pad = 0.05 * (end - start)

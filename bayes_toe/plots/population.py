@@ -73,20 +73,23 @@ def population(result: PopulationResult) -> Figure:
         comparisons = [f"{condition} {level} − {other}" for level, other in result.comparisons]
     n_subjects = len(result.subjects)
     is_crowded = n_subjects > MAX_NAMES_IN_GROUP
-    # Inches of the sections: forests, priors, and effects if there are any.
+    # Inches of the sections: forests, priors, and effects if there are any. A row of a forest
+    # takes 0.19, a comparison 0.4, and labels 0.9. The legend or title of a section takes 0.3.
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
     heights = [0.3 + forest_height, 1.4]
     n_columns = 1
     if effects:
         n_columns = even_columns(len(effects), largest=4)
-        heights.append(0.3 + grid_rows(len(effects), n_columns) * (0.85 + 0.4 * len(comparisons)))
+        panel_height = 0.85 + 0.4 * len(comparisons)
+        heights.append(0.3 + grid_rows(len(effects), n_columns) * panel_height)
 
     figure = new_figure(PAGE, 0.6 + sum(heights))
     colour = "black" if result.is_reliable else BAD
     figure.suptitle(_heading(result), fontsize=LETTERS + 1.0, color=colour)
     sections = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
-    # The first two sections have a panel for each parameter.
+    # The first two sections have a panel for each parameter. Forests share the axis of subjects;
+    # densities have axes of their own.
     for section, draw in zip(sections, (forest, prior_panel), strict=False):
         panels = section.subplots(1, len(names), squeeze=False, sharey=draw is forest)[0]
         for name, ax in zip(names, panels, strict=True):
@@ -120,7 +123,7 @@ def _draw_effects(
         ax.axvline(0.0, color="black", lw=0.8)
         draw_intervals(ax, range(len(row_names)), quantiles)
         name_rows(ax, len(row_names), row_names)
-        # 0 is in the middle.
+        # 0 is in the middle, so that the side of an effect is seen.
         reach = 1.08 * float(np.abs(quantiles).max())
         ax.set(xlim=(-reach, reach), xlabel=label)
         ax.spines["left"].set_visible(False)
@@ -128,7 +131,10 @@ def _draw_effects(
 
 
 def _heading(result: PopulationResult) -> str:
-    """The title: a warning if the draws are not reliable, the number of subjects, both effects."""
+    """The title: a warning if the draws are not reliable, the number of subjects, both effects.
+
+    An effect has its mean and the Bayes factor, or 'cannot be told'.
+    """
     synthetic = " (synthetic data)" if result.study.synthetic else ""
     lines = []
     if not result.is_reliable:
@@ -148,7 +154,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     """Draw the posterior of the group's mean of a parameter, and its prior density."""
     j = result.index(name)
     draws = result.draws.mean[..., j].ravel()
-    low, high = np.quantile(draws, [0.001, 0.999])
+    low, high = np.quantile(draws, [0.001, 0.999])  # without draws far out
     if name in EFFECTS:  # the panel shows 0, no effect
         low = min(low, 0.0)
         high = max(high, 0.0)
@@ -157,7 +163,8 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
 
     unit = result.shown_unit(name)
     values = result.in_units(name, x, unit)
-    # p(value) = p(x) / (d value / d x)
+    # p(value) = p(x) / (d value / d x). The prior takes x as the mean of every parameter, and
+    # `log_prior` has the shape (x, parameters).
     log_prior, _ = result.numbers.prior_of_mean(x[:, None])
     prior = np.exp(log_prior[:, j]) / np.gradient(values, x)
 
@@ -175,7 +182,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
 def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     """Draw a parameter of every subject, before bands of the group's mean and a new subject."""
     j = result.index(name)
-    # With covariates, mean and new subject are those at the reference of each covariate.
+    # With covariates, the group has no single mean: it is shown at the reference of each.
     reference = " at reference" if result.regressors.columns else ""
     unit = result.shown_unit(name)
     new_subject = result.in_units(name, result.new_subject[..., j], unit)
@@ -195,6 +202,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     n_subjects = quantiles.shape[1]
     names = [plain(subject, 14) for subject in result.subjects]
     style: Style = {"label": "subject, median and 95 % interval"}
+
     if n_subjects > MAX_NAMES_IN_GROUP:
         quantiles = quantiles[:, np.argsort(quantiles[1], kind="stable")]  # by their median
         # The lines of more than 100 subjects would overlap.
@@ -211,11 +219,11 @@ def _effects(result: PopulationResult) -> dict[str, tuple[FloatArray, str]]:
     units = {CONSTANT_ERROR.name: result.study.unit, NOISE.name: UNKNOWN_UNIT}
     effects = {}
     for name in result.names:
-        # Conditions and covariates are not analysed together.
+        # One of these is empty: conditions and covariates are not analysed together.
         rows = (*result.table.select("effect", name), *result.table.select("difference", name))
         if not rows:
             continue
-        quantiles = np.stack([row.interval for row in rows], axis=1)
+        quantiles = np.stack([row.interval for row in rows], axis=1)  # (3, effects)
         label = _EFFECT_LABELS[name]
         if name == CONSTANT_ERROR.name:
             quantiles = result.scales.step * quantiles  # from units of D to natural logs

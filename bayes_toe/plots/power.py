@@ -32,7 +32,7 @@ from bayes_toe.plots.style import (
 
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
-_LARGEST = 160.0  # area of the most frequent pair, square points
+_LARGEST_AREA = 160.0  # of the most frequent pair, square points
 
 
 def power(table: PowerTable) -> Figure:
@@ -45,18 +45,18 @@ def power(table: PowerTable) -> Figure:
     designs = table.different("design")
     figure = new_figure(PAGE, 2.1 * len(designs) + 0.6)
     axes = figure.subplots(len(designs), len(QUESTIONS), sharey=True, squeeze=False)
-    for design, row in zip(designs, axes, strict=True):
-        for question, ax in zip(QUESTIONS, row, strict=True):
+    for design, panels in zip(designs, axes, strict=True):
+        for question, ax in zip(QUESTIONS, panels, strict=True):
             _draw_question(ax, table, design, question)
-        row[0].set_ylabel(f"proportion, {plain(design)}")
+        panels[0].set_ylabel(f"proportion, {plain(design)}")
     for question, ax in zip(QUESTIONS, axes[0], strict=True):
         ax.set_title(f"{question.replace('_', ' ')}: yes or probably", fontsize=LETTERS)
     for ax in axes[-1]:
         ax.set_xlabel("trials of a subject")
     # Marks without points, for the legend.
-    first = axes[0, 0]
-    first.plot([], [], "o", mec=EQUAL, mfc="white", ms=3.6, label="hollow: without this effect")
-    first.plot([], [], "|", color=EQUAL, ms=9.0, label="95 % interval")
+    panel = axes[0, 0]
+    panel.plot([], [], "o", mec=EQUAL, mfc="white", ms=3.6, label="hollow: without this effect")
+    panel.plot([], [], "|", color=EQUAL, ms=9.0, label="95 % interval")
     legend_outside(figure, columns=4, side="upper")
     return figure
 
@@ -86,8 +86,14 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
 
     if not ax.lines:
-        word = Word.CANNOT_BE_TOLD.value
-        ax.text(0.5, 0.5, word, transform=ax.transAxes, ha="center", fontsize=LETTERS)
+        ax.text(
+            0.5,
+            0.5,
+            Word.CANNOT_BE_TOLD.value,
+            transform=ax.transAxes,
+            ha="center",
+            fontsize=LETTERS,
+        )
     ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
     ax.set_xticks(range(len(trials)), list(map("{:,}".format, trials)))
     style_axes(ax)
@@ -103,8 +109,8 @@ def design(optimal: OptimalDesign) -> Figure:
     """
     figure = new_figure(4.4, 3.5)
     ax = figure.subplots()
-    design = optimal.design
-    plane = optimal.plane
+    pairs = optimal.design
+    plane = optimal.plane  # all pairs that can be presented
     first, column = np.unique(plane.s1, return_inverse=True)
     second, row = np.unique(plane.s2, return_inverse=True)
     # Information by the second and the first stimulus; NaN where the plane has no such pair.
@@ -123,9 +129,9 @@ def design(optimal: OptimalDesign) -> Figure:
 
     # The pairs: areas in proportion to their trials.
     ax.scatter(
-        design.s1,
-        design.s2,
-        _LARGEST * design.n_trials / design.n_trials.max(),
+        pairs.s1,
+        pairs.s2,
+        _LARGEST_AREA * pairs.n_trials / pairs.n_trials.max(),
         facecolor=STRONGER_FIRST,
         edgecolor="white",
         linewidth=0.7,
@@ -134,8 +140,8 @@ def design(optimal: OptimalDesign) -> Figure:
         clip_on=False,
     )
     # A mark for the legend, not as large as in the panel.
-    label = f"this design (largest: {design.n_trials.max()} trials)"
-    ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=label)
+    label = f"this design (largest: {pairs.n_trials.max()} trials)"
+    ax.scatter([], [], _LARGEST_AREA / 3, facecolor=STRONGER_FIRST, label=label)
 
     ax.set_aspect("equal")
     ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")

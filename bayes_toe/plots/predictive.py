@@ -125,13 +125,13 @@ def _draw_subject(
 
     `index` sorts the pairs.
     """
-    share = (subject.n_yes / subject.n_trials)[index]
+    share = (subject.n_yes / subject.n_trials)[index]  # of the counted answer
     order = presentation_order(subject)[index]
     y = np.arange(len(index))
 
     low, high = predictive_interval(analysis.curve(subject.name), analysis.settings.seed)[:, index]
     ax.barh(y, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
-    # A bar of no length would not be seen.
+    # A bar of no length would not be seen: a line in its middle is.
     ax.vlines(0.5 * (low + high), y - 0.35, y + 0.35, color=_INTERVAL, lw=1.0)
     size = 4.5 if has_room and len(index) <= 40 else 2.8  # of marks, smaller if they are close
     for mark, rows in rows_by_order(order):

@@ -78,6 +78,7 @@ def sizes_figure(
 
 def report_height(analysis: Analysis) -> float:
     """Inches of the responses and of the sizes, which stand side by side, at least 2.6."""
+    # 1.2 for each row of panels, and 1.0 for legend and labels.
     responses_height = 1.0 + 1.2 * grid_rows(len(shown_subjects(analysis.answers)), 2)
     return max(responses_height, forest_height(len(analysis.answers)), 2.6)
 
@@ -89,6 +90,7 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
     """
     ranked = [answer for answer in answers if answer.is_interpretable]
     ranked.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
+    # The first one, and the last five.
     names = {answer.subject for answer in (*ranked[:1], *ranked[1 - MAX_SUBJECTS :])}
     return [answer.subject for answer in answers if answer.subject in names]
 

@@ -75,13 +75,14 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
 
 def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
     """Draw both panels of a subject, of the trials that have a trial before."""
-    static = table.posterior(row, "static")
+    static = table.posterior(row, "static")  # the model without history
     best = table.posterior(row, row.best_history)
     # P of the counted response in each answered trial, without history.
     expected = static.trial_probabilities(row.draws[0]).mean(axis=0)
-    change = best.trial_probabilities(row.draws[1]) - expected
+    change = best.trial_probabilities(row.draws[1]) - expected  # (draws, answered trials)
     trials = static.rows.trials
     answered = np.flatnonzero(trials.is_answered)
+    # 1 or 0 for the response, of which +1 is the counted one and -1 any other, minus P.
     residual = (trials.answer[answered] > 0.0) - expected
     variance = expected * (1.0 - expected)
 
@@ -92,6 +93,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
 
     mean = 0.5 * (trials.first[previous] + trials.second[previous])
     _draw_residuals(left, mean, _stimulus_groups(mean), *values)
+    # The response before, the counted one (1) at the right.
     response = trials.answer[previous]
     responses = np.unique(response[response != 0.0])  # 0 is a missing response
     _draw_residuals(right, response, response == responses[:, None], *values)
@@ -102,12 +104,15 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
-    for ax, title, effect, symbol in (
-        (left, f"{plain(row.subject, 24)}, carry-over", "carry_over", "rho"),
-        (right, "previous response", "previous_response", "kappa"),
-    ):
-        ax.set_title(f"{title}: {row.word(effect)}\n{symbol} {row.size(effect)}")
-        style_axes(ax)
+    left.set_title(
+        f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\n"
+        f"rho {row.size('carry_over')}"
+    )
+    right.set_title(
+        f"previous response: {row.word('previous_response')}\nkappa {row.size('previous_response')}"
+    )
+    style_axes(left)
+    style_axes(right)
 
 
 def _stimulus_groups(mean: FloatArray) -> BoolArray:

@@ -88,7 +88,7 @@ def plain(name: str | int, limit: int = 32) -> str:
 
 
 def rounded(low: float, high: float, *values: float) -> list[str]:
-    """Numbers with as many decimals as show two digits of `high - low`.
+    """Numbers as texts, with as many decimals as show two digits of `high - low`.
 
     Examples
     --------
@@ -135,7 +135,9 @@ def even_columns(n_panels: int, largest: int) -> int:
     >>> even_columns(4, largest=3), even_columns(7, largest=3), even_columns(2, largest=3)
     (2, 3, 2)
     """
-    return grid_rows(n_panels, grid_rows(n_panels, largest))
+    # Columns are to rows what rows are to columns.
+    n_rows = grid_rows(n_panels, largest)
+    return grid_rows(n_panels, n_rows)
 
 
 def grid_panels(
@@ -202,7 +204,7 @@ class Scale(NamedTuple):
                 # With fewer ticks allowed, the locator would leave some powers out.
                 locators.append(LogLocator(subs=multiples, numticks=50))
         locators.append(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-        # The first locator with three ticks, else the last one.
+        # The numbers of the first locator that gives three of them, else of the last one.
         for locator in locators:
             numbers = np.asarray(locator.tick_values(start, end))
             numbers = numbers[(numbers >= start) & (numbers <= end)]
@@ -258,7 +260,7 @@ def proportion_axis(ax: Axes) -> None:
     lowest, _ = ax.get_ylim()
     start = 0.0
     if lowest >= 0.3:
-        start = np.floor(10.0 * lowest) / 10.0
+        start = np.floor(10.0 * lowest) / 10.0  # the tenth below
     ax.set_ylim(start - 0.03, 1.03)  # room for half a mark
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
 
@@ -277,7 +279,7 @@ def zero_line(ax: Axes) -> None:
 
 def write_note(ax: Axes, text: str) -> None:
     """A note in small grey letters, in the lower right corner of a panel."""
-    box = ax.transAxes
+    box = ax.transAxes  # in which a panel goes from 0 to 1
     ax.text(0.99, 0.01, text, ha="right", va="bottom", fontsize=SMALL, color=EQUAL, transform=box)
 
 

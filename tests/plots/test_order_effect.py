@@ -9,6 +9,7 @@ from populations import made_result
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.answers.order_effect import SIZE_OF
 from bayes_toe.answers.words import Word
 from bayes_toe.plots.order_effect import QUESTION_STYLES
 
@@ -44,7 +45,7 @@ def test_forests_have_sizes_and_words_of_every_subject(analysis):
         sizes = []
         for answer in analysis.answers:
             if answer.words[question.name] is not Word.CANNOT_BE_TOLD:
-                sizes.append(answer.sizes[question.size])
+                sizes.append(answer.sizes[SIZE_OF[question.name]])
         assert medians(ax) == [size.q50 for size in sizes]
         assert intervals(ax) == [(size.q025, size.q975) for size in sizes]
 
