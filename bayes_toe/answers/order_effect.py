@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit
 
-from bayes_toe.answers.serial_screen import SerialScreen, subject_screen
+from bayes_toe.answers.serial_screen import NO_TESTS, SerialScreen, subject_screen
 from bayes_toe.answers.words import Word, remains, word_for
 from bayes_toe.arrays import BoolArray, FloatArray, Texts
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE, flag_limit
@@ -613,7 +613,7 @@ def order_effect(
     identification: Identification,
     findings: Sequence[Finding] = (),
     fit: GoodnessOfFit | None = None,
-    screen: SerialScreen | None = None,
+    screen: SerialScreen = NO_TESTS,
 ) -> OrderEffect:
     """The answer of one subject.
 
@@ -647,7 +647,6 @@ def order_effect(
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
-    screen = screen or SerialScreen()
     # `in_study` adds the flags of p-values. It is called again where there are several subjects.
     return OrderEffect(
         subject=evidence.subject.name,
@@ -811,21 +810,22 @@ def _prior_problems(
             models = evidence.with_prior_scale(effect, factor)
             rescaled_words.append((width, _words(models, with_effect, answerable)))
 
-    # The first change of each question. Questions with the same change share a sentence, in which
-    # their names replace the braces.
+    # The first change of each question. Questions with the same change share a sentence.
     questions_by_change = defaultdict(list)
     for question in answerable:
         word = words[question]
         for width, rescaled in rescaled_words:
             if not remains(word, rescaled[question]):
-                change = (
-                    f"A prior {width} as wide changes {{}} from '{word}' to '{rescaled[question]}'."
-                )
+                change = width, word, rescaled[question]
                 questions_by_change[change].append(question.replace("_", " "))
                 break
     if not questions_by_change:
         return {}
-    sentences = [change.format(join_words(names)) for change, names in questions_by_change.items()]
+    sentences = []
+    for (width, word, other_word), names in questions_by_change.items():
+        sentences.append(
+            f"A prior {width} as wide changes {join_words(names)} from '{word}' to '{other_word}'."
+        )
     dependent = ", ".join(chain(*questions_by_change.values()))
     return {f"{PRIOR_FLAG}: {dependent}": Problem(" ".join(sentences))}
 

@@ -274,8 +274,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
-    right_agreement = _agreement(np.array(n_right), np.array(n[right != 0].sum()))
-    agreement = np.maximum(_agreement(k, n), right_agreement)
+    agreement = np.maximum(_agreement(k, n), _agreement(n_right, n[right != 0].sum()))
     return -np.log(agreement)[pair.ravel()]
 
 

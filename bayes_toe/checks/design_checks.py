@@ -64,6 +64,7 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
     require_study(study)
     paper_prior = None if prior is None else preset_or_file(prior)
     findings = (*check_design(study, paper_prior), *check_answers(study))
+    # Findings about the whole study, which have no subject, come first.
     return tuple(sorted(findings, key=lambda finding: finding.subject != ""))
 
 
@@ -92,8 +93,11 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
 
 
 def _raw_stimuli(study: Study) -> Findings:
-    """Stimuli that cannot be natural logs. A file of them is refused when it is read."""
-    if study.unit.name or "i1" in study.reading.read:
+    """Stimuli that look like intensities but are taken as natural logs.
+
+    A file of them is refused when it is read; this is for studies that are made in Python.
+    """
+    if study.unit.name or "i1" in study.reading.read:  # the unit, or the column, says what they are
         return
     first = np.concatenate([subject.s1 for subject in study])
     second = np.concatenate([subject.s2 for subject in study])
@@ -119,15 +123,15 @@ def _two_scales(study: Study) -> Findings:
             continue
         gap = _widest_gap(levels)
         # A trial with a stimulus in each group counts in both.
-        is_below = np.stack([subject.s1, subject.s2]) <= gap.below[-1]
+        is_below = np.stack([subject.s1, subject.s2]) <= gap.below[-1]  # (2, pairs)
         n_below = subject.n_trials[is_below.any(axis=0)].sum()
         n_above = subject.n_trials[~is_below.all(axis=0)].sum()
         n_in_smaller_group = min(n_below, n_above)
 
-        # Two digits of the ratio; exp(700) is near the largest float.
+        # The ratio of the stimuli at the gap, with two digits; exp(700) is near the largest float.
         rounded_ratio = float(f"{math.exp(min(gap.size, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
-        ranges = [_range_of(group, subject.unit, study.reading) for group in gap[:2]]
+        ranges = [_range_of(group, subject.unit, study.reading) for group in (gap.below, gap.above)]
         if gap.separates_scales:
             yield Finding(
                 subject.name,
@@ -138,25 +142,29 @@ def _two_scales(study: Study) -> Findings:
             )
         elif gap.size > gap.others > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
-            lone, remaining = ranges if n_below < n_above else ranges[::-1]
+            smaller, larger = ranges if n_below < n_above else ranges[::-1]
             yield Finding(
                 subject.name,
                 "two_scales",
-                f"In {trials}, a stimulus ({lone}) lies {factor} from all others ({remaining}). "
+                f"In {trials}, a stimulus ({smaller}) lies {factor} from all others ({larger}). "
                 "Check its decimal point.",
             )
 
 
 def _scales_of_subjects(study: Study) -> Findings:
-    """Stimuli of some subjects that are a factor of 100 or more from those of all others."""
+    """Stimuli of some subjects that are a factor of 100 or more from those of all others.
+
+    Conditions may have stimuli of their own, so a study with conditions has no such finding.
+    """
     levels = np.unique(np.concatenate([subject.stimuli for subject in study]))
     if study.conditions is not None or len(levels) == 1:
         return
     gap = _widest_gap(levels)
     weak = [subject.name for subject in study if subject.stimuli.max() <= gap.below[-1]]
     strong = [subject.name for subject in study if subject.stimuli.min() >= gap.above[0]]
+    # Each subject has stimuli on one side of the gap only.
     if gap.separates_scales and len(weak) + len(strong) == len(study):
-        ranges = [_range_of(group, study.unit, study.reading) for group in gap[:2]]
+        ranges = [_range_of(group, study.unit, study.reading) for group in (gap.below, gap.above)]
         yield Finding(
             "",
             "two_scales",
@@ -166,7 +174,10 @@ def _scales_of_subjects(study: Study) -> Findings:
 
 
 class _Gap(NamedTuple):
-    """The widest gap between levels of the stimuli: the levels on both sides, and widths."""
+    """The widest gap between levels of the stimuli: the levels on both sides, and widths.
+
+    Levels are natural logs, so a width is the log of a ratio of stimuli.
+    """
 
     below: FloatArray
     above: FloatArray
@@ -212,14 +223,15 @@ def _columns(reading: Reading) -> Findings:
 
 def _similar_names(names: Iterable[str]) -> Findings:
     """Names that are probably one subject's: they look alike, or are the same number."""
-    groups = defaultdict(list)
+    groups = defaultdict(list)  # names by their number, or by their letters in lower case
     for name in names:
         # '01' and '1' are the same number, which is NaN for a text.
-        look = unicodedata.normalize("NFKC", name).casefold()
+        letters = unicodedata.normalize("NFKC", name).casefold()
         value = number(name)
-        groups[look if math.isnan(value) else value].append(name)
+        groups[letters if math.isnan(value) else value].append(name)
     for alike in groups.values():
         if len(alike) > 1:
+            # In ASCII, letters that look alike differ.
             subjects = ", ".join(map(ascii, alike))
             message = (
                 f"Subjects {subjects} look alike. If they are one subject, give them one name."
@@ -233,15 +245,17 @@ def _similar_names(names: Iterable[str]) -> Findings:
 def _prior_scale(study: Study, prior: Prior) -> Findings:
     """Stimuli in another unit than a prior of numbers.
 
-    Hardly any sigma_p of such a prior is within a factor of 10 of the stimuli's steps, so evidence
-    and posterior depend on the prior alone.
+    Such a prior has sigma_p within a factor of 10 of the stimuli's steps with a probability below
+    0.1, so evidence and posterior depend on the prior alone.
     """
     scales = common_scales(*study)
+    # A prior in units of the stimuli suits any of them.
     if scales is None or prior.depends_on_stimuli(prior.spread):
         return
     step = scales.step
     if prior.spread_probability(step / 10.0, 10.0 * step) >= 0.1:
         return
+    # By the side of the step on which the median of sigma_p lies.
     width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
     yield Finding(
         "",
@@ -293,7 +307,7 @@ def _one_order(subject: Subject) -> Findings:
 
 
 def _conditions(study: Study) -> Findings:
-    """Findings that can look like a difference between conditions."""
+    """Missing conditions, and differences in stimuli or time that look like one of conditions."""
     if study.conditions is None:
         return
     orders = Counter[str]()  # the subjects who had the conditions in each order
@@ -313,6 +327,7 @@ def _conditions(study: Study) -> Findings:
         if order:
             orders[order] += 1
 
+    # One order for most subjects: the others overlap, have one condition, or have no known order.
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         yield Finding(
             "",
@@ -324,7 +339,10 @@ def _conditions(study: Study) -> Findings:
 
 
 def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
-    """Conditions of a subject that differ in their mean stimulus, or share no pair."""
+    """Conditions of a subject that differ in their mean stimulus, or share no pair.
+
+    A mean differs by more than a quarter of the standard deviation of all stimuli.
+    """
     means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
     distance = 0.0 if scales is None else np.ptp(means) / scales.spread
@@ -348,11 +366,11 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
 
     Empty for a single condition, and where conditions overlap or the order is not known.
     """
-    spans = []
+    spans = []  # first trial, last trial and condition
     for unit in units:
         if unit.answers is None or unit.answers.span is None:
             return ""
-        spans.append((*unit.answers.span, unit.condition))  # first and last trial
+        spans.append((*unit.answers.span, unit.condition))
     spans.sort()
     overlaps = [end >= next_start for (_, end, _), (next_start, _, _) in pairwise(spans)]
     if len(spans) == 1 or any(overlaps):

@@ -105,8 +105,13 @@ class Observer:
     @property
     def has_effect(self) -> dict[str, bool]:
         """Whether the observer truly has the effect that each of the three questions is about."""
-        effects = {name: self.parameters[name] != 0.0 for name in ("constant_error", "contraction")}
-        return {"order_effect": any(effects.values()), **effects}
+        has_error = self.parameters["constant_error"] != 0.0
+        has_contraction = self.parameters["contraction"] != 0.0
+        return {
+            "order_effect": has_error or has_contraction,
+            "constant_error": has_error,
+            "contraction": has_contraction,
+        }
 
     def p_questions(
         self,

@@ -445,8 +445,7 @@ class GroupPower(NamedTuple):
 
         It is in brackets if the true mean is 0, because it is then the share of false positives.
         """
-        interval = f"[{100.0 * self.power_low:.0f}, {100.0 * self.power_high:.0f}]"
-        text = f"{100.0 * self.power:.0f} {interval}"
+        text = f"{100 * self.power:.0f} [{100 * self.power_low:.0f}, {100 * self.power_high:.0f}]"
         return text if self.has_mean else f"({text})"
 
     @property
