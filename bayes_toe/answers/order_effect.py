@@ -301,13 +301,18 @@ class OrderEffect:
                 size = ""  # the order effect, and an effect that is denied, have none
                 if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
                     size = self.format_size(SIZE_OF[question])
-                probability = format_probability(self.probabilities[question])
-                factor = format_bayes_factor(self.log_bayes_factors[question])
                 marks = " !" if self.fits is False else ""
                 # The flag names the questions that depend on the prior.
                 if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
                     marks += " ?"
-                lines[question] = Line(name, self.word(question), marks, size, probability, factor)
+                lines[question] = Line(
+                    name,
+                    self.word(question),
+                    marks=marks,
+                    size=size,
+                    probability=format_probability(self.probabilities[question]),
+                    factor=format_bayes_factor(self.log_bayes_factors[question]),
+                )
         return lines
 
     def format_size(self, name: str) -> str:

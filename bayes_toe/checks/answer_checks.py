@@ -361,8 +361,7 @@ class AnswerTable:
     def is_mixed(self) -> BoolArray:
         """Whether a pair has both answers, shape (pairs,); otherwise its blocks cannot differ."""
         n_yes = self.k.sum(1)
-        n_all = self.n.sum(1)
-        return (n_yes > 0) & (n_yes < n_all)
+        return (n_yes > 0) & (n_yes < self.n.sum(1))
 
     @property
     def excess_yes(self) -> IntArray:

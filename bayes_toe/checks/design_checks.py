@@ -37,6 +37,8 @@ from bayes_toe.errors import Remedy
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
 
+#: The subject of a finding about the whole study.
+_WHOLE_STUDY = ""
 #: Codes of findings that are no warnings.
 NOTES = frozenset({"columns_ignored", "criterion"})
 
@@ -64,8 +66,8 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
     require_study(study)
     paper_prior = None if prior is None else preset_or_file(prior)
     findings = (*check_design(study, paper_prior), *check_answers(study))
-    # Findings about the whole study, which have no subject, come first.
-    return tuple(sorted(findings, key=lambda finding: finding.subject != ""))
+    # Findings about the whole study come first.
+    return tuple(sorted(findings, key=lambda finding: finding.subject != _WHOLE_STUDY))
 
 
 def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
@@ -74,7 +76,9 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
     findings += [*_conditions(study), *_columns(study.reading)]
     findings += identification_findings(study)
     if study.task in CRITERION_NOTES:
-        findings.append(Finding("", "criterion", f"{capitalized(CRITERION_NOTES[study.task])}."))
+        findings.append(
+            Finding(_WHOLE_STUDY, "criterion", f"{capitalized(CRITERION_NOTES[study.task])}.")
+        )
     for subject in study:
         findings += _one_order(subject)
     return tuple(findings)
@@ -82,7 +86,9 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
 
 def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """Probable mistakes, which every command prints before its work."""
-    findings = [Finding("", "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts]
+    findings = [
+        Finding(_WHOLE_STUDY, "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts
+    ]
     findings += [*_raw_stimuli(study), *_two_scales(study), *_scales_of_subjects(study)]
     if prior is not None:
         findings += _prior_scale(study, prior)
@@ -104,7 +110,7 @@ def _raw_stimuli(study: Study) -> Findings:
     sign, _ = sign_of_intensities(first, second)
     if sign:
         yield Finding(
-            "",
+            _WHOLE_STUDY,
             "raw_stimuli",
             f"Stimuli look like raw intensities ({sign}), but are taken as natural logs. Take "
             "their logarithms, or the unit 'ln' if they are logs.",
@@ -166,7 +172,7 @@ def _scales_of_subjects(study: Study) -> Findings:
     if gap.separates_scales and len(weak) + len(strong) == len(study):
         ranges = [_range_of(group, study.unit, study.reading) for group in (gap.below, gap.above)]
         yield Finding(
-            "",
+            _WHOLE_STUDY,
             "two_scales",
             f"The stimuli of {join_names(map(display_name, weak))} are {ranges[0]}, those of other "
             f"subjects {ranges[1]}. Correct them if they are in another unit.",
@@ -212,10 +218,10 @@ def _columns(reading: Reading) -> Findings:
     """Columns that are pooled or ignored."""
     for name in reading.pooled:
         message = f"Column {display_name(name)} differs within subjects, and its levels are pooled."
-        yield Finding("", "pooled_condition", message, Remedy("condition", name).typed)
+        yield Finding(_WHOLE_STUDY, "pooled_condition", message, Remedy("condition", name).typed)
     if reading.ignored:
         names = join_names(map(display_name, reading.ignored))
-        yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
+        yield Finding(_WHOLE_STUDY, "columns_ignored", f"Ignored columns: {names}.")
 
 
 # --- Names ---------------------------------------------------------------------------------------
@@ -236,7 +242,7 @@ def _similar_names(names: Iterable[str]) -> Findings:
             message = (
                 f"Subjects {subjects} look alike. If they are one subject, give them one name."
             )
-            yield Finding("", "names_look_alike", message)
+            yield Finding(_WHOLE_STUDY, "names_look_alike", message)
 
 
 # --- The prior of the paper's model --------------------------------------------------------------
@@ -258,7 +264,7 @@ def _prior_scale(study: Study, prior: Prior) -> Findings:
     # By the side of the step on which the median of sigma_p lies.
     width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
     yield Finding(
-        "",
+        _WHOLE_STUDY,
         "prior_scale",
         f"The prior is far too {width} for these stimuli: {prior.spread} ~ "
         f"{prior.describe_distribution(prior.spread)}, "
@@ -284,7 +290,7 @@ def identification_findings(study: Study) -> Findings:
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
         if len(names) == len(study):
-            names = [""]  # a finding about the whole study
+            names = [_WHOLE_STUDY]
         for name in names:
             yield Finding(name, "not_identified", message)
 
@@ -330,7 +336,7 @@ def _conditions(study: Study) -> Findings:
     # One order for most subjects: the others overlap, have one condition, or have no known order.
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         yield Finding(
-            "",
+            _WHOLE_STUDY,
             "conditions_in_order",
             f"The conditions came in one order, {join_names(orders)}, for "
             f"{plural(orders.total(), 'subject')}. A difference between conditions may be an "

@@ -320,8 +320,16 @@ def fit_columns(task: Task) -> Texts:
     """Columns of fit.csv; limits are named such as mu1_lower and mu1_upper."""
     natural = natural_names(task)
     limits = map("_".join, product(natural, ("lower", "upper")))
-    settings = ("level", "replicates", "penalty")
-    return ("subject", *natural, "log_likelihood", "at_edge", *limits, *settings)
+    return (
+        "subject",
+        *natural,
+        "log_likelihood",
+        "at_edge",
+        *limits,
+        "level",
+        "replicates",
+        "penalty",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,9 +362,17 @@ class FitTable(SubjectTable[SubjectFit]):
         penalty = self.prior.describe_penalty()
         rows = []
         for row in self:
-            fitted = (row.subject, *row.parameters, row.log_likelihood, row.at_edge)
-            limits = row.intervals(self.level).ravel()
-            rows.append((*fitted, *limits, self.level, self.replicates, penalty))
+            entries = (
+                row.subject,
+                *row.parameters,
+                row.log_likelihood,
+                row.at_edge,
+                *row.intervals(self.level).ravel(),
+                self.level,
+                self.replicates,
+                penalty,
+            )
+            rows.append(entries)
         return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
 
     def frame(self, *, full: bool = False) -> pd.DataFrame:
@@ -442,11 +458,11 @@ def subject_fit(
     # The maximum has the penalty on mu1, the first coordinate; the log likelihood has none.
     penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2
     return SubjectFit(
-        subject.name,
-        subject.task,
-        parameters,
-        float(maxima.value.max() + penalty),
-        likelihood.reached_bounds(maxima.best),
-        natural[1:],
-        sum(has_failed),
+        subject=subject.name,
+        task=subject.task,
+        parameters=parameters,
+        log_likelihood=float(maxima.value.max() + penalty),
+        at_edge=likelihood.reached_bounds(maxima.best),
+        replicates=natural[1:],
+        n_failed=sum(has_failed),
     )

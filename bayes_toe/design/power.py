@@ -163,9 +163,9 @@ class PowerTable(Table[PowerEstimate]):
                 counts[DETECTED] = sum(word.is_positive for word in words)
                 n = len(words)
                 for answer, count in counts.items():
-                    value_and_interval = share(count, n)
+                    # The fields value, low and high are those of `share`.
                     rows.append(
-                        PowerEstimate(*design_and_kind, question, answer, *value_and_interval, n)
+                        PowerEstimate(*design_and_kind, question, answer, *share(count, n), n)
                     )
         return cls(tuple(rows), data_sets, seed)
 
@@ -524,7 +524,8 @@ def group_power(
             n_detected = sum(data_set.answer.words[question].is_positive for data_set in group)
             # The order effect has no parameter, so that its mean and the power of its mean are NaN.
             true_sizes = [data_set.observer.parameters.get(question, np.nan) for data_set in group]
-            true_mean_and_sd = float(np.mean(true_sizes)), float(np.std(true_sizes))
+            true_mean = float(np.mean(true_sizes))
+            true_sd = float(np.std(true_sizes))
             for size in subjects:
                 detected = predicted_count(n_detected, len(group), size)
                 power_of_mean = np.nan, np.nan, np.nan
@@ -532,8 +533,19 @@ def group_power(
                     rng = generator(table.seed, design, kind, f"{trials} {size} {question}")
                     hits = _count_detected_means(group, question, size, prior, rng)
                     power_of_mean = share(hits, _N_STUDIES)
-                study = design, trials, kind, question, size
-                rows.append(GroupPower(*study, *true_mean_and_sd, *detected, *power_of_mean))
+                rows.append(
+                    GroupPower(
+                        design,
+                        trials,
+                        kind,
+                        question,
+                        size,
+                        true_mean,
+                        true_sd,
+                        *detected,  # median and interval
+                        *power_of_mean,  # value and interval
+                    )
+                )
     return GroupPowerTable(tuple(rows), table.seed)
 
 

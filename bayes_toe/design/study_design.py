@@ -107,8 +107,15 @@ class StudyDesign:
 
         `n_second` are the answers 'second' in a task with three answers.
         """
-        columns = self.s1, self.s2, np.asarray(n_yes), self.n_trials
-        return Subject(name, *columns, n_second=n_second, task=self.task)
+        return Subject(
+            name,
+            self.s1,
+            self.s2,
+            np.asarray(n_yes),
+            self.n_trials,
+            n_second=n_second,
+            task=self.task,
+        )
 
     @property
     def unanswered(self) -> Subject:
