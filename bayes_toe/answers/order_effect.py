@@ -875,5 +875,5 @@ def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
     # Points and modes have all coordinates of 'both'; the model has the free ones. The deviance is
     # averaged over 1000 draws.
-    points = evidence.averaged(is_best).resampled(rng, 1000)[:, posterior.is_free]
+    points = evidence.averaged(is_best).resampled(rng, size=1000)[:, posterior.is_free]
     return summarise_fit(posterior, points, evidence.modes[best, posterior.is_free])

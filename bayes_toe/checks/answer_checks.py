@@ -152,12 +152,14 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
     """Findings about the responses of every subject, with codes of :data:`FLAG_WORDS`."""
     require_study(study)
     alternatives = compare_alternatives(study)
-    other_task = _other_task(study, alternatives)
+    other_task_findings = _other_task(study, alternatives)
     findings = []
     for subject in study:
-        if subject.name in other_task:
-            findings.append(other_task[subject.name])
-        findings += subject_findings(subject, len(study), alternatives.get(subject.name))
+        if subject.name in other_task_findings:
+            findings.append(other_task_findings[subject.name])
+        findings += subject_findings(
+            subject, n_subjects=len(study), alternatives=alternatives.get(subject.name)
+        )
     return tuple(findings)
 
 
@@ -209,7 +211,7 @@ def _drawable_answers(subject: Subject) -> Answers | None:
 
 
 def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
-    """Long sequences of trials that repeat earlier ones, stimuli and answers."""
+    """Long sequences of trials that repeat the stimuli and the answers of earlier ones."""
     if subject.answers is None or not subject.answers.has_trial_rows:
         return
     answers = subject.answers.answered
@@ -217,7 +219,7 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
     if n_rows < 2 * _WINDOW:  # no room for a window and its copy
         return
     is_copy = _copied_rows(subject, answers, n_subjects)
-    if is_copy.any():
+    if is_copy.any():  # the first one is at argmax
         yield Finding(
             subject.name,
             "repeated_trials",
@@ -243,8 +245,9 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     # first one. Equal windows have equal hashes, and others hardly ever have.
     windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)
     hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    _, first, group = np.unique(windows @ hash_weights, return_index=True, return_inverse=True)
-    lag = np.arange(len(windows)) - first[group]
+    hashes = windows @ hash_weights
+    _, first_window, group = np.unique(hashes, return_index=True, return_inverse=True)
+    lag = np.arange(len(windows)) - first_window[group]
 
     # Windows in a run have the same lag, so that the run repeats one earlier sequence. It ends with
     # the last row of its last window.
@@ -318,7 +321,7 @@ def has_other_task(alternatives: Alternatives, task: Task) -> bool:
 
 
 def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, Finding]:
-    """Findings by subject, if more than half of the subjects seem to answer the other task.
+    """Findings by subject, if more than half of the subjects seem to answer another task.
 
     In 'same or different?', a large constant error that all subjects share looks like 2AFC. So
     there it is a flag of these subjects, and in 2AFC every subject is refused.

@@ -175,7 +175,12 @@ class Adaptive:
             points = template.full_points(template.sample_prior(rng, draws))  # (1, draws, k)
             log_prior = template.array.log_prior(points)[0]
             # Before the first answer, the posterior and what was drawn from are the prior, too.
-            prior_draws = WeightedDraws(points[0], log_prior, log_prior, log_prior)
+            prior_draws = WeightedDraws(
+                x=points[0],
+                log_prior=log_prior,
+                log_posterior=log_prior,
+                log_proposal=log_prior,
+            )
             self._particles[name] = Particles(template, prior_draws)
 
     # --- A session --------------------------------------------------------------------------------

@@ -194,9 +194,9 @@ def exchange_trials(
     # What is left of the last portion goes to pairs that the design has: none may be new. Two at a
     # time keep both orders equally frequent, and an odd one comes last.
     for _ in range(trials % portion // 2):
-        n_trials = _add_trials(information, n_trials, turned, 2, most_pairs=0)
+        n_trials = _add_trials(information, n_trials, turned, size=2, most_pairs=0)
     if trials % 2:
-        n_trials = _add_trials(information, n_trials, turned, 1, most_pairs=0)
+        n_trials = _add_trials(information, n_trials, turned, size=1, most_pairs=0)
     return n_trials
 
 

@@ -135,7 +135,7 @@ class Observer:
 
         # The model has its parameters in units of D and R. With D = R = 1 they are those of the
         # observer, in natural-log intensity.
-        scales = StimulusScales(sbar, sbar, step=1.0, spread=1.0, first_spread=0.0)
+        scales = StimulusScales(mean=sbar, sbar=sbar, step=1.0, spread=1.0, first_spread=0.0)
         any_pair = each_once([0.0], [0.0], task=self.task)
         posterior = ObserverPosterior(any_pair.unanswered, OrderModel("both"), given_scales=scales)
         # The stimuli take the place of the pairs of this posterior, (subjects, points, pairs).

@@ -290,7 +290,7 @@ def optimal_design(
     plane = pairs_to_show(levels, goal)
     # Five observers of each kind are enough for the information, which changes smoothly with their
     # parameters. The power is a share of simulated answers, and needs more.
-    assumed = assume_observers(observers, 5, root, [plane], observer_prior)
+    assumed = assume_observers(observers, size=5, seed=root, designs=[plane], prior=observer_prior)
     power_observers = assume_observers(
         observers, data_sets, root, [plane], observer_prior, is_even=True
     )
@@ -338,7 +338,8 @@ def best_design(
     most_pairs = min(goal.max_pairs, n_left + n_kept_pairs)
     n_trials = exchange_trials(plane_information, n_left, most_pairs, fixed, plane.turned)
     chosen = np.flatnonzero(n_trials)
-    worth = plane_information.utilities(n_trials, 1.0) - plane_information.utility(n_trials)
+    with_one_more = plane_information.utilities(n_trials, n_more=1.0)
+    worth = with_one_more - plane_information.utility(n_trials)
     return plane.select(chosen, n_trials[chosen]), worth
 
 

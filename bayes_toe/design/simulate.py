@@ -263,7 +263,7 @@ def answer_trials(
     after a trial that is carried over to the next one.
     """
     # At a share of 1, an expectation would never fade.
-    require_number("--carry-over", carry_over, 0, 0.999, Real)
+    require_number("--carry-over", carry_over, smallest=0, largest=0.999, kind=Real)
     rng = generator(seed, observer.name, "trials")
     pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // design.n_batches)
     # A random order of each batch: sorted uniform numbers, (batches, trials of a batch).
