@@ -261,9 +261,10 @@ def optimal_design(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> OptimalDesign:
-    """Find the design that is most informative about assumed observers, and compare an even one.
+    """Find the design that is most informative about assumed observers.
 
-    Both orders of two stimuli are equally frequent in the optimised design.
+    Both orders of two stimuli are equally frequent in the design. An even design of as many trials
+    is compared with it by simulation.
 
     Parameters
     ----------

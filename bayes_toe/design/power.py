@@ -481,11 +481,11 @@ class GroupPowerTable(Table[GroupPower]):
                 kinds = self.select(design, trials, question).values()
                 with_mean = [rows for rows in kinds if rows[0].has_mean]
                 if with_mean:
-                    rows = min(with_mean, key=lambda rows: abs(rows[0].true_mean))
-                    shares = [f"{row.percent} % with {row.subjects} subjects" for row in rows]
+                    smallest = min(with_mean, key=lambda rows: abs(rows[0].true_mean))
+                    shares = [f"{row.percent} % with {row.subjects} subjects" for row in smallest]
                     lines.append(
                         f"{capitalized(design)}, {trials:,} trials: studies detect the mean of "
-                        f"'{rows[0].observers}' in {join_words(shares)}."
+                        f"'{smallest[0].observers}' in {join_words(shares)}."
                     )
         return lines
 
