@@ -261,7 +261,7 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     if not misfits:
         return []
     subjects = plural(len(misfits), "subject")
-    names = join_names([answer.subject for answer in misfits], 5)
+    names = join_names([answer.subject for answer in misfits], max_items=5)
     lines = [
         f"The model does not fit {subjects}: {names}. "
         f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."

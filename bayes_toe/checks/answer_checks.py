@@ -177,9 +177,11 @@ def subject_findings(
     """
     yield from _repeated_trials(subject, n_subjects)
     if subject.total_trials < FEW_TRIALS:
-        trials = plural(subject.total_trials, "trial")
-        message = f"Only {trials}, so the prior has much influence."
-        yield Finding(subject.name, "few_trials", message)
+        yield Finding(
+            subject.name,
+            "few_trials",
+            f"Only {plural(subject.total_trials, 'trial')}, so the prior has much influence.",
+        )
     answers = subject.answers_given
     if len(answers) == 1:
         yield Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")

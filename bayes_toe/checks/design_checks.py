@@ -217,8 +217,12 @@ def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
 def _columns(reading: Reading) -> Findings:
     """Columns that are pooled or ignored."""
     for name in reading.pooled:
-        message = f"Column {display_name(name)} differs within subjects, and its levels are pooled."
-        yield Finding(_WHOLE_STUDY, "pooled_condition", message, Remedy("condition", name).typed)
+        yield Finding(
+            _WHOLE_STUDY,
+            "pooled_condition",
+            f"Column {display_name(name)} differs within subjects, and its levels are pooled.",
+            Remedy("condition", name).typed,
+        )
     if reading.ignored:
         names = join_names(map(display_name, reading.ignored))
         yield Finding(_WHOLE_STUDY, "columns_ignored", f"Ignored columns: {names}.")
@@ -239,10 +243,11 @@ def _similar_names(names: Iterable[str]) -> Findings:
         if len(alike) > 1:
             # In ASCII, letters that look alike differ.
             subjects = ", ".join(map(ascii, alike))
-            message = (
-                f"Subjects {subjects} look alike. If they are one subject, give them one name."
+            yield Finding(
+                _WHOLE_STUDY,
+                "names_look_alike",
+                f"Subjects {subjects} look alike. If they are one subject, give them one name.",
             )
-            yield Finding(_WHOLE_STUDY, "names_look_alike", message)
 
 
 # --- The prior of the paper's model --------------------------------------------------------------
@@ -261,7 +266,7 @@ def _prior_scale(study: Study, prior: Prior) -> Findings:
     step = scales.step
     if prior.spread_probability(step / 10.0, 10.0 * step) >= 0.1:
         return
-    # By the side of the step on which the median of sigma_p lies.
+    # Wide if the median of sigma_p lies above the step.
     width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
     yield Finding(
         _WHOLE_STUDY,
@@ -303,10 +308,13 @@ def _one_order(subject: Subject) -> Findings:
     if not 0 < len(lone) < 0.5 * len(presented):
         return
     describe = subject.unit.describe
-    pairs = join_names([f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone], 3)
+    pairs = join_names([f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone], max_items=3)
     verb = "was" if len(lone) == 1 else "were"
-    message = f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
-    yield Finding(subject.name, "one_order", message)
+    yield Finding(
+        subject.name,
+        "one_order",
+        f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}.",
+    )
 
 
 # --- Conditions ----------------------------------------------------------------------------------
