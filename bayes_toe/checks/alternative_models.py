@@ -59,7 +59,7 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     both_codes = [*subjects, *inverted]
 
     # Log evidence of each explanation, (subjects,).
-    as_given, swapped = np.split(_log_evidence(both_codes), 2)
+    same_codes, swapped = np.split(_log_evidence(both_codes), 2)
 
     n_yes = np.array([subject.n_yes.sum() for subject in subjects])
     n_trials = np.array([subject.total_trials for subject in subjects])
@@ -72,7 +72,7 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
         # Which response is which is not known in another task: both codes are equally probable.
         other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
 
-    log_bayes_factors = np.column_stack([guesses, swapped, other]) - as_given[:, None]
+    log_bayes_factors = np.column_stack([guesses, swapped, other]) - same_codes[:, None]
     names = [subject.name for subject in subjects]
     return dict(zip(names, starmap(Alternatives, log_bayes_factors.tolist()), strict=True))
 

@@ -181,10 +181,10 @@ def exchange_trials(
         last_utility = utility
         for pair in np.flatnonzero(stands_for_pair & (n_trials > fixed)).tolist():
             while n_trials[pair] > fixed[pair]:
-                without = n_trials.copy()
-                without[pair] -= half
-                without[turned[pair]] -= half
-                moved = _add_trials(information, without, turned, portion, most_pairs)
+                fewer_trials = n_trials.copy()
+                fewer_trials[pair] -= half
+                fewer_trials[turned[pair]] -= half
+                moved = _add_trials(information, fewer_trials, turned, portion, most_pairs)
                 utility_of_move = information.utility(moved)
                 if utility_of_move < utility + _GAIN:
                     break

@@ -329,8 +329,10 @@ def best_design(
     n_left = trials - int(fixed.sum())
     n_kept_pairs = int((fixed > 0).sum())
     if n_left < _FEWEST:
-        kept = f", {fixed.sum()} of which --keep has taken" if n_kept_pairs else ""
-        raise InputError(f"--trials {trials}{kept}: allowed is at least {_FEWEST} to distribute")
+        keep_part = f", {fixed.sum()} of which --keep has taken" if n_kept_pairs else ""
+        raise InputError(
+            f"--trials {trials}{keep_part}: allowed is at least {_FEWEST} to distribute"
+        )
     if n_kept_pairs >= goal.max_pairs:
         raise InputError(
             f"--max-pairs {goal.max_pairs}: --keep has {n_kept_pairs} already; allowed is more"
@@ -339,8 +341,8 @@ def best_design(
     most_pairs = min(goal.max_pairs, n_left + n_kept_pairs)
     n_trials = exchange_trials(plane_information, n_left, most_pairs, fixed, plane.turned)
     chosen = np.flatnonzero(n_trials)
-    with_one_more = plane_information.utilities(n_trials, n_more=1.0)
-    worth = with_one_more - plane_information.utility(n_trials)
+    utilities = plane_information.utilities(n_trials, n_more=1.0)
+    worth = utilities - plane_information.utility(n_trials)
     return plane.select(chosen, n_trials[chosen]), worth
 
 
