@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit
 
-from bayes_toe.answers.serial_screen import SerialScreen, subject_screen
+from bayes_toe.answers.serial_screen import NO_TESTS, SerialScreen, subject_screen
 from bayes_toe.answers.words import Word, remains, word_for
 from bayes_toe.arrays import BoolArray, FloatArray, Texts
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE, flag_limit
@@ -46,7 +46,7 @@ from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ObserverPrior
 from bayes_toe.seeds import generator
 
-#: The questions in the order of all tables, with the models that say yes to each.
+#: The questions in the order of all tables, each with the models that have the effect.
 QUESTIONS = {
     "order_effect": HAS_EFFECT,
     "constant_error": HAS_ERROR,
@@ -84,9 +84,9 @@ ANSWER_COLUMNS = (
         for name, ending in product(MODEL_NAMES, ("", "_se", "_laplace"))
     ),
 )
-#: Numbers by the name of a question or of a model.
+#: A number for each question, or for each model, by name.
 _Numbers = Mapping[str, float]
-#: Nats below the best within which a model's error matters.
+#: Nats below the highest evidence from which on a model hardly counts: exp(-5) is .007.
 COUNTS_WITHIN = 5.0
 #: Decimals that any number may have; more would show the error of rounding.
 _MOST_DECIMALS = 15
@@ -232,7 +232,7 @@ class OrderEffect:
 
     @property
     def depends_on_prior(self) -> bool:
-        """Whether a prior scale, halved or doubled, takes a `yes` or `no` below probable."""
+        """Whether a prior scale, halved or doubled, makes a `yes` or `no` less than probable."""
         return any(flag.startswith(PRIOR_FLAG) for flag in self.flags)
 
     @property
@@ -248,9 +248,13 @@ class OrderEffect:
         return "?" if self.depends_on_prior else ""
 
     def in_study(self, n_subjects: int) -> OrderEffect:
-        """The answer with the flags of fit and of trial order for a study of so many subjects."""
+        """The answer with the flags of fit and of trial order for a study of so many subjects.
+
+        The limit of a p-value depends on their number, so earlier flags of this kind are replaced.
+        """
         wandering = "The preference for a response wanders over the trials ({})."
-        if "zone_percent" not in self.sizes:  # which was stronger
+        # Without a zone the task is 'which was stronger?', where both have the same effect.
+        if "zone_percent" not in self.sizes:
             wandering += " A constant error may be due to it."
         previous_trial = (
             "Responses depend on the previous trial ({}). The command `history` estimates by how "
@@ -263,7 +267,7 @@ class OrderEffect:
         )
         problems = dict(self.problems)
         for flag, p_value, message in tests:
-            problems.pop(flag, None)  # the limit was another one
+            problems.pop(flag, None)
             if p_value is not None and p_value < flag_limit(n_subjects):
                 problems[flag] = Problem(message.format(format_limit(p_value, n_subjects)))
         return replace(self, n_subjects=n_subjects, problems=problems)
@@ -294,16 +298,21 @@ class OrderEffect:
             elif word is Word.CANNOT_BE_TOLD:
                 lines[question] = Line(name, str(word), reason=self.reasons.get(question, ""))
             else:
-                size = ""  # an effect that is denied has none
+                size = ""  # the order effect, and an effect that is denied, have none
                 if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
                     size = self.format_size(SIZE_OF[question])
-                probability = format_probability(self.probabilities[question])
-                factor = format_bayes_factor(self.log_bayes_factors[question])
                 marks = " !" if self.fits is False else ""
                 # The flag names the questions that depend on the prior.
                 if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
                     marks += " ?"
-                lines[question] = Line(name, self.word(question), marks, size, probability, factor)
+                lines[question] = Line(
+                    name,
+                    self.word(question),
+                    marks=marks,
+                    size=size,
+                    probability=format_probability(self.probabilities[question]),
+                    factor=format_bayes_factor(self.log_bayes_factors[question]),
+                )
         return lines
 
     def format_size(self, name: str) -> str:
@@ -331,7 +340,7 @@ class OrderEffect:
         """The entries of :data:`ANSWER_COLUMNS`, in their order; None where one is empty."""
         sizes = []
         for name in SIZES:
-            for number in self.sizes.get(name, [np.nan] * 3):
+            for number in self.sizes.get(name, [np.nan] * 3):  # a task may lack a size
                 sizes.append(number if np.isfinite(number) else None)
         # All numbers of the first model, then those of the next one.
         columns = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
@@ -360,9 +369,10 @@ class OrderEffect:
         return " ".join(sentences)
 
     def _describe_line(self, question: str, line: Line) -> str:
-        """Word, probability, and size or bound of one question.
+        """A sentence on one question: the word, its probability, and the size or its upper bound.
 
-        As in 'Constant error: yes (P > .99), PSE shift +12 % [+8, +16].'
+        As in 'Constant error: yes (P > .99), PSE shift +12 % [+8, +16].', or 'Contraction: no (P
+        = .02). With 95 % probability, the effect is at most 0.031 JND.'
         """
         text = f"{capitalized(line.question)}: {short_direction(line.word)}"
         if line.reason:
@@ -389,7 +399,7 @@ def short_direction(word: str) -> str:
 
 
 def format_probability(probability: float) -> str:
-    """A probability with its sign, two digits.
+    """A probability after '=', or a bound after '>' or '<', with two digits.
 
     Examples
     --------
@@ -398,7 +408,7 @@ def format_probability(probability: float) -> str:
     """
     if probability > 0.995:  # two digits would be 1.00
         return "> .99"
-    if probability < 0.005:
+    if probability < 0.005:  # two digits would be 0.00
         return "< .01"
     return f"= {probability:.2f}".replace("0.", ".")
 
@@ -406,7 +416,8 @@ def format_probability(probability: float) -> str:
 def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -> str:
     """A difference in per cent of intensity, written in a unit with its 95 % interval.
 
-    `sign` '+' gives positive numbers a sign too.
+    Beyond what per cents can show, it is in natural logs. `sign` '+' gives positive numbers a sign
+    too.
 
     Examples
     --------
@@ -437,9 +448,12 @@ def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:
 
 
 def _format_interval(size: ThreeNumbers, unit: str, decimals: int, sign: str = "") -> str:
-    """A size with its unit and interval: so many decimals, or more if its ends would look equal."""
+    """A size with its unit and interval: so many decimals, or more if its ends would look equal.
+
+    As in '+5.61 % [+5.60, +5.62]'.
+    """
     low, _, high = size
-    if low < high:
+    if low < high:  # equal ends look equal with any decimals
         while decimals < _MOST_DECIMALS and round(low, decimals) >= round(high, decimals):
             decimals += 1
     low_text, median_text, high_text = (_format_value(value, decimals, sign) for value in size)
@@ -448,17 +462,18 @@ def _format_interval(size: ThreeNumbers, unit: str, decimals: int, sign: str = "
 
 def decimals_of(value: float) -> int:
     """Decimals that show two significant digits of a positive number: 0.031 has 3, 110 has 0."""
-    if not np.isfinite(value) or value <= 0.0:
+    if not np.isfinite(value) or value <= 0.0:  # neither has a logarithm
         return 0
-    printed = float(f"{value:.2g}")  # 0.0996 is 0.10
+    printed = float(f"{value:.2g}")  # 0.0996 is printed as 0.10, and has two decimals
     return int(min(max(1 - np.floor(np.log10(printed)), 0), _MOST_DECIMALS))
 
 
 def _format_value(value: float, decimals: int, sign: str = "") -> str:
     """A number with its decimals, or with one digit if it would look like 0 and is not.
 
-    An infinite number comes from a percentage that is too large, or is -100, and becomes a bound:
-    per cents are finite up to a natural log of 700, and are above -100 down to -30.
+    An infinite number is a natural log that was stored as per cent: the text is then a bound in
+    natural logs. Per cents are finite up to a natural log of 700, and above -100 down to one of
+    -30.
     """
     if np.isinf(value):
         return "> 700" if value > 0.0 else "< -30"
@@ -479,24 +494,24 @@ def format_number(value: float) -> str:
 
 
 def format_share(size: ThreeNumbers, sign: str = "") -> str:
-    """A share with its 95 % interval, in per cent; a contraction is a share of the way to the mean.
+    """A share with its 95 % interval, in per cent. `sign` '+' gives positive numbers a sign too.
 
-    `sign` '+' gives positive numbers a sign too.
+    The contraction p is such a share, of the way to the mean.
 
     Examples
     --------
     >>> format_share(Size(-0.001, 0.16, 0.22)), format_share(Size(0.1, 0.2, 0.3), "+")
     ('16 % [-0.1, 22]', '+20 % [+10, +30]')
     """
-    return _format_interval([100.0 * value for value in size], "%", 0, sign)
+    return _format_interval([100.0 * value for value in size], "%", decimals=0, sign=sign)
 
 
 def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit: str = "") -> str:
     """Median and 95 % interval of so many effective draws.
 
-    Numbers end with the decimal in which the largest of their Monte Carlo errors begins. An error
-    above 1 leaves tens or hundreds. A number that is not 0 has as many decimals as it needs not to
-    look like 0.
+    Numbers end with the decimal in which the largest of their Monte Carlo errors begins, or earlier
+    with `most_decimals`. An error above 1 leaves tens or hundreds. A number that is not 0 has as
+    many decimals as it needs not to look like 0.
 
     Examples
     --------
@@ -507,7 +522,7 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
     error = float(quantile_errors(draws, PROBABILITIES, n_effective).max())
     decimals = most_decimals
     if 0.0 < error < np.inf:
-        # The exponent of the error with one digit: 0.0096 is 1e-02, and leaves two decimals.
+        # The exponent of the error with one digit: 0.0096 is '1e-02', which leaves two decimals.
         decimals = min(decimals, -int(f"{error:.0e}".partition("e")[2]))
     if decimals < 0:  # tens or hundreds
         quantiles = np.round(quantiles, decimals)
@@ -523,8 +538,7 @@ def format_decimals(value: float) -> str:
     >>> format_decimals(-0.047), format_decimals(-0.001), format_decimals(1.0)
     ('-.05', '-.001', '1.00')
     """
-    text = _format_value(value, 2)
-    return text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text
+    return _format_value(value, decimals=2).replace("0.", ".", 1)
 
 
 def format_small_p(p_value: float) -> str:
@@ -586,7 +600,7 @@ def format_bayes_factor(log_bayes_factor: float) -> str:
 
 
 def word_of_bayes_factor(log_bayes_factor: float) -> Word:
-    """The word for an effect that is as probable as its absence before the data.
+    """The word for an effect whose prior probability is 1/2, by its log Bayes factor.
 
     Examples
     --------
@@ -604,7 +618,7 @@ def order_effect(
     identification: Identification,
     findings: Sequence[Finding] = (),
     fit: GoodnessOfFit | None = None,
-    screen: SerialScreen | None = None,
+    screen: SerialScreen = NO_TESTS,
 ) -> OrderEffect:
     """The answer of one subject.
 
@@ -620,8 +634,8 @@ def order_effect(
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
-    # The models that have each effect. Where these pairs cannot tell a contraction from a constant
-    # error, both appear as an error, which is then the whole order effect.
+    # The models that have each effect. Where these pairs cannot distinguish a contraction from a
+    # constant error, both appear as an error, which is then the whole order effect.
     with_effect = dict(QUESTIONS)
     if identification.contraction_adds_to_error:
         with_effect["order_effect"] = HAS_ERROR
@@ -638,9 +652,7 @@ def order_effect(
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
-    screen = screen or SerialScreen()
-    # `in_study` adds the flags of p-values, whose limits depend on the number of subjects. It is
-    # called again where there are several.
+    # `in_study` adds the flags of p-values. It is called again where there are several subjects.
     return OrderEffect(
         subject=evidence.subject.name,
         words=words,
@@ -667,16 +679,16 @@ def order_effect(
         reasons=identification.reasons,
         problems=problems,
         worst_pairs=() if fit is None else fit.worst,
-    ).in_study(1)
+    ).in_study(n_subjects=1)
 
 
 def _words(
     models: ModelSet, with_effect: Mapping[str, BoolArray], answerable: Sequence[str]
 ) -> dict[str, Word]:
-    """The word for each question.
+    """The word for each question, from its posterior probability and Bayes factor.
 
-    `with_effect` has, for each question, which models say yes to it. `answerable` has the questions
-    that the design can answer.
+    `with_effect` has, for each question, the models with the effect. A question that is not in
+    `answerable` cannot be told by the design.
     """
     words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
     for question in answerable:
@@ -700,7 +712,11 @@ def _by_model(values: FloatArray) -> _Numbers:
 
 
 def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str]]:
-    """Sizes, upper bounds in JND, and flags of sizes that rest on the prior."""
+    """The :data:`SIZES` of a task, upper bounds in JND, and flags of sizes that rest on the prior.
+
+    The size of an effect is averaged over the models that have it; JND, zone and upper bounds are
+    averaged over all models.
+    """
     all_models = evidence.averaged()
     with_error = evidence.averaged(HAS_ERROR)
     with_contraction = evidence.averaged(HAS_CONTRACTION)
@@ -724,7 +740,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str
 
 
 def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
-    """The 95 % quantile of each question's size, in JND."""
+    """The 95 % quantile of each question's absolute size, in JND, at draws of all models."""
     subject = evidence.subject
     scales = subject.scales
     constant_error = draws.quantities["constant_error"]
@@ -732,7 +748,8 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     # The scales belong to all conditions, whose mean first stimulus differs from this subject's.
     mean_first = np.average(subject.s1, weights=subject.n_trials)
     mean_shift = constant_error - p * (mean_first - scales.sbar)
-    # The order effect is the root mean square of the shift over the first stimuli.
+    # The order effect is the root mean square over the first stimuli of the shift: the root of the
+    # squared mean plus the variance. A contraction moves each by p times its distance to the mean.
     sizes = {
         "order_effect": np.hypot(mean_shift, p * scales.first_spread),
         "constant_error": np.abs(constant_error),
@@ -747,7 +764,7 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
 def _size_flags(
     evidence: OrderEvidence, with_error: OrderDraws, with_contraction: OrderDraws
 ) -> list[str]:
-    """Flags of sizes that rest on the prior, since they lie beyond the pairs shown."""
+    """Flags of sizes that rest on the prior, since their medians lie beyond the pairs shown."""
     flags = []
     subject = evidence.subject
     scales = subject.scales
@@ -787,30 +804,33 @@ def _prior_problems(
     answerable: Sequence[str],
     with_effect: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
-    """The flag of questions whose `yes` or `no` another prior scale leaves undecided.
+    """The flag of the questions whose `yes` or `no` is less than probable with another prior.
 
-    Empty without such a question.
+    In each other prior, one of the two effects has half or twice its scale. Empty without such a
+    question.
     """
-    rescaled_words = []
+    rescaled_words = []  # the words with each of four other priors
     for effect in (CONSTANT_ERROR, CONTRACTION):
         for width, factor in (("half", 0.5), ("twice", 2.0)):
             models = evidence.with_prior_scale(effect, factor)
             rescaled_words.append((width, _words(models, with_effect, answerable)))
 
-    # The first change of each question; questions with the same change share a sentence.
+    # The first change of each question. Questions with the same change share a sentence.
     questions_by_change = defaultdict(list)
     for question in answerable:
         word = words[question]
         for width, rescaled in rescaled_words:
             if not remains(word, rescaled[question]):
-                change = (
-                    f"A prior {width} as wide changes {{}} from '{word}' to '{rescaled[question]}'."
-                )
+                change = width, word, rescaled[question]
                 questions_by_change[change].append(question.replace("_", " "))
                 break
     if not questions_by_change:
         return {}
-    sentences = [change.format(join_words(names)) for change, names in questions_by_change.items()]
+    sentences = []
+    for (width, word, other_word), names in questions_by_change.items():
+        sentences.append(
+            f"A prior {width} as wide changes {join_words(names)} from '{word}' to '{other_word}'."
+        )
     dependent = ", ".join(chain(*questions_by_change.values()))
     return {f"{PRIOR_FLAG}: {dependent}": Problem(" ".join(sentences))}
 
@@ -837,7 +857,7 @@ def answer_subject(
 def answer_evidence(
     evidence: OrderEvidence, seed: int, findings: Sequence[Finding] = ()
 ) -> OrderEffect:
-    """The answer of a subject from its evidences, with tests of fit and of the trial before."""
+    """The answer of a subject from its evidences, with tests of fit and of trial order."""
     return order_effect(
         evidence,
         identify(evidence.subject),
@@ -851,8 +871,9 @@ def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     """Goodness of fit of the model with the highest evidence."""
     best = int(np.argmax(evidence.log_evidence))
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
-    # Points and modes have all coordinates of 'both'; the model has the free ones.
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
-    points = evidence.averaged(is_best).resampled(rng, 1000)[:, posterior.is_free]
+    # Points and modes have all coordinates of 'both'; the model has the free ones. The deviance is
+    # averaged over 1000 draws.
+    points = evidence.averaged(is_best).resampled(rng, size=1000)[:, posterior.is_free]
     return summarise_fit(posterior, points, evidence.modes[best, posterior.is_free])

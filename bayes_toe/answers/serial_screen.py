@@ -67,6 +67,10 @@ class SerialScreen:
     moving_criterion_p: float | None = None
 
 
+#: The screen where nothing can be tested.
+NO_TESTS = SerialScreen()
+
+
 def subject_screen(evidence: OrderEvidence) -> SerialScreen:
     """The score tests of a subject at the maximum of the model 'both'."""
     posterior = OrderModel("both").posterior(evidence.subject, evidence.prior)
@@ -84,18 +88,19 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
         Its maximum.
     """
     subject = posterior.subject
-    # Of three answers: the trials with 'first' or 'second'.
+    # Of three answers: the trials with 'first' or 'second', if there are any.
     tested = subject.two_answers
     if tested is None:
-        return SerialScreen()
+        return NO_TESTS
     try:
         trials = TrialSequence.from_subject(tested)
     except InputError:  # the order of the trials is not known
-        return SerialScreen()
+        return NO_TESTS
     slopes = logit_slopes(posterior, mode)
-    if subject.task.has_three_answers:  # without the pairs that were always 'equal'
+    if subject.task.has_three_answers:  # `tested` lacks the pairs that were always 'equal'
         slopes = slopes[subject.n_trials > subject.n_yes]
     scores, variance = _scores(tested, trials, slopes)
+    # A test given other regressors has these first.
     return SerialScreen(
         joint_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND),
         answer_p=_p_value(scores, variance, _FIRST, _SECOND, _ANSWER, n_adjusted=2),
@@ -115,20 +120,22 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     _, yes_slopes, no_slopes = posterior.rows.answer_slopes(posterior.full_points(point))
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
     in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate, -posterior.subject.n_pairs :]
-    # The coordinate of a constant error is (c / D) / scale.
+    # The coordinate of a constant error c is u = (c / D) / scale, so that the slope in c / D is the
+    # slope in u over the scale.
     return -in_constant_error / posterior.prior.constant_error_scale
 
 
 def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> ArrayPair:
-    """U, shape (3,), and V, shape (3, 3), of the regressors."""
+    """U, shape (3,), and V, shape (3, 3), of the regressors, as in the module's docstring."""
     # The tested trials, each with a trial before, which may be without an answer.
     previous = trials.previous
     rows = np.flatnonzero(trials.is_answered & (previous >= 0))
     previous = previous[rows]
     pair = trials.pair[rows]
-    is_yes = 0.5 * (trials.answer[rows] + 1.0)
+    is_yes = 0.5 * (trials.answer[rows] + 1.0)  # 1 or 0, from 1 or -1
 
-    # Trials and counted answers of each pair; a pair may have no tested trial, or one.
+    # Trials and counted answers of each pair. A pair may have no tested trial, or one, which says
+    # nothing: 1 in place of 0 avoids 0/0.
     n_pairs = subject.n_pairs
     n = np.bincount(pair, minlength=n_pairs).astype(np.float64)
     k = np.bincount(pair, is_yes, n_pairs)
@@ -136,7 +143,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
     pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))
 
     mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
-    regressors = np.stack(
+    regressors = np.stack(  # (3, tested trials)
         [
             trials.answer[previous],
             slopes[pair] * (trials.first[previous] - mean_stimulus),
@@ -150,7 +157,8 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
     variance = (regressors * pair_variance[pair]) @ regressors.T
     scores = regressors @ residual
 
-    # Two tested trials of one pair that follow each other are not independent.
+    # Two tested trials of one pair that follow each other are not independent: the mean of their
+    # product is -2 k (n - k) / (n^2 (n - 1)), which is subtracted.
     is_tested = np.zeros(len(trials.pair), np.bool_)
     is_tested[rows] = True
     is_same_pair = is_tested[previous] & (trials.pair[previous] == pair)
@@ -160,7 +168,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
 
 
 def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None:
-    """P-value of a criterion that wanders; None if every pair has one answer only.
+    """P-value of a criterion that wanders; None where there is nothing to test.
 
     The statistic is T in the module's docstring, times a constant.
     """
@@ -173,17 +181,18 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
         is_yes = trials.answer[answered[rows]] > 0.0
         residual[rows] = is_yes - is_yes.mean()
         rows_by_pair.append(rows)
-    if not residual.any():
+    if not residual.any():  # every pair has one answer only
         return None
 
-    # A sum of products over trials is one of the power spectrum times that of the weights.
+    # A sum of e_s e_t w(t - s) over trials is, up to a constant, the sum over frequencies of the
+    # power of e times the spectrum of w. Weights begin at a lag of 2 trials.
     n_trials = len(trials.pair)
     n_padded = 2 * n_trials  # so that the last trial is no neighbour of the first
     kernel = np.zeros(n_padded)
     lags = np.arange(2, n_trials)
     kernel[lags] = kernel[-lags] = 1.0 / np.sqrt(lags)
     weights = np.fft.rfft(kernel).real
-    weights[1:-1] *= 2.0  # the other half of the spectrum
+    weights[1:-1] *= 2.0  # a real transform has each of these frequencies once, not twice
 
     rng = generator(0, subject.name, "moving criterion")
 
@@ -210,10 +219,11 @@ def _p_value(
     """p-value of regressors given the first `n_adjusted` of them.
 
     It is None if the others say nothing beyond these. U' V^-1 U has a term for each regressor given
-    those before it. A regressor with less than 1e-9 of its variance left says nothing of its own.
+    those before it (Gaussian elimination). A regressor with less than 1e-9 of its variance left is
+    a linear function of those before it, up to rounding, and has no term.
     """
     statistics = [0.0]  # U' V^-1 U of the first regressors: none, one, two, ...
-    remaining = variance
+    remaining = variance  # V, given the regressors so far
     degrees_of_freedom = 0
     for position, i in enumerate(regressors):
         own_variance = remaining[i, i]

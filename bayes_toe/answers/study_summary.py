@@ -20,7 +20,7 @@ from bayes_toe.groups.population import PopulationResult
 from bayes_toe.inference.goodness_of_fit import PairResidual
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
-#: Interpretable subjects from which on `run` fits the population.
+#: Fewest interpretable subjects with which `run` fits the population.
 FEWEST_FOR_GROUP = 6
 #: One sentence on the table of Appendix C.
 APPENDIX_C = "The comparison of H1 with H0 does not test for an order effect"
@@ -64,7 +64,7 @@ def study_lines(
     for question in QUESTIONS:
         words = [answer.word(question) for answer in interpretable]
         text = count_words(words, of_total)
-        if set(words) == {Word.CANNOT_BE_TOLD}:
+        if set(words) == {Word.CANNOT_BE_TOLD}:  # a count of all would say less
             text = f"{Word.CANNOT_BE_TOLD} in any subject"
         lines.append(f"{capitalized(question.replace('_', ' '))}: {text}.")
         of_total = ""  # only the first line has the total
@@ -142,7 +142,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
     counts = Counter(answer.words["order_effect"] for answer in answers)
     n_total = len(answers)
     sentences = list[str]()
-    # One sentence for 'no' and 'probably not', by the less sure word.
+    # One sentence for 'no' and 'probably not', with the less sure word.
     if counts[Word.PROBABLY_NOT]:
         counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
     has_effects = counts[Word.YES] + counts[Word.PROBABLY] > 0
@@ -150,7 +150,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
         count = counts[word]
         if not count:
             continue
-        if word is Word.PROBABLY and counts[Word.YES]:
+        if word is Word.PROBABLY and counts[Word.YES]:  # continues the sentence of 'yes'
             sentences[0] += f", and probably in {count} more"
         elif word.is_positive or not has_effects or count > n_total / 2:
             text = claim(word, "the order", "change", "the response")
@@ -174,7 +174,10 @@ def _in_subjects(count: int, n_total: int, noun: str) -> str:
 
 
 def _direction(answer: OrderEffect, effect: str) -> str:
-    """How the first stimulus seems by an effect; empty without one or without a direction."""
+    """How the first stimulus seems by an effect, as in 'overestimated'; empty where it is open.
+
+    That is without the effect, and if the interval of the PSE shift holds 0.
+    """
     if not answer.words[effect].is_positive:
         return ""
     has_positive_sign = answer.first_is_overestimated
@@ -199,7 +202,7 @@ def _direction_sentences(
     """
     words = [answer.words[effect] for answer in answers]
     word = Word.YES if Word.YES in words else Word.PROBABLY
-    counts = Counter[str]()
+    counts = Counter[str]()  # subjects by their direction, which is empty where it is open
     for answer in answers:
         if answer.words[effect] is word:
             counts[_direction(answer, effect)] += 1
@@ -209,7 +212,7 @@ def _direction_sentences(
         count = counts[direction]
         if count and not texts:
             texts.append(f"{direction} in {plural(count, noun)}")
-        elif count:
+        elif count:  # the verb is not repeated
             texts.append(f"{direction.removeprefix('remembered ')} in {count}")
     if not texts:
         return []
@@ -227,7 +230,7 @@ def _direction_sentences(
 
 
 def _near_0(group: PopulationResult | None, effect: str) -> str:
-    """What the interval of a group mean says of 0, as in 'is near 0'.
+    """What the interval of a group mean says of 0: 'is near 0' or 'cannot be distinguished from 0'.
 
     It is empty if the mean may well differ from 0. The interval of a mean that is near 0 lies
     within half an SD between subjects: a wide interval does not show that the mean is small.
@@ -244,7 +247,10 @@ def _near_0(group: PopulationResult | None, effect: str) -> str:
 
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
-    """The names of the subjects whom the model does not fit, and how many effects others have."""
+    """The subjects whom the model does not fit, and how many of the others have each effect.
+
+    There are no lines if the model fits all.
+    """
     misfits = []
     good_fits = []
     for answer in answers:
@@ -255,12 +261,12 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     if not misfits:
         return []
     subjects = plural(len(misfits), "subject")
-    names = join_names([answer.subject for answer in misfits], 5)
+    names = join_names([answer.subject for answer in misfits], max_items=5)
     lines = [
         f"The model does not fit {subjects}: {names}. "
         f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."
     ]
-    # Questions to which no poor fit says yes have the same count without them.
+    # The count without poor fits is of interest where one of them has a positive word.
     counts = []
     for question in QUESTIONS:
         if good_fits and _count_positive(misfits, question):
@@ -278,7 +284,7 @@ def with_article(question: str) -> str:
 
 
 def _count_positive(answers: Sequence[OrderEffect], question: str) -> int:
-    """How many subjects have an effect, for sure or probably."""
+    """How many subjects have 'yes' or 'probably' for a question."""
     return sum(answer.words[question].is_positive for answer in answers)
 
 

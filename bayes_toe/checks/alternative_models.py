@@ -25,7 +25,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.engine import Precision
 from bayes_toe.inference.order_evidence import unchecked_evidence
 
-#: The task that answers of a task may be of.
+#: For each task, the task whose answers they may be by mistake.
 OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
 
 
@@ -58,20 +58,21 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     inverted = [replace(subject, n_yes=subject.n_trials - subject.n_yes) for subject in subjects]
     both_codes = [*subjects, *inverted]
 
-    observer, swapped = np.split(_log_evidence(both_codes), 2)
+    # Log evidence of each explanation, (subjects,).
+    same_codes, swapped = np.split(_log_evidence(both_codes), 2)
 
     n_yes = np.array([subject.n_yes.sum() for subject in subjects])
     n_trials = np.array([subject.total_trials for subject in subjects])
-    # One probability for all trials, with a uniform prior.
+    # One probability p for all trials, with a uniform prior: the integral of p^k (1 - p)^(n - k).
     guesses = betaln(n_yes + 1.0, n_trials - n_yes + 1.0)
 
-    other = np.full(len(subjects), -np.inf)  # three answers are those of no other task
+    other = np.full(len(subjects), -np.inf)  # no other task has three answers
     if study.task in OTHER_TASK:
         as_other = [replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes]
         # Which response is which is not known in another task: both codes are equally probable.
         other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
 
-    log_bayes_factors = np.column_stack([guesses, swapped, other]) - observer[:, None]
+    log_bayes_factors = np.column_stack([guesses, swapped, other]) - same_codes[:, None]
     names = [subject.name for subject in subjects]
     return dict(zip(names, starmap(Alternatives, log_bayes_factors.tolist()), strict=True))
 
@@ -84,12 +85,13 @@ def log_bayes_factor(changed: Subject, subject: Subject) -> float:
 def _is_doubtful(subject: Subject) -> bool:
     """Whether the responses do not clearly change with s2 - s1 as the task expects."""
     difference = subject.s2 - subject.s1
+    # Without different stimuli, or with one response only, all explanations are alike.
     if not difference.any() or subject.n_yes.sum() in (0, subject.total_trials):
         return False
     expected_trend = -np.abs(difference) if subject.task == SAME_DIFFERENT else difference
     covariance, variance = response_trend(subject, expected_trend / np.abs(difference).max())
-    # Without any variance, all pairs differ by as much. Beyond 5 standard errors of the expected
-    # trend, no other explanation can win.
+    # Without any variance, all pairs differ by as much, so that there is no trend to see. Beyond 5
+    # standard errors of the expected trend, no other explanation can win.
     return variance == 0.0 or covariance / math.sqrt(variance) < 5.0
 
 

@@ -45,9 +45,10 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.seeds import generator
 
-#: Log Bayes factor of another task, in more than half of the subjects. In 2AFC, a constant error of
-#: 3 times the difference of a pair reaches 4.7, in 'same or different?' one of 1.6 times 3.8.
-OTHER_TASK = {WHICH_STRONGER: 5.0, SAME_DIFFERENT: 4.0}
+#: Log Bayes factor, nats, above which a subject seems to have another task than the study. A large
+#: constant error stays below: in 2AFC, one of 3 times the difference of a pair reaches 4.7, in
+#: 'same or different?' one of 1.6 times reaches 3.8.
+OTHER_TASK_LIMITS = {WHICH_STRONGER: 5.0, SAME_DIFFERENT: 4.0}
 #: Trials below which a subject is flagged.
 FEW_TRIALS = 60
 
@@ -72,10 +73,11 @@ FLAG_WORDS = {
 
 #: Trials in sequence that are compared, to find repeated trials.
 _WINDOW = 16
-#: A large constant error may leave so small a share of one response, whatever the pair.
-_SELDOM = 0.15
+#: Share of a response below which a constant error may explain it: if it is large, one response is
+#: rare whatever the pair.
+_RARE_SHARE = 0.15
 #: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
-_MOVES = np.linspace(-6.0, 6.0, 25)
+_LOGIT_SHIFTS = np.linspace(-6.0, 6.0, 25)
 #: Scale of further logits that are proportional to s2 - s1, at its largest value.
 _TILT_SCALE = 0.75
 
@@ -150,12 +152,14 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
     """Findings about the responses of every subject, with codes of :data:`FLAG_WORDS`."""
     require_study(study)
     alternatives = compare_alternatives(study)
-    other_task = _other_task(study, alternatives)
+    other_task_findings = _other_task(study, alternatives)
     findings = []
     for subject in study:
-        if subject.name in other_task:
-            findings.append(other_task[subject.name])
-        findings += subject_findings(subject, len(study), alternatives.get(subject.name))
+        if subject.name in other_task_findings:
+            findings.append(other_task_findings[subject.name])
+        findings += subject_findings(
+            subject, n_subjects=len(study), alternatives=alternatives.get(subject.name)
+        )
     return tuple(findings)
 
 
@@ -169,19 +173,23 @@ def subject_findings(
 ) -> Findings:
     """Findings about the responses of one subject in a study of so many.
 
-    `alternatives` are other explanations of the responses; None if the subject leaves no doubt.
+    `alternatives` are the Bayes factors of other explanations; None if the subject leaves no doubt.
     """
     yield from _repeated_trials(subject, n_subjects)
     if subject.total_trials < FEW_TRIALS:
-        trials = plural(subject.total_trials, "trial")
-        message = f"Only {trials}, so the prior has much influence."
-        yield Finding(subject.name, "few_trials", message)
+        yield Finding(
+            subject.name,
+            "few_trials",
+            f"Only {plural(subject.total_trials, 'trial')}, so the prior has much influence.",
+        )
     answers = subject.answers_given
     if len(answers) == 1:
         yield Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")
     swapped_blocks = [*_swapped_blocks(subject, n_subjects)]
     yield from swapped_blocks
-    if swapped_blocks:  # They explain what else may be found.
+    # Swapped blocks differ from the others, and may look like a drift or like guesses. These
+    # findings would hide the cause.
+    if swapped_blocks:
         return
     yield from _unlike_blocks(subject, n_subjects)
     yield from _drift(subject, n_subjects)
@@ -191,7 +199,11 @@ def subject_findings(
 
 
 def _drawable_answers(subject: Subject) -> Answers | None:
-    """The answered rows, or None if the file has none, or too many to draw tables of them."""
+    """The answered rows; None if there are only counts, or if tables of them cannot be drawn.
+
+    NumPy draws no multivariate hypergeometric numbers of 10^9 trials and more. Tables of so many
+    also take long, so the limit is lower.
+    """
     if subject.answers is None or subject.total_trials > 10**8:
         return None
     return subject.answers.answered
@@ -201,15 +213,15 @@ def _drawable_answers(subject: Subject) -> Answers | None:
 
 
 def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
-    """Long sequences of trials that repeat earlier ones, stimuli and answers."""
+    """Long sequences of trials that repeat the stimuli and the answers of earlier ones."""
     if subject.answers is None or not subject.answers.has_trial_rows:
         return
     answers = subject.answers.answered
     n_rows = len(answers.n_trials)
-    if n_rows < 2 * _WINDOW:
+    if n_rows < 2 * _WINDOW:  # no room for a window and its copy
         return
     is_copy = _copied_rows(subject, answers, n_subjects)
-    if is_copy.any():
+    if is_copy.any():  # the first one is at argmax
         yield Finding(
             subject.name,
             "repeated_trials",
@@ -224,23 +236,28 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     """Whether each row belongs to a long sequence that repeats earlier rows.
 
     A list of stimuli may be used again on purpose, so only equal answers count, by the probability
-    that two answers to a pair agree. In one subject, equal answers of 12 nats are no coincidence.
+    that two answers to a pair agree. A sequence is a copy if the probability that all of its
+    answers agree is below exp(-12) in one subject.
     """
     # Rows with the same stimuli and answers have the same code.
     rows = np.column_stack([answers.keys, answers.counts.T])
     _, codes = np.unique(rows, axis=0, return_inverse=True)
 
+    # For each window of rows, how many rows before it the first equal window begins; 0 if it is the
+    # first one. Equal windows have equal hashes, and others hardly ever have.
+    windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)
+    hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
+    hashes = windows @ hash_weights
+    _, first_window, group = np.unique(hashes, return_index=True, return_inverse=True)
+    lag = np.arange(len(windows)) - first_window[group]
+
     # Windows in a run have the same lag, so that the run repeats one earlier sequence. It ends with
     # the last row of its last window.
-    windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)
-    # Equal windows have equal hashes, and others hardly ever have.
-    hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    _, first, group = np.unique(windows @ hash_weights, return_index=True, return_inverse=True)
-    lag = np.arange(len(windows)) - first[group]  # to the first window with the same rows
     run_start = run_starts(lag)
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
+
     # With a shorter lag, a window overlaps its copy: the same trial several times in sequence. A
     # study of n subjects has n times as many coincidences as one subject, hence ln n.
     is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
@@ -254,7 +271,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     """Minus the log probability that the same answer comes again, for each row.
 
     Two answers agree as often as the answers to the pair do, or, if that is more often, as often as
-    right and wrong answers to all pairs do.
+    right and wrong answers to all pairs do: chance repeats are then never made to look rarer.
     """
     n = subject.n_trials
     k = subject.n_yes
@@ -262,8 +279,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
-    right_agreement = _agreement(np.array(n_right), np.array(n[right != 0].sum()))
-    agreement = np.maximum(_agreement(k, n), right_agreement)
+    agreement = np.maximum(_agreement(k, n), _agreement(n_right, n[right != 0].sum()))
     return -np.log(agreement)[pair.ravel()]
 
 
@@ -277,9 +293,9 @@ def _agreement(k: IntArray, n: IntArray) -> FloatArray:
 
 
 def _explained_otherwise(subject: Subject, alternatives: Alternatives, n_subjects: int) -> Findings:
-    """Swapped keys, or responses that say little about the stimuli."""
+    """Swapped keys or guesses, if one of them explains the responses best, and beyond its limit."""
     best = max(alternatives)
-    has_both_answers = _SELDOM < subject.fraction_yes < 1.0 - _SELDOM
+    has_both_answers = _RARE_SHARE < subject.fraction_yes < 1.0 - _RARE_SHARE
     if best == alternatives.swapped and best > evidence_limit(n_subjects, REFUSAL_SHARE):
         yield Finding(
             subject.name,
@@ -301,13 +317,13 @@ def _explained_otherwise(subject: Subject, alternatives: Alternatives, n_subject
 
 
 def has_other_task(alternatives: Alternatives, task: Task) -> bool:
-    """Whether the other task explains the responses of a subject best, and far better."""
+    """Whether another task explains the responses of a subject best, and beyond its limit."""
     best = max(alternatives)
-    return best == alternatives.other_task and best > OTHER_TASK[task]
+    return best == alternatives.other_task and best > OTHER_TASK_LIMITS[task]
 
 
 def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, Finding]:
-    """Findings by subject, if more than half of the subjects seem to answer the other task.
+    """Findings by subject, if more than half of the subjects seem to answer another task.
 
     In 'same or different?', a large constant error that all subjects share looks like 2AFC. So
     there it is a flag of these subjects, and in 2AFC every subject is refused.
@@ -338,7 +354,10 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
 
 @dataclass(frozen=True)
 class AnswerTable:
-    """Answers n, and those k that the task counts, shape (pairs, blocks)."""
+    """Answers n, and those k that the task counts, shape (pairs, blocks).
+
+    For the test of drift, the columns are stretches of trials in place of blocks.
+    """
 
     n: IntArray
     k: IntArray
@@ -347,27 +366,27 @@ class AnswerTable:
     def is_mixed(self) -> BoolArray:
         """Whether a pair has both answers, shape (pairs,); otherwise its blocks cannot differ."""
         n_yes = self.k.sum(1)
-        n_all = self.n.sum(1)
-        return (n_yes > 0) & (n_yes < n_all)
+        return (n_yes > 0) & (n_yes < self.n.sum(1))
 
     @property
     def excess_yes(self) -> IntArray:
         """The number of counted answers minus that of the other ones, (pairs, blocks)."""
         return 2 * self.k - self.n
 
-    def informative(self) -> AnswerTable:
-        """The table of the pairs with both answers."""
+    def of_mixed_pairs(self) -> AnswerTable:
+        """The table of the pairs with both answers, without which X^2 divides by 0."""
         return AnswerTable(self.n[self.is_mixed], self.k[self.is_mixed])
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of X^2: the blocks of each pair but one."""
+        """Degrees of freedom of X^2: for each pair, the blocks that have it, less one."""
         return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
-        """Each block's contribution to X^2 of tables with these margins.
+        """Each block's part of X^2 for counts k of other tables with the margins of this one.
 
-        From the shape (..., pairs, blocks) to (..., blocks).
+        X^2 is the sum of (k - n p)^2 / (n p (1 - p)), with the share p of counted answers to a
+        pair. From the shape (..., pairs, blocks) to (..., blocks).
         """
         share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
         expected = self.n * share
@@ -375,24 +394,28 @@ class AnswerTable:
         return (np.square(k - expected) / variance).sum(-2)
 
     def chi_square(self, k: IntArray) -> FloatArray:
-        """X^2 of tables with these margins, (..., pairs, blocks) -> (...)."""
+        """X^2 for counts k of tables with these margins, (..., pairs, blocks) -> (...)."""
         return self.block_chi_square(k).sum(-1)
 
     def other_logits(self) -> FloatArray:
-        """Logit of the counted answer in the other blocks, for each pair and block."""
+        """Logit of the counted answer to a pair in all other blocks, (pairs, blocks).
+
+        The half answer of Jeffreys' prior keeps it finite.
+        """
         n_yes = self.k.sum(1, keepdims=True) - self.k
         n_all = self.n.sum(1, keepdims=True) - self.n
         return logit((n_yes + 0.5) / (n_all + 1.0))
 
     @property
-    def ratio(self) -> float:
-        """X^2 / d.f."""
+    def chi_square_ratio(self) -> float:
+        """X^2 over its degrees of freedom, about 1 if blocks differ by chance; 0 without any."""
         return float(self.chi_square(self.k)) / max(1, self.freedom)
 
     def p_value(self, statistic: Callable[[IntArray], FloatArray], name: str) -> float:
         """Probability of a statistic at least as large if answers fall on trials at random.
 
-        `name` is that of the subject, which has a random stream of its own.
+        The statistic maps counts k, (tables, pairs, blocks), to one value a table. `name` is that
+        of the subject, which has a random stream of its own.
         """
         rng = generator(0, name, "answers")
         largest_batch = max(1, BLOCK // self.n.size)
@@ -402,18 +425,22 @@ class AnswerTable:
             statistics = []
             for start in range(0, size, largest_batch):
                 n_tables = min(largest_batch, size - start)
-                pairs = [
-                    rng.multivariate_hypergeometric(n, k, n_tables)
-                    for n, k in zip(self.n, self.k.sum(1), strict=True)
+                # For each pair, its counted answers in each block, (tables, blocks).
+                k_of_pairs = [
+                    rng.multivariate_hypergeometric(n, n_yes, n_tables)
+                    for n, n_yes in zip(self.n, self.k.sum(1), strict=True)
                 ]
-                statistics.append(statistic(np.stack(pairs, axis=1)))
+                statistics.append(statistic(np.stack(k_of_pairs, axis=1)))
             return np.concatenate(statistics)
 
         return simulated_p_value(float(statistic(self.k)), simulate)
 
 
 def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTable:
-    """The table of a subject's answers; `column` is the column of each row of `answers`."""
+    """The table of a subject's answers.
+
+    `column` is the column of the table, a block or a stretch, for each row of `answers`.
+    """
     # The pairs of a subject are those of its answered rows, sorted, as np.unique numbers them.
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     n, k = np.zeros((2, subject.n_pairs, column.max() + 1), np.int64)
@@ -423,24 +450,30 @@ def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTab
 
 
 def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
-    """Blocks with swapped response keys."""
+    """Blocks with swapped response keys, in one finding.
+
+    They are reported if the swap brings the blocks together, and makes the responses of the whole
+    subject far more probable.
+    """
+    # Of three answers, 'second' and 'first'; None if all are 'equal', which has no opposite.
     two_answers = subject.two_answers
-    if two_answers is None:  # all of three answers are 'equal', which has no opposite
+    if two_answers is None:
         return
     answers = _drawable_answers(two_answers)
     if answers is None or answers.block is None:
         return
     table = _tabulate(two_answers, answers, answers.block)
-    if table.informative().freedom == 0:  # no pair with both answers is in two blocks
+    mixed_pairs = table.of_mixed_pairs()
+    if mixed_pairs.freedom == 0:  # no pair with both answers is in two blocks
         return
 
     is_swapped = _find_swapped(table, two_answers.task, two_answers.s2 - two_answers.s1)
-    if not is_swapped.any() or is_swapped.all():
+    if not is_swapped.any() or is_swapped.all():  # all: the keys were swapped throughout
         return
     # Turning these blocks must halve the difference between blocks at least. Blocks that differ by
     # chance have a ratio of 1.
-    excess = table.informative().ratio - 1.0
-    remaining_excess = _turned(table, is_swapped).informative().ratio - 1.0
+    excess = mixed_pairs.chi_square_ratio - 1.0
+    remaining_excess = _turned(table, is_swapped).of_mixed_pairs().chi_square_ratio - 1.0
     if remaining_excess >= 0.5 * max(0.0, excess):
         return
 
@@ -459,13 +492,13 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
 
 
 def _unlike_blocks(subject: Subject, n_subjects: int) -> Findings:
-    """Blocks that differ by more than chance."""
+    """The block that differs most, if the blocks differ by more than chance."""
     answers = _drawable_answers(subject)
     if answers is None or answers.block is None:
         return
-    table = _tabulate(subject, answers, answers.block).informative()
+    table = _tabulate(subject, answers, answers.block).of_mixed_pairs()
     # Blocks whose X^2 is at most its mean do not differ, so that no tables need be drawn.
-    if table.freedom == 0 or table.ratio <= 1.0:
+    if table.freedom == 0 or table.chi_square_ratio <= 1.0:
         return
 
     p = table.p_value(table.chi_square, subject.name)
@@ -480,7 +513,7 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Findings:
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
-    """The table with the answers of some blocks turned."""
+    """The table where each answer of some blocks is the other one: k becomes n - k."""
     return AnswerTable(table.n, np.where(is_turned, table.n - table.k, table.k))
 
 
@@ -490,22 +523,27 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
     A block is first turned if its counted answers are rarer where the task expects them more
     often. Blocks that disagree with the others are then turned until nothing changes. This leaves
     two camps. The one with the expected relation counts as right, and the other one is swapped.
+    `difference` is s2 - s1 of each pair.
     """
-    expects_counted = difference
+    # The counted answer is expected more often where the trend of a pair is above 0. Each block's
+    # sum of trend times excess is then above 0.
+    expected_trend = difference
     tilt = np.zeros(len(difference))
     if task == SAME_DIFFERENT:
+        expected_trend = -np.abs(difference)
         # Another point of subjective equality tilts the answers 'equal'.
-        expects_counted = -np.abs(difference)
         tilt = difference
-    lean = expects_counted - expects_counted.mean()
-    is_turned: BoolArray = lean @ table.excess_yes < 0
+    expected_trend = expected_trend - expected_trend.mean()
+    is_turned: BoolArray = expected_trend @ table.excess_yes < 0
     for _ in range(20):  # blocks might turn each other without an end
         turned = _turned(table, is_turned)
         disagrees = (turned.excess_yes * turned.other_logits()).sum(axis=0) < 0
         if not disagrees.any():
             break
         is_turned = is_turned ^ disagrees
-    if np.sum(lean @ _turned(table, is_turned).excess_yes) < 0:  # The turned blocks are right.
+    # If all blocks together contradict the task, the blocks that were not turned are the swapped
+    # ones.
+    if np.sum(expected_trend @ _turned(table, is_turned).excess_yes) < 0:
         is_turned = ~is_turned
     return _surely_swapped(table, is_turned, tilt)
 
@@ -530,16 +568,19 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     """Log evidence that each block is answered as the others, minus that of its swapped form.
 
     Under both, a block may prefer one answer more than the others do, and its answers may tilt. So
-    a block whose criterion moved does not look swapped.
+    a block whose criterion moved does not look swapped. Both are averaged over a grid of logits,
+    whose constants cancel.
     """
     logits = table.other_logits()
-    relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)  # all 0, or up to 1
-    slopes = _TILT_SCALE * _MOVES if tilt.any() else np.zeros(1)
+    # From -1 to 1, shape (pairs, 1). In 2AFC, and without different stimuli, there is no tilt: all
+    # are 0, and 1 avoids 0/0.
+    relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
+    slopes = _TILT_SCALE * _LOGIT_SHIFTS if tilt.any() else np.zeros(1)
     unswapped = []
     swapped = []
-    for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
+    for preference, slope in product(_LOGIT_SHIFTS.tolist(), slopes.tolist()):
         moved = logits + preference + slope * relative_tilt
-        # Laplace's prior of both moves.
+        # The log density of Laplace's priors of preference and slope.
         log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
         unswapped.append(log_prior + _log_likelihood(table.n, table.k, moved))
         swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
@@ -547,24 +588,27 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
 
 
 def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
-    """Log likelihood of each block with these logits, (pairs, blocks) -> (blocks,)."""
+    """Log likelihood of each block with these logits, (pairs, blocks) -> (blocks,).
+
+    With P = 1/(1 + exp(-x)), k ln P + (n - k) ln(1 - P) = k x - n ln(1 + exp(x)).
+    """
     return (k * logits - n * np.logaddexp(0.0, logits)).sum(axis=0)
 
 
 def _drift(subject: Subject, n_subjects: int) -> Findings:
     """Answers that change slowly over the trials: trends, and waves as of a moving criterion.
 
-    A change of a share below 0.2 hardly matters for pooled counts.
+    A change of a share below 0.2 hardly matters for pooled counts, and is not reported.
     """
     answers = _drawable_answers(subject)
     if answers is None or not answers.has_trial_rows:
         return
-    # Stretches of equally many trials: enough of them for three half waves.
+    # Stretches of equally many trials; ten follow three half waves well.
     n_rows = len(answers.n_trials)
     n_stretches = min(10, n_rows)
     table = _tabulate(subject, answers, np.arange(n_rows) * n_stretches // n_rows)
     difference = (subject.s2 - subject.s1)[table.is_mixed]
-    table = table.informative()
+    table = table.of_mixed_pairs()
     if table.freedom == 0:
         return
 
@@ -589,7 +633,7 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
         return np.square(amplitudes(k)).sum(-1).max(-1)
 
     # The kind that drifts most, and the range of its fitted course over the trials.
-    observed = amplitudes(table.k)
+    observed = amplitudes(table.k)  # (kinds, waves)
     largest = np.square(observed).sum(-1).argmax()
     change = np.ptp((observed @ waves)[largest])
     if change < 0.2:
@@ -605,14 +649,15 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
 
 
 def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArray:
-    """Weights of the counts k whose sum is the least-squares amplitude of each kind's waves.
+    """Weights w of the counts k: the sum of w k is the least-squares amplitude of a kind's wave.
 
-    n has the shape (pairs, stretches), waves (waves, stretches), and kinds (kinds, pairs). The
-    weights have (kinds, waves, pairs, stretches).
+    w = x / sum(n x^2) with x = kind times centred wave. n has the shape (pairs, stretches), waves
+    (waves, stretches), and kinds (kinds, pairs). The weights have (kinds, waves, pairs, stretches).
     """
     # Waves without their mean over the trials of each pair, because pairs have rates of their own.
-    pair_means = (waves @ n.T) / n.sum(1)
-    centred = waves[:, None, :] - pair_means[:, :, None]
+    pair_means = (waves @ n.T) / n.sum(1)  # (waves, pairs)
+    centred = waves[:, None, :] - pair_means[:, :, None]  # (waves, pairs, stretches)
     weights = kinds[:, None, :, None] * centred
     squares = (n * np.square(weights)).sum((2, 3), keepdims=True)
+    # A kind that is 0 for all pairs has no amplitude: 0/1 in place of 0/0.
     return weights / np.where(squares > 0.0, squares, 1.0)

@@ -37,6 +37,8 @@ from bayes_toe.errors import Remedy
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
 
+#: The subject of a finding about the whole study.
+_WHOLE_STUDY = ""
 #: Codes of findings that are no warnings.
 NOTES = frozenset({"columns_ignored", "criterion"})
 
@@ -64,7 +66,8 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
     require_study(study)
     paper_prior = None if prior is None else preset_or_file(prior)
     findings = (*check_design(study, paper_prior), *check_answers(study))
-    return tuple(sorted(findings, key=lambda finding: finding.subject != ""))
+    # Findings about the whole study come first.
+    return tuple(sorted(findings, key=lambda finding: finding.subject != _WHOLE_STUDY))
 
 
 def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
@@ -73,7 +76,9 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
     findings += [*_conditions(study), *_columns(study.reading)]
     findings += identification_findings(study)
     if study.task in CRITERION_NOTES:
-        findings.append(Finding("", "criterion", f"{capitalized(CRITERION_NOTES[study.task])}."))
+        findings.append(
+            Finding(_WHOLE_STUDY, "criterion", f"{capitalized(CRITERION_NOTES[study.task])}.")
+        )
     for subject in study:
         findings += _one_order(subject)
     return tuple(findings)
@@ -81,7 +86,9 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
 
 def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """Probable mistakes, which every command prints before its work."""
-    findings = [Finding("", "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts]
+    findings = [
+        Finding(_WHOLE_STUDY, "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts
+    ]
     findings += [*_raw_stimuli(study), *_two_scales(study), *_scales_of_subjects(study)]
     if prior is not None:
         findings += _prior_scale(study, prior)
@@ -92,15 +99,18 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
 
 
 def _raw_stimuli(study: Study) -> Findings:
-    """Stimuli that cannot be natural logs. A file of them is refused when it is read."""
-    if study.unit.name or "i1" in study.reading.read:
+    """Stimuli that look like intensities but are taken as natural logs.
+
+    A file of them is refused when it is read; this is for studies that are made in Python.
+    """
+    if study.unit.name or "i1" in study.reading.read:  # the unit, or the column, says what they are
         return
     first = np.concatenate([subject.s1 for subject in study])
     second = np.concatenate([subject.s2 for subject in study])
     sign, _ = sign_of_intensities(first, second)
     if sign:
         yield Finding(
-            "",
+            _WHOLE_STUDY,
             "raw_stimuli",
             f"Stimuli look like raw intensities ({sign}), but are taken as natural logs. Take "
             "their logarithms, or the unit 'ln' if they are logs.",
@@ -119,15 +129,15 @@ def _two_scales(study: Study) -> Findings:
             continue
         gap = _widest_gap(levels)
         # A trial with a stimulus in each group counts in both.
-        is_below = np.stack([subject.s1, subject.s2]) <= gap.below[-1]
+        is_below = np.stack([subject.s1, subject.s2]) <= gap.below[-1]  # (2, pairs)
         n_below = subject.n_trials[is_below.any(axis=0)].sum()
         n_above = subject.n_trials[~is_below.all(axis=0)].sum()
         n_in_smaller_group = min(n_below, n_above)
 
-        # Two digits of the ratio; exp(700) is near the largest float.
+        # The ratio of the stimuli at the gap, with two digits; exp(700) is near the largest float.
         rounded_ratio = float(f"{math.exp(min(gap.size, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
-        ranges = [_range_of(group, subject.unit, study.reading) for group in gap[:2]]
+        ranges = [_range_of(group, subject.unit, study.reading) for group in (gap.below, gap.above)]
         if gap.separates_scales:
             yield Finding(
                 subject.name,
@@ -138,27 +148,31 @@ def _two_scales(study: Study) -> Findings:
             )
         elif gap.size > gap.others > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
-            lone, remaining = ranges if n_below < n_above else ranges[::-1]
+            smaller, larger = ranges if n_below < n_above else ranges[::-1]
             yield Finding(
                 subject.name,
                 "two_scales",
-                f"In {trials}, a stimulus ({lone}) lies {factor} from all others ({remaining}). "
+                f"In {trials}, a stimulus ({smaller}) lies {factor} from all others ({larger}). "
                 "Check its decimal point.",
             )
 
 
 def _scales_of_subjects(study: Study) -> Findings:
-    """Stimuli of some subjects that are a factor of 100 or more from those of all others."""
+    """Stimuli of some subjects that are a factor of 100 or more from those of all others.
+
+    Conditions may have stimuli of their own, so a study with conditions has no such finding.
+    """
     levels = np.unique(np.concatenate([subject.stimuli for subject in study]))
     if study.conditions is not None or len(levels) == 1:
         return
     gap = _widest_gap(levels)
     weak = [subject.name for subject in study if subject.stimuli.max() <= gap.below[-1]]
     strong = [subject.name for subject in study if subject.stimuli.min() >= gap.above[0]]
+    # Each subject has stimuli on one side of the gap only.
     if gap.separates_scales and len(weak) + len(strong) == len(study):
-        ranges = [_range_of(group, study.unit, study.reading) for group in gap[:2]]
+        ranges = [_range_of(group, study.unit, study.reading) for group in (gap.below, gap.above)]
         yield Finding(
-            "",
+            _WHOLE_STUDY,
             "two_scales",
             f"The stimuli of {join_names(map(display_name, weak))} are {ranges[0]}, those of other "
             f"subjects {ranges[1]}. Correct them if they are in another unit.",
@@ -166,7 +180,10 @@ def _scales_of_subjects(study: Study) -> Findings:
 
 
 class _Gap(NamedTuple):
-    """The widest gap between levels of the stimuli: the levels on both sides, and widths."""
+    """The widest gap between levels of the stimuli: the levels on both sides, and widths.
+
+    Levels are natural logs, so a width is the log of a ratio of stimuli.
+    """
 
     below: FloatArray
     above: FloatArray
@@ -200,11 +217,15 @@ def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
 def _columns(reading: Reading) -> Findings:
     """Columns that are pooled or ignored."""
     for name in reading.pooled:
-        message = f"Column {display_name(name)} differs within subjects, and its levels are pooled."
-        yield Finding("", "pooled_condition", message, Remedy("condition", name).typed)
+        yield Finding(
+            _WHOLE_STUDY,
+            "pooled_condition",
+            f"Column {display_name(name)} differs within subjects, and its levels are pooled.",
+            Remedy("condition", name).typed,
+        )
     if reading.ignored:
         names = join_names(map(display_name, reading.ignored))
-        yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
+        yield Finding(_WHOLE_STUDY, "columns_ignored", f"Ignored columns: {names}.")
 
 
 # --- Names ---------------------------------------------------------------------------------------
@@ -212,19 +233,21 @@ def _columns(reading: Reading) -> Findings:
 
 def _similar_names(names: Iterable[str]) -> Findings:
     """Names that are probably one subject's: they look alike, or are the same number."""
-    groups = defaultdict(list)
+    groups = defaultdict(list)  # names by their number, or by their letters in lower case
     for name in names:
         # '01' and '1' are the same number, which is NaN for a text.
-        look = unicodedata.normalize("NFKC", name).casefold()
+        letters = unicodedata.normalize("NFKC", name).casefold()
         value = number(name)
-        groups[look if math.isnan(value) else value].append(name)
+        groups[letters if math.isnan(value) else value].append(name)
     for alike in groups.values():
         if len(alike) > 1:
+            # In ASCII, letters that look alike differ.
             subjects = ", ".join(map(ascii, alike))
-            message = (
-                f"Subjects {subjects} look alike. If they are one subject, give them one name."
+            yield Finding(
+                _WHOLE_STUDY,
+                "names_look_alike",
+                f"Subjects {subjects} look alike. If they are one subject, give them one name.",
             )
-            yield Finding("", "names_look_alike", message)
 
 
 # --- The prior of the paper's model --------------------------------------------------------------
@@ -233,18 +256,20 @@ def _similar_names(names: Iterable[str]) -> Findings:
 def _prior_scale(study: Study, prior: Prior) -> Findings:
     """Stimuli in another unit than a prior of numbers.
 
-    Hardly any sigma_p of such a prior is within a factor of 10 of the stimuli's steps, so evidence
-    and posterior depend on the prior alone.
+    Such a prior has sigma_p within a factor of 10 of the stimuli's steps with a probability below
+    0.1, so evidence and posterior depend on the prior alone.
     """
     scales = common_scales(*study)
+    # A prior in units of the stimuli suits any of them.
     if scales is None or prior.depends_on_stimuli(prior.spread):
         return
     step = scales.step
     if prior.spread_probability(step / 10.0, 10.0 * step) >= 0.1:
         return
+    # Wide if the median of sigma_p lies above the step.
     width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
     yield Finding(
-        "",
+        _WHOLE_STUDY,
         "prior_scale",
         f"The prior is far too {width} for these stimuli: {prior.spread} ~ "
         f"{prior.describe_distribution(prior.spread)}, "
@@ -270,7 +295,7 @@ def identification_findings(study: Study) -> Findings:
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
         if len(names) == len(study):
-            names = [""]  # a finding about the whole study
+            names = [_WHOLE_STUDY]
         for name in names:
             yield Finding(name, "not_identified", message)
 
@@ -283,17 +308,20 @@ def _one_order(subject: Subject) -> Findings:
     if not 0 < len(lone) < 0.5 * len(presented):
         return
     describe = subject.unit.describe
-    pairs = join_names([f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone], 3)
+    pairs = join_names([f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone], max_items=3)
     verb = "was" if len(lone) == 1 else "were"
-    message = f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
-    yield Finding(subject.name, "one_order", message)
+    yield Finding(
+        subject.name,
+        "one_order",
+        f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}.",
+    )
 
 
 # --- Conditions ----------------------------------------------------------------------------------
 
 
 def _conditions(study: Study) -> Findings:
-    """Findings that can look like a difference between conditions."""
+    """Missing conditions, and differences in stimuli or time that look like one of conditions."""
     if study.conditions is None:
         return
     orders = Counter[str]()  # the subjects who had the conditions in each order
@@ -313,9 +341,10 @@ def _conditions(study: Study) -> Findings:
         if order:
             orders[order] += 1
 
+    # One order for most subjects: the others overlap, have one condition, or have no known order.
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         yield Finding(
-            "",
+            _WHOLE_STUDY,
             "conditions_in_order",
             f"The conditions came in one order, {join_names(orders)}, for "
             f"{plural(orders.total(), 'subject')}. A difference between conditions may be an "
@@ -324,7 +353,10 @@ def _conditions(study: Study) -> Findings:
 
 
 def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
-    """Conditions of a subject that differ in their mean stimulus, or share no pair."""
+    """Conditions of a subject that differ in their mean stimulus, or share no pair.
+
+    A mean differs by more than a quarter of the standard deviation of all stimuli.
+    """
     means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
     distance = 0.0 if scales is None else np.ptp(means) / scales.spread
@@ -348,11 +380,11 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
 
     Empty for a single condition, and where conditions overlap or the order is not known.
     """
-    spans = []
+    spans = []  # first trial, last trial and condition
     for unit in units:
         if unit.answers is None or unit.answers.span is None:
             return ""
-        spans.append((*unit.answers.span, unit.condition))  # first and last trial
+        spans.append((*unit.answers.span, unit.condition))
     spans.sort()
     overlaps = [end >= next_start for (_, end, _), (next_start, _, _) in pairwise(spans)]
     if len(spans) == 1 or any(overlaps):

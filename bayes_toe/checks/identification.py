@@ -21,7 +21,8 @@ from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")
-#: Share of the largest difference, or of the extent of all pairs, below which stimuli are equal.
+#: Share of the largest difference, or of the extent of all pairs, up to which a difference is one
+#: of rounding.
 ROUNDING = 1e-6
 #: Mean number of trials in blocks of one order from which a shift between blocks looks like an
 #: effect of order. In shorter ones, shifts average out.
@@ -61,7 +62,10 @@ class Identification:
 
     @property
     def contraction_adds_to_error(self) -> bool:
-        """Whether a contraction looks like a constant error, which then is the order effect."""
+        """Whether these pairs cannot distinguish a contraction from a constant error.
+
+        What looks like a constant error then is the whole order effect.
+        """
         return self.reasons.get("contraction") in (ONE_FIRST_STIMULUS, ONE_LINE)
 
 
@@ -87,7 +91,7 @@ def identify(subject: Subject) -> Identification:
     if reason:
         return Identification(dict.fromkeys(QUESTIONS, reason), notes)
 
-    # The cache takes tuples.
+    # Tuples have a hash for the cache of the function, and arrays have none.
     columns = map(tuple, (subject.s1, subject.s2, subject.n_trials))
     reason = _no_contraction(subject.task, subject.shared_scales, *columns)
     return Identification({"contraction": reason} if reason else {}, notes)
@@ -117,6 +121,7 @@ def _no_contraction(
     largest, smallest = np.linalg.svd(offsets, compute_uv=False)
     if smallest <= ROUNDING * largest:
         return ONE_LINE
+    # A subject needs counts of answers, which play no role here.
     subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
     if contraction_information(subject) < 1.0:  # less than the prior has
         return IMITATION
@@ -127,7 +132,10 @@ def _no_contraction(
 
 
 def _order_fills_blocks(answers: Answers) -> bool:
-    """Whether each block, each session or each long stretch of trials holds only one order."""
+    """Whether each block, each session or each long stretch of trials holds only one order.
+
+    A change between them then looks like an effect of order. Equal stimuli do not count.
+    """
     order = _order_sign(answers.keys[:, 0], answers.keys[:, 1])
     is_unequal = order != 0
     order = order[is_unequal]
@@ -139,16 +147,19 @@ def _order_fills_blocks(answers: Answers) -> bool:
     session = np.cumsum(answers.is_session_start)[is_unequal]
     if _holds_one_order(session, order, n_trials):
         return True
-    # Stretches of one order are long on average.
+    # Whether stretches of one order are long on average, wherever they begin.
     return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * len(run_starts(order)))
 
 
-def _holds_one_order(run: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
-    """Whether every block or session has one order, and they are long on average."""
-    runs, index = np.unique(run, return_inverse=True)
+def _holds_one_order(block: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
+    """Whether every block or session has one order, and they are long on average.
+
+    `block` has the number of the block or session of each row, and `order` its :func:`_order_sign`.
+    """
+    blocks, index = np.unique(block, return_inverse=True)
     has_rising = np.bincount(index, order > 0) > 0
     has_falling = np.bincount(index, order < 0) > 0
-    is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(runs)
+    is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(blocks)
     return bool(is_long and not (has_rising & has_falling).any())
 
 
@@ -163,13 +174,13 @@ def contraction_information(subject: Subject) -> float:
     """
     posterior = OrderModel("both").posterior(subject)
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
-    quantities[NOISE.name] = quantities[NOISE.name] * posterior.scales.step
-    point = posterior.full_points(posterior.points(quantities)[None])
+    quantities[NOISE.name] *= posterior.scales.step  # typical numbers are in units of D
+    point = posterior.full_points(posterior.points(quantities)[None])  # (1, 1, k)
     _, _, information = posterior.rows.scoring(point)
-    information = information[0, 0] * TYPICAL_TRIALS / subject.total_trials
+    information = information[0, 0] * TYPICAL_TRIALS / subject.total_trials  # (k, k)
     _, curvature = posterior.array.prior_slopes(point)
 
-    # p is the last coordinate, in units of its prior.
-    other_coordinates = information[:-1, :-1] + np.diag(curvature[0, 0, :-1])
+    # p is the last coordinate, in units of its prior. What remains is a Schur complement.
+    others_precision = information[:-1, :-1] + np.diag(curvature[0, 0, :-1])
     shared = information[-1, :-1]
-    return float(information[-1, -1] - shared @ np.linalg.solve(other_coordinates, shared))
+    return float(information[-1, -1] - shared @ np.linalg.solve(others_precision, shared))

@@ -135,12 +135,12 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     @property
     def has_comparison(self) -> bool:
-        """Whether some subject met a pair of different stimuli in both orders."""
+        """Whether any subject met a pair of different stimuli in both orders."""
         return any(row.comparisons for row in self.rows)
 
     @property
     def share_of(self) -> str:
-        """The responses of which q is the share, in words."""
+        """The response of which q is the share: 'equal' in quotes, or wrong."""
         answer = self.task.compared_answer
         return f"'{answer}'" if answer == self.task.yes else answer
 
@@ -224,17 +224,18 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 
     There is no comparison if no pair was presented in both orders.
     """
-    # Rows with the weaker stimulus first, and with the stronger one first.
+    # Indices of the pairs with the weaker stimulus first, and of the same with the stronger first.
     weak, strong = pairs_in_both_orders(subject).T
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
     q = laplace_estimate(n_wrong, subject.n_trials)
     error = laplace_error(n_wrong, subject.n_trials)
     difference = q[strong] - q[weak]
     counts = np.column_stack([n_wrong, subject.n_trials])
-    tables = np.hstack([counts[strong], counts[weak]]).tolist()
+    tables = np.hstack([counts[strong], counts[weak]]).tolist()  # k1, n1, k2, n2
     tests = pd.DataFrame(starmap(equality_test, tables), columns=["p_value", "test"])
     p_values = tests["p_value"].to_numpy(np.float64)
     # Of differences that are equal up to rounding, the one with the smaller p-value comes first.
+    # The last key of a lexsort counts first.
     largest_first = np.lexsort((p_values, -np.abs(difference).round(12)))
 
     columns = {
@@ -253,7 +254,7 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
         "p_value": p_values,
         "p_adjusted": holm(p_values),
         "test": tests["test"],
-        "is_maximal": np.arange(len(tests)) == largest_first[:1],
+        "is_maximal": np.arange(len(tests)) == largest_first[:1],  # empty without comparisons
     }
     rows = pd.DataFrame(columns).itertuples(index=False, name=None)
     comparisons = tuple(Comparison(subject.name, *row) for row in rows)
@@ -276,7 +277,8 @@ def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) ->
     side = "less" if k1 * n2 < k2 * n1 else "greater"  # k1/n1 < k2/n2
     if n1 + n2 > most_trials:
         return min(1.0, 2.0 * float(fisher_exact(table, side).pvalue)), "fisher"
-    # Of 32 points, SciPy's default, none leads to the supremum in rare cases.
+    # The p-value is a supremum over the common probability, searched from so many points. From
+    # SciPy's default, 32, it is missed in rare cases.
     return min(1.0, 2.0 * float(boschloo_exact(table, side, n=64).pvalue)), "boschloo"
 
 
@@ -290,7 +292,7 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
     """
     p = np.asarray(p_values, np.float64)
     order = np.argsort(p, kind="stable")
-    # The smallest of n counts n times, the next one n - 1 times; none is below the one before.
+    # The smallest of n is multiplied by n, the next one by n - 1; none is below the one before.
     raised = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
     adjusted = np.empty_like(p)
     adjusted[order] = np.minimum(raised, 1.0)

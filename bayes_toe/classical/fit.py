@@ -47,16 +47,19 @@ from bayes_toe.workers import Progress, Workers, run_in_order
 REPLICATES = 400
 #: Bounds of q0 and of the lapse rate, between which no log probability is infinite.
 _SHARES = (1e-9, 1.0 - 1e-9)
-_LARGEST_WIDTH = 1000.0  # over the steps between stimuli; the smallest width is its inverse
-_EQUAL = 1e-5  # nats: maxima that differ by less are equally high
-_TOLERANCE = 0.01  # parameters that differ by less are the same
+#: Largest width, in units of the step between stimuli; the smallest width is its inverse.
+_LARGEST_WIDTH = 1000.0
+#: Nats by which equally high maxima may differ, since a search ends before the maximum.
+_EQUAL_HEIGHT = 1e-5
+#: Range of a parameter over equally high maxima, above which it is not determined.
+_DETERMINED_WITHIN = 0.01
 
 
 # --- Maximum likelihood --------------------------------------------------------------------------
 
 
 class Maxima(NamedTuple):
-    """The ends of searches."""
+    """The ends of searches, at most one maximum each."""
 
     x: FloatArray  # (starts, 4)
     value: FloatArray  # log likelihood minus penalty, (starts,)
@@ -70,12 +73,15 @@ class Maxima(NamedTuple):
     @property
     def is_highest(self) -> BoolArray:
         """The ends that are as high as the highest one, (starts,)."""
-        return self.value > self.value.max() - _EQUAL
+        return self.value > self.value.max() - _EQUAL_HEIGHT
 
 
 @dataclass(frozen=True, eq=False)
 class PenalisedLikelihood:
-    """The function that a fit maximises, for the pairs of a subject."""
+    """The function that a fit maximises: log likelihood of a subject's counts minus the penalty.
+
+    A point x is (mu1, log width, gamma, share); the share is q0 or the lapse rate.
+    """
 
     subject: Subject
     mu1_mean: float
@@ -91,7 +97,7 @@ class PenalisedLikelihood:
 
     @cached_property
     def bounds(self) -> FloatArray:
-        """Lowest and highest value of each coordinate, (4, 2): that of gamma is the paper's."""
+        """Lowest and highest value of each coordinate, (4, 2). The paper has gamma from 0 to 1."""
         log_widths = np.log(self.step) + np.log(_LARGEST_WIDTH) * np.array([-1.0, 1.0])
         return np.array([(-np.inf, np.inf), log_widths, (0.0, 1.0), _SHARES])
 
@@ -102,7 +108,7 @@ class PenalisedLikelihood:
         # Far below the stimuli, among them on both sides of the mean, and far above them. No two
         # are at the same distance: a symmetric design has equal maxima on both sides.
         mu1 = sbar + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
-        log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)
+        log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
         gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
         shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
         if self.subject.task.lapses == "q0":  # P(equal) without a difference, near 1
@@ -111,19 +117,20 @@ class PenalisedLikelihood:
         return points.reshape(len(mu1), -1, 4)
 
     def starts(self, n_yes: IntArray) -> FloatArray:
-        """For counts, (rows, pairs), the best point of the grid with each mu1: (rows, 4, 4)."""
+        """The best point of the grid with each mu1, for counts (rows, pairs): (rows, mu1, 4)."""
         starts = []
-        for points in self.grid:
+        for points in self.grid:  # with one mu1
             starts.append(points[self.objective(points, n_yes).argmax(axis=1)])
         return np.stack(starts, axis=1)
 
     def minus_objective(self, x: FloatArray, n_yes: FloatArray) -> tuple[float, FloatArray]:
         """Penalty minus log likelihood of counts, and its gradient, (4,)."""
+        # z = (s2 - s1 + p (s1 - mu1)) / width, for each pair.
         mu1, log_width, gamma, share = x.tolist()
         p = float(pull(gamma))
         width = np.exp(log_width)
-        lever = self.subject.s1 - mu1
-        z = (self.subject.s2 - self.subject.s1 + p * lever) / width
+        distance = self.subject.s1 - mu1
+        z = (self.subject.s2 - self.subject.s1 + p * distance) / width
 
         # The log likelihood, and its slopes in z of each pair and in the logit of the share.
         answers_at, slopes_at = CURVES[self.subject.task.lapses]
@@ -135,45 +142,50 @@ class PenalisedLikelihood:
         by_z = n_yes * in_z[0] + n_no * in_z[1]
         by_logit = (n_yes * in_logit[0] + n_no * in_logit[1]).sum()
 
-        # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z and dz/dp = lever/w.
+        # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = distance/w.
         deviation = (mu1 - self.mu1_mean) / self.mu1_sd
         by_mu1 = -p * by_z.sum() / width - deviation / self.mu1_sd
         # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
-        by_gamma = by_z @ lever / width * (1.0 - p) ** 3 / (1.0 + p)
-        by_share = by_logit / (share * (1.0 - share))
+        by_gamma = by_z @ distance / width * (1.0 - p) ** 3 / (1.0 + p)
+        by_share = by_logit / (share * (1.0 - share))  # d logit(q)/dq = 1/(q (1 - q))
         gradient = np.array([by_mu1, -(by_z @ z), by_gamma, by_share])
         return 0.5 * deviation**2 - value, -gradient
 
     def search(self, n_yes: IntArray, starts: FloatArray) -> Maxima:
         """Search the maxima for counts, (pairs,), from starts, (starts, 4)."""
         counts = n_yes.astype(np.float64)
-        # The first step of a search has the length 1: small, in units of each coordinate.
-        scale = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
+        # The first step of a search has the length 1. So each coordinate is searched in a unit that
+        # is small for it.
+        unit = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
 
-        def scaled(point: FloatArray) -> tuple[float, FloatArray]:
-            """What is minimised, at a point that counts in the scale."""
-            value, gradient = self.minus_objective(point * scale, counts)
-            return value, gradient * scale
+        def minus_objective(point: FloatArray) -> tuple[float, FloatArray]:
+            """What is minimised and its gradient, at a point in these units."""
+            value, gradient = self.minus_objective(point * unit, counts)
+            return value, gradient * unit
 
         points = []
         values = []
         has_converged = []
         for start in starts:
             end = minimize(
-                scaled,
-                start / scale,
+                minus_objective,
+                start / unit,
                 method="L-BFGS-B",
-                jac=True,
-                bounds=self.bounds / scale[:, None],
+                jac=True,  # the function returns its gradient, too
+                bounds=self.bounds / unit[:, None],
                 options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
             )
-            points.append(end.x * scale)
+            points.append(end.x * unit)
             values.append(-end.fun)
             has_converged.append(end.success)
         return Maxima(np.array(points), np.array(values), np.array(has_converged))
 
     def objective(self, x: FloatArray, n_yes: IntArray) -> FloatArray:
-        """Log likelihood minus penalty of counts, (rows, pairs), at points: (rows, points)."""
+        """Log likelihood minus penalty, for counts (rows, pairs) at points (points, 4).
+
+        The shape is (rows, points). :meth:`minus_objective` is its negative for one row of counts
+        and one point, with the gradient.
+        """
         mu1, log_width, gamma, share = x.T[:, :, None]  # (points, 1) each
         pairs = self.subject
         z = (pairs.s2 - pairs.s1 + pull(gamma) * (pairs.s1 - mu1)) / np.exp(log_width)
@@ -308,8 +320,16 @@ def fit_columns(task: Task) -> Texts:
     """Columns of fit.csv; limits are named such as mu1_lower and mu1_upper."""
     natural = natural_names(task)
     limits = map("_".join, product(natural, ("lower", "upper")))
-    ending = ("level", "replicates", "penalty")
-    return ("subject", *natural, "log_likelihood", "at_edge", *limits, *ending)
+    return (
+        "subject",
+        *natural,
+        "log_likelihood",
+        "at_edge",
+        *limits,
+        "level",
+        "replicates",
+        "penalty",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,9 +362,17 @@ class FitTable(SubjectTable[SubjectFit]):
         penalty = self.prior.describe_penalty()
         rows = []
         for row in self:
-            fitted = (row.subject, *row.parameters, row.log_likelihood, row.at_edge)
-            limits = row.intervals(self.level).ravel()
-            rows.append((*fitted, *limits, self.level, self.replicates, penalty))
+            entries = (
+                row.subject,
+                *row.parameters,
+                row.log_likelihood,
+                row.at_edge,
+                *row.intervals(self.level).ravel(),
+                self.level,
+                self.replicates,
+                penalty,
+            )
+            rows.append(entries)
         return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
 
     def frame(self, *, full: bool = False) -> pd.DataFrame:
@@ -415,24 +443,26 @@ def subject_fit(
     """
     likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    counts = np.vstack([subject.n_yes, resampled])  # the subject's, then those of the bootstrap
+    # The counts of the subject come first, then those of the bootstrap.
+    counts = np.vstack([subject.n_yes, resampled])
     searches = [*map(likelihood.search, counts, likelihood.starts(counts))]
     natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
+    # A search has failed if it has converged at none of its highest ends.
     has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in searches]
 
     # What differs between equally high maxima is not determined.
     maxima = searches[0]
     parameters = natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
-    parameters[np.ptp(equally_high, axis=0) > _TOLERANCE] = np.nan
+    parameters[np.ptp(equally_high, axis=0) > _DETERMINED_WITHIN] = np.nan
     # The maximum has the penalty on mu1, the first coordinate; the log likelihood has none.
     penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2
     return SubjectFit(
-        subject.name,
-        subject.task,
-        parameters,
-        float(maxima.value.max() + penalty),
-        likelihood.reached_bounds(maxima.best),
-        natural[1:],
-        sum(has_failed),
+        subject=subject.name,
+        task=subject.task,
+        parameters=parameters,
+        log_likelihood=float(maxima.value.max() + penalty),
+        at_edge=likelihood.reached_bounds(maxima.best),
+        replicates=natural[1:],
+        n_failed=sum(has_failed),
     )

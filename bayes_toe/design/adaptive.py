@@ -38,12 +38,14 @@ from bayes_toe.seeds import generator, root_seed
 Response = bool | str
 #: s1, s2 and the answer.
 Trial = tuple[float, float, Response]
-#: What answers may be asked about: which of the four models, or all of their parameters too.
+#: What pairs are chosen to find out: which of the four models holds, or its parameters as well.
 MODEL = "model"
 PARAMETERS = "parameters"
+#: Draws of each model in a session.
 DRAWS = 4000
-#: Draws of a model by which pairs are compared, at least.
+#: The fewest draws of a model by which pairs are compared.
 _FEWEST_DRAWS = 512
+#: The format of a session's file, with its version.
 _FORMAT = "bayes-toe adaptive 2"
 
 
@@ -81,7 +83,7 @@ class Particles:
         return self.draws.x[:, self.template.is_free]
 
     def add(self, answer: Subject) -> None:
-        """Take in further answers: the draws stay, their posterior density changes."""
+        """Take in further answers: the draws stay, their log posterior changes, and the weights."""
         log_likelihood = self.template.for_subject(answer).log_likelihood(self.x)
         self.draws = replace(self.draws, log_posterior=self.draws.log_posterior + log_likelihood)
 
@@ -97,6 +99,7 @@ class Particles:
         draws = self.draws
         if mixture is not None:
             mixture = mixture.updated(draws, SHARP)
+            # The function takes several posteriors; here it is one.
             (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
         if mixture is None or draws.efficiency < 0.25:
             fitted = fit_posterior(posterior, rng)
@@ -161,17 +164,23 @@ class Adaptive:
         self.seed = root_seed(seed)
         self.about = about
         self.draws = draws
-        # Each model keeps the probabilities of about 512,000 answers: pairs times draws.
+        # Each model keeps the probabilities of answers to all pairs by these draws. 512,000 of
+        # them, pairs times draws, take 4 MB for each answer of the task.
         self._n_compared = min(draws, max(_FEWEST_DRAWS, 512_000 // self.pairs.n_pairs))
         self._answers: list[Trial] = []
         self._particles = {}
         for name in MODEL_NAMES:
             template = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
             rng = generator(self.seed, "adaptive", name, "prior")
-            points = template.full_points(template.sample_prior(rng, draws))
+            points = template.full_points(template.sample_prior(rng, draws))  # (1, draws, k)
             log_prior = template.array.log_prior(points)[0]
             # Before the first answer, the posterior and what was drawn from are the prior, too.
-            prior_draws = WeightedDraws(points[0], log_prior, log_prior, log_prior)
+            prior_draws = WeightedDraws(
+                x=points[0],
+                log_prior=log_prior,
+                log_posterior=log_prior,
+                log_proposal=log_prior,
+            )
             self._particles[name] = Particles(template, prior_draws)
 
     # --- A session --------------------------------------------------------------------------------
@@ -213,10 +222,11 @@ class Adaptive:
         self._renew_worst()
 
     def _renew_worst(self) -> None:
-        """Draw anew for one model, if fewer than half of its first draws still count.
+        """Draw anew for one model whose efficiency is below half of that of its first draws.
 
-        Of several such models it is the one whose Monte Carlo error matters most: in proportion to
-        its probability, and to one over the root of its effective number of draws.
+        If several models are, it is the one whose Monte Carlo error matters most: in proportion to
+        its probability, and to one over the root of its effective number of draws. So an answer
+        takes no longer than one renewal.
         """
         probabilities = self.probabilities
         errors = {}
@@ -231,11 +241,11 @@ class Adaptive:
     def information(self) -> FloatArray:
         """Expected information of one answer to each pair about what is asked, nats, (pairs,).
 
-        It is the entropy of the answer, less its mean entropy when the model is known, or the model
-        and its parameters.
+        It is the mutual information H(answer) - E[H(answer | model)], or with `about` "parameters"
+        H(answer) - E[H(answer | model and parameters)].
         """
         p_answers = np.zeros((len(self.pairs.task.answers), self.pairs.n_pairs))
-        known_entropy = np.zeros(self.pairs.n_pairs)
+        conditional_entropy = np.zeros(self.pairs.n_pairs)
         first_draws = slice(self._n_compared)
         for name, probability in self.probabilities.items():
             particles = self._particles[name]
@@ -244,13 +254,13 @@ class Adaptive:
                     particles.template, particles.x[first_draws]
                 )
             weights = particles.draws.part(first_draws).shares
-            p_answers_of_model = weights @ particles.p_answers
+            p_answers_of_model = weights @ particles.p_answers  # (answers, pairs)
             p_answers += probability * p_answers_of_model
             if self.about == MODEL:
-                known_entropy += probability * _entropy(p_answers_of_model)
+                conditional_entropy += probability * _entropy(p_answers_of_model)
             else:
-                known_entropy += probability * (weights @ _entropy(particles.p_answers))
-        return _entropy(p_answers) - known_entropy
+                conditional_entropy += probability * (weights @ _entropy(particles.p_answers))
+        return _entropy(p_answers) - conditional_entropy
 
     # --- What is known ----------------------------------------------------------------------------
 
@@ -286,7 +296,7 @@ class Adaptive:
 
     @property
     def order_effect(self) -> OrderEffect:
-        """The answer about the order effect, as `evidence` gives it of these trials.
+        """The conclusion on the order effect, as `evidence` gives it for these trials.
 
         Its scales are those of the pairs that were shown; those of the session are of all pairs.
 
@@ -300,10 +310,7 @@ class Adaptive:
     # --- Files ------------------------------------------------------------------------------------
 
     def save(self, path: StrPath, *, overwrite: bool = True) -> Path:
-        """Write all that :meth:`resume` needs, whole or not at all.
-
-        After every trial, if wanted.
-        """
+        """Write all that :meth:`resume` needs, whole or not at all; it may be after every trial."""
         content = {
             "format": _FORMAT,
             "task": self.pairs.task.name,
@@ -350,7 +357,7 @@ class Adaptive:
 
 
 def _design_of_rows(rows: npt.ArrayLike, task: Task) -> StudyDesign:
-    """A design of each row of s1 and s2 once."""
+    """The design that has each row (s1, s2) once."""
     try:
         columns = np.asarray(rows, np.float64).T
     except (TypeError, ValueError) as error:
@@ -361,5 +368,5 @@ def _design_of_rows(rows: npt.ArrayLike, task: Task) -> StudyDesign:
 
 
 def _entropy(p_answers: FloatArray) -> FloatArray:
-    """Entropy of an answer, nats, (answers, ...) -> (...)."""
+    """Entropy of an answer, -sum p ln p, nats, (answers, ...) -> (...)."""
     return np.asarray(entr(p_answers).sum(axis=0))

@@ -58,7 +58,7 @@ class Information:
 
         The shape is (observers, k, k).
         """
-        index = np.flatnonzero(n_trials)  # pairs without trials cost time
+        index = np.flatnonzero(n_trials)  # pairs without trials add nothing, and would cost time
         n_observers, _, n_questions, k = self.rows.shape
         rows = self.rows[:, index].reshape(n_observers, -1, k)  # all questions of all pairs
         weighted = rows * np.repeat(n_trials[index], n_questions)[:, None]
@@ -83,7 +83,7 @@ class Information:
         return self.utility(n_trials) + 0.5 * (growth - nuisance_growth).mean(axis=0)
 
     def _nuisance_block(self, total: FloatArray) -> FloatArray:
-        """The block of the coordinates that are not asked about."""
+        """The block of a precision, (observers, k, k), for coordinates that are not asked about."""
         return total[:, ~self.is_target][:, :, ~self.is_target]
 
 
@@ -92,8 +92,9 @@ def _log_growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArra
 
     With R the rows of a pair, det(T + n R'R) = det(T) det(1 + n R T^-1 R').
     """
-    solved = rows @ np.linalg.inv(total)[:, None]
-    products = (solved[:, :, :, None] * rows[:, :, None]).sum(axis=-1)  # R T^-1 R'
+    solved = rows @ np.linalg.inv(total)[:, None]  # R T^-1, (observers, pairs, questions, k)
+    # R T^-1 R', (observers, pairs, questions, questions).
+    products = (solved[:, :, :, None] * rows[:, :, None]).sum(axis=-1)
     return np.asarray(np.log(np.linalg.det(np.eye(rows.shape[2]) + n_more * products)))
 
 
@@ -121,7 +122,8 @@ def information(
     answers, yes_slopes, _ = posterior.rows.answer_slopes(points)
     # A trial asks the second question as often as the answer to the first one is not 'equal'.
     n_asked = posterior.rows.expected_trials(answers)[0] / np.tile(pairs.n_trials, n_questions)
-    # The root of q/(1 - q), (observers, pairs of all questions), times the slopes of log q.
+    # The slopes of log q times the root of q/(1 - q), (observers, pairs of all questions). The
+    # outer product of a row with itself is then the information g g' q/(1 - q).
     odds_root = np.exp(0.5 * (answers.yes - answers.no))[0] * np.sqrt(n_asked)
     scaled_slopes = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
     # From (observers, pairs of all questions, k) to (observers, pairs, questions, k).
@@ -179,21 +181,22 @@ def exchange_trials(
         last_utility = utility
         for pair in np.flatnonzero(stands_for_pair & (n_trials > fixed)).tolist():
             while n_trials[pair] > fixed[pair]:
-                without = n_trials.copy()
-                without[pair] -= half
-                without[turned[pair]] -= half
-                moved = _add_trials(information, without, turned, portion, most_pairs)
+                fewer_trials = n_trials.copy()
+                fewer_trials[pair] -= half
+                fewer_trials[turned[pair]] -= half
+                moved = _add_trials(information, fewer_trials, turned, portion, most_pairs)
                 utility_of_move = information.utility(moved)
                 if utility_of_move < utility + _GAIN:
                     break
                 n_trials = moved
                 utility = utility_of_move
 
-    # What is left of the last portion goes to pairs that the design has.
+    # What is left of the last portion goes to pairs that the design has: none may be new. Two at a
+    # time keep both orders equally frequent, and an odd one comes last.
     for _ in range(trials % portion // 2):
-        n_trials = _add_trials(information, n_trials, turned, 2, most_pairs=0)
+        n_trials = _add_trials(information, n_trials, turned, size=2, most_pairs=0)
     if trials % 2:
-        n_trials = _add_trials(information, n_trials, turned, 1, most_pairs=0)
+        n_trials = _add_trials(information, n_trials, turned, size=1, most_pairs=0)
     return n_trials
 
 
@@ -207,8 +210,8 @@ def _add_trials(
     """
     is_new = n_trials == 0
     # With its other order, which equal stimuli lack, a pair makes 0, 1 or 2 new ones.
-    is_other_order = turned != np.arange(len(turned))
-    n_new = is_new + (is_new[turned] & is_other_order).astype(int)
+    has_other_order = turned != np.arange(len(turned))
+    n_new = is_new + (is_new[turned] & has_other_order).astype(int)
     is_possible = (n_new == 0) | (np.count_nonzero(n_trials) + n_new <= most_pairs)
     utilities = information.utilities(n_trials, size)
     # Half of the trials are in each order, so that the utilities of both count.

@@ -61,6 +61,7 @@ KINDS: Kinds = {
 KINDS_IN_WORDS = (
     "Small: a PSE shift of 5 to 11 %; large: 22 to 49 %. Contraction, repulsion: 20 to 35 %."
 )
+#: The range with mean 0 and an SD of 10 %: the SD of a uniform number is its range over root 12.
 _ABOUT_0 = (-0.17, 0.17)
 #: Kinds for a group: subjects differ with an SD of 10 %, about a mean that the name says.
 GROUP_KINDS = {
@@ -103,9 +104,14 @@ class Observer:
 
     @property
     def has_effect(self) -> dict[str, bool]:
-        """The true answer to each of the three questions."""
-        effects = {name: self.parameters[name] != 0.0 for name in ("constant_error", "contraction")}
-        return {"order_effect": any(effects.values()), **effects}
+        """Whether the observer truly has the effect that each of the three questions is about."""
+        has_error = self.parameters["constant_error"] != 0.0
+        has_contraction = self.parameters["contraction"] != 0.0
+        return {
+            "order_effect": has_error or has_contraction,
+            "constant_error": has_error,
+            "contraction": has_contraction,
+        }
 
     def p_questions(
         self,
@@ -114,7 +120,7 @@ class Observer:
         sbar: float,
         expected: FloatArray | float = 0.0,
     ) -> FloatArray:
-        """Probability of the answer that each question of the task counts, (questions, ...).
+        """Probability of the answer that each question of the task counts, (questions, *s1.shape).
 
         Parameters
         ----------
@@ -127,11 +133,12 @@ class Observer:
         s1 = np.asarray(s1, np.float64)
         s2 = np.asarray(s2, np.float64)
 
-        # With D = R = 1 the observer's units are those of its parameters, natural-log intensity.
-        scales = StimulusScales(sbar, sbar, step=1.0, spread=1.0, first_spread=0.0)
+        # The model has its parameters in units of D and R. With D = R = 1 they are those of the
+        # observer, in natural-log intensity.
+        scales = StimulusScales(mean=sbar, sbar=sbar, step=1.0, spread=1.0, first_spread=0.0)
         any_pair = each_once([0.0], [0.0], task=self.task)
         posterior = ObserverPosterior(any_pair.unanswered, OrderModel("both"), given_scales=scales)
-        # Of the shape (rows, points, pairs): each trial is a pair of the only row.
+        # The stimuli take the place of the pairs of this posterior, (subjects, points, pairs).
         rows = replace(
             posterior.rows,
             first=(s1 - sbar - expected).reshape(1, 1, -1),
@@ -167,7 +174,7 @@ class Observer:
         probabilities = self.p_design(design)
         n_yes = rng.binomial(design.n_trials, probabilities[0])
         n_second = None
-        if self.task.has_three_answers:  # the second question follows an answer 'not equal'
+        if self.task.has_three_answers:  # 'which was stronger?' follows an answer 'not equal'
             n_second = rng.binomial(design.n_trials - n_yes, probabilities[1])
         return design.answered(n_yes, self.name, n_second)
 
@@ -178,7 +185,7 @@ def parameter_names(task: Task) -> list[str]:
 
 
 def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task) -> Observer:
-    """An observer of these parameters; others are 0, but for :data:`REQUIRED`.
+    """An observer with these parameters. The others are 0; those of :data:`REQUIRED` may not lack.
 
     Raises
     ------
@@ -195,9 +202,9 @@ def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task)
 def _problems(
     values: Mapping[str, object], names: Sequence[str], *, has_ranges: bool = False
 ) -> Iterator[str]:
-    """Problems of parameters, or of their ranges, a line each: unknown names, numbers out of range.
+    """Problems of parameters, a line each: unknown names, and numbers beyond the allowed limits.
 
-    With `has_ranges` a value may be [lowest, highest].
+    With `has_ranges` a value may be a range, [lowest, highest].
     """
     limits = {parameter.name: parameter.limits for parameter in PARAMETERS}
     for name, value in values.items():
@@ -206,7 +213,7 @@ def _problems(
             continue
         low, high = _range(value) if has_ranges else (real(value), real(value))
         lower_limit, upper_limit, description = limits[name]
-        # What is no number is NaN, for which this comparison fails.
+        # A text is NaN, for which this comparison fails.
         if not lower_limit < low <= high < upper_limit:
             or_range = ", or [LOWEST, HIGHEST] of such" if has_ranges else ""
             yield f"{name}: found {format_value(value)}, allowed: a number {description}{or_range}"
@@ -261,8 +268,9 @@ def assume_observers(
     require_number("data_sets", size)
     task = designs[0].task
     if source == PRIOR:
-        # The scales of the prior are those of all pairs together. So its observers have noise that
-        # suits these stimuli, and the task of the designs. They need none of the checks below.
+        # The scales of the prior are those of the pairs of all designs together. So its observers
+        # have noise that suits these stimuli, and the right task: they need none of the checks
+        # below.
         pairs = pooled([design.unanswered for design in designs])
         return _from_prior(prior, pairs, size, seed)
     if source is not None and not isinstance(source, StrPath):
@@ -284,7 +292,7 @@ def assume_observers(
 
 
 def _ranges_of(source: StrPath | None, task: Task) -> Kinds:
-    """The ranges of each kind of a source."""
+    """The ranges of each kind that a source names, or that its TOML file has."""
     if source is None:
         return KINDS
     if source == GROUPS:
@@ -300,7 +308,7 @@ def _ranges_of(source: StrPath | None, task: Task) -> Kinds:
 
 
 def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool) -> list[Observer]:
-    """Observers that are uniform in ranges; those of :data:`COMMON` hold where none is given.
+    """Observers of each kind, uniform in its ranges, or where it has none in those of `COMMON`.
 
     With `is_even` each range is cut into as many equal parts as there are observers, each of whom
     has the middle of one part. The parts of each parameter are shuffled.
@@ -309,8 +317,8 @@ def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool)
     observers = []
     for kind, effects in kinds.items():
         ranges = {**common, **effects}
-        # Which part of the range of a parameter each observer has.
-        order_of_parts = {
+        # For each parameter, which part of its range each observer has.
+        part_of_observers = {
             key: generator(seed, kind, key, "even").permutation(size) for key in ranges
         }
         for i in range(size):
@@ -318,8 +326,8 @@ def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool)
             rng = generator(seed, name, "observer")
             values = {}
             for key, (low, high) in ranges.items():
-                position = (order_of_parts[key][i] + 0.5) / size if is_even else rng.uniform()
-                values[key] = float(low + (high - low) * position)
+                position = (part_of_observers[key][i] + 0.5) / size if is_even else rng.uniform()
+                values[key] = float(low + (high - low) * position)  # position is from 0 to 1
             observers.append(make_observer(name, kind, values, task))
     return observers
 
@@ -359,7 +367,7 @@ def _range(value: object) -> Range:
 
 
 def _from_prior(prior: ObserverPrior, pairs: Subject, size: int, seed: int) -> list[Observer]:
-    """Observers drawn from the prior of each of the four models."""
+    """Observers drawn from the prior of each of the four models, whose name is their kind."""
     observers = []
     for model in ORDER_MODELS:
         posterior = OrderModel(model).posterior(pairs, prior)
@@ -378,7 +386,10 @@ def _from_point(name: str, kind: str, posterior: SubjectPosterior, x: FloatArray
 
 
 def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
-    """Random draws of random subjects, and the same observers without an order effect."""
+    """Observers at random draws of random subjects of a posterior.nc, then without an order effect.
+
+    These are of the kinds 'earlier study' and 'none', which has the false positives.
+    """
     from bayes_toe.inference.draws import load_draws
 
     draws = load_draws(path)
@@ -407,7 +418,10 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
 
 
 def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None:
-    """Refuse a design to which all observers of a kind always answer alike, but for lapses."""
+    """Refuse a design to which all observers of a kind always answer alike, but for lapses.
+
+    The stimuli are then in another unit than the observers' noise.
+    """
     p_yes = defaultdict(list)
     for observer in observers:
         attentive = {**observer.parameters, "lapse_rate": 0.0}

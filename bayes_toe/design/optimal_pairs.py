@@ -38,10 +38,11 @@ from bayes_toe.workers import Progress, Workers
 #: Names of the two designs that are compared.
 OPTIMISED = "optimised"
 EVEN = "even"
-#: Pairs that can be shown, and levels of as many pairs.
+#: Most pairs that can be shown, and the levels that make so many: 141^2 = 19,881.
 _MOST_PAIRS = 20_000
 _MOST_LEVELS = 141
-_FEWEST = 4  # trials, and pairs
+#: Fewest trials to distribute, and fewest different pairs of a design.
+_FEWEST = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +119,12 @@ class OptimalDesign:
         stimuli, index = np.unique(self.design.s1, return_inverse=True)
         share = np.bincount(index, self.design.n_trials / self.design.total)
         frequent = np.sort(np.argsort(-share)[:4])  # four, in the order of their intensity
-        levels, name = self.unit.numbers(stimuli[frequent], stimuli.mean())
+        levels, unit_name = self.unit.numbers(stimuli[frequent], stimuli.mean())
         if not self.unit.of_stimuli:
             levels = [f"{value:g}" for value in stimuli[frequent]]
-            name = "ln"
+            unit_name = "ln"
         firsts = ", ".join(
-            f"{level} {name} ({percent:.0f} %)"
+            f"{level} {unit_name} ({percent:.0f} %)"
             for level, percent in zip(levels, 100 * share[frequent], strict=True)
         )
         lines = []
@@ -132,7 +133,7 @@ class OptimalDesign:
                 f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
                 "distinguish a contraction from a constant error."
             )
-        if contraction_information(self.design.unanswered) < 1.0:
+        if contraction_information(self.design.unanswered) < 1.0:  # less than the prior has
             lines.append(
                 f"These pairs cannot show a contraction: {TYPICAL_TRIALS} trials have less "
                 "information about it than its prior. Use a wider range of first stimuli."
@@ -141,10 +142,9 @@ class OptimalDesign:
 
     @property
     def learnable(self) -> str:
-        """Why subjects may learn these pairs, which the model does not include; empty if not.
+        """Regularities that subjects may learn, in a sentence: the model has none. Empty without.
 
-        They may if more than a third of the trials have equal pairs, or begin at an end of the
-        range.
+        More than a third of the trials have equal pairs, or begin at an end of the range.
         """
         if self.name == EVEN:
             return ""
@@ -154,14 +154,14 @@ class OptimalDesign:
             "have equal pairs": design.s1 == design.s2,
             "begin with the weakest or strongest stimulus": np.isin(design.s1, ends),
         }
-        parts = []
-        for words, is_pair in regularities.items():
-            n_trials = design.n_trials[is_pair].sum()
+        frequent = []
+        for words, is_regular in regularities.items():  # of each pair
+            n_trials = design.n_trials[is_regular].sum()
             if 3 * n_trials > design.total:
-                parts.append(f"{n_trials} of {design.total} trials {words}")
-        if not parts:
+                frequent.append(f"{n_trials} of {design.total} trials {words}")
+        if not frequent:
             return ""
-        return f"{join_words(parts)}. Subjects may learn this; the model does not include it."
+        return f"{join_words(frequent)}. Subjects may learn this; the model does not include it."
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:
@@ -173,7 +173,8 @@ def grid(lowest: float, highest: float, step: float) -> FloatArray:
     [-0.5, -0.25, 0.0, 0.25, 0.5]
     """
     n_steps = np.floor((highest - lowest) / step + 1e-9)  # rounding may make 3 steps 2.999...
-    # Without the rounding errors of the steps; the sum turns -0.0 into 0.0.
+    # Without the rounding errors of the steps, so that equal levels are equal. The sum turns -0.0
+    # into 0.0.
     return np.round(lowest + step * np.arange(n_steps + 1), 12) + 0.0
 
 
@@ -183,8 +184,8 @@ def levels_between(
     """Natural logs of levels, from the lowest to the highest stimulus in the unit of the options.
 
     A step such as '10' is a number in this unit. A step such as '5%' is per cent of intensity; it
-    is adjusted so that both ends are levels. Without one, it is 5 per cent. Intensities have four
-    digits at most.
+    is adjusted so that both ends are levels. The default is 5 per cent, and in a log unit 0.05
+    natural logs with one digit. Intensities have four digits at most.
 
     Examples
     --------
@@ -193,7 +194,7 @@ def levels_between(
     >>> levels_between(0.0, 20.0, "10", ReadOptions(unit="dB")).round(3).tolist()
     [0.0, 1.151, 2.303]
     """
-    if not step:  # 5 %, or 0.05 natural logs as a round number of the log unit
+    if not step:
         step = "5%" if options.has_intensities else f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
     is_percent = step.endswith("%")
     size = number(step.removesuffix("%"))
@@ -215,9 +216,9 @@ def levels_between(
         )
 
     width = np.ptp(ends)
-    smallest = width / (_MOST_LEVELS - 1)
-    if not smallest <= size <= width:
-        proposed = 1.01 * smallest  # still allowed when rounded to three digits
+    smallest_size = width / (_MOST_LEVELS - 1)
+    if not smallest_size <= size <= width:
+        proposed = 1.01 * smallest_size  # still allowed when rounded to three digits
         remedy = f"{100.0 * np.expm1(proposed):.3g}%" if is_percent else f"{proposed:.3g}"
         raise InputError(
             f"--step {step}: allowed is a step that makes 2 to {_MOST_LEVELS} levels from "
@@ -229,7 +230,7 @@ def levels_between(
         levels = np.linspace(ends[0], ends[1], round(width / size) + 1)
     else:
         levels = log_levels(grid(lowest, highest, size), options)
-    # Intensities get four digits, such as 66.37. Two levels may then be equal.
+    # Intensities get four digits, such as 66.37. Two levels may then be equal, and become one.
     if options.has_intensities:
         stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
         levels = np.unique(log_levels(np.array(stimuli), options))
@@ -238,8 +239,8 @@ def levels_between(
 
 def read_levels(path: StrPath, options: ReadOptions) -> FloatArray:
     """Levels in the column s or i of a CSV file, in the unit of these options, as natural logs."""
-    (column,), logs = read_stimuli(path, options, ("s",), ("i",))
-    levels = np.unique(logs["s"])  # also of a column i
+    (column,), logs = read_stimuli(path, options, logs=("s",), intensities=("i",))
+    levels = np.unique(logs["s"])  # the logs of a column i have this name, too
     if len(levels) < 2:
         raise InputError(
             f"{path}: column {column}: found {len(levels)} level, allowed: at least two different "
@@ -262,7 +263,8 @@ def optimal_design(
 ) -> OptimalDesign:
     """Find the design that is most informative about assumed observers.
 
-    Both orders of two stimuli are equally frequent in the design.
+    Both orders of two stimuli are equally frequent in the design. An even design of as many trials
+    is compared with it by simulation.
 
     Parameters
     ----------
@@ -287,8 +289,9 @@ def optimal_design(
     observer_prior = preset_or_file(prior).observer
     levels = np.unique(np.asarray(levels, np.float64))
     plane = pairs_to_show(levels, goal)
-    # Five observers of each kind are enough for the information: the power needs more.
-    assumed = assume_observers(observers, 5, root, [plane], observer_prior)
+    # Five observers of each kind are enough for the information, which changes smoothly with their
+    # parameters. The power is a share of simulated answers, and needs more.
+    assumed = assume_observers(observers, size=5, seed=root, designs=[plane], prior=observer_prior)
     power_observers = assume_observers(
         observers, data_sets, root, [plane], observer_prior, is_even=True
     )
@@ -320,14 +323,16 @@ def best_design(
     """
     require_number("--trials", trials)
     plane = pairs_to_show(levels, goal)
-    fixed = np.zeros(plane.n_pairs, np.int64)
+    fixed = np.zeros(plane.n_pairs, np.int64)  # trials of each pair that must be kept
     if goal.keep is not None:
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
     n_left = trials - int(fixed.sum())
     n_kept_pairs = int((fixed > 0).sum())
     if n_left < _FEWEST:
-        part = f", {fixed.sum()} of which --keep has taken" if n_kept_pairs else ""
-        raise InputError(f"--trials {trials}{part}: allowed is at least {_FEWEST} to distribute")
+        keep_part = f", {fixed.sum()} of which --keep has taken" if n_kept_pairs else ""
+        raise InputError(
+            f"--trials {trials}{keep_part}: allowed is at least {_FEWEST} to distribute"
+        )
     if n_kept_pairs >= goal.max_pairs:
         raise InputError(
             f"--max-pairs {goal.max_pairs}: --keep has {n_kept_pairs} already; allowed is more"
@@ -336,21 +341,22 @@ def best_design(
     most_pairs = min(goal.max_pairs, n_left + n_kept_pairs)
     n_trials = exchange_trials(plane_information, n_left, most_pairs, fixed, plane.turned)
     chosen = np.flatnonzero(n_trials)
-    worth = plane_information.utilities(n_trials, 1.0) - plane_information.utility(n_trials)
+    utilities = plane_information.utilities(n_trials, n_more=1.0)
+    worth = utilities - plane_information.utility(n_trials)
     return plane.select(chosen, n_trials[chosen]), worth
 
 
 def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observer]) -> StudyDesign:
-    """First stimuli all over the range, each with itself and with its neighbours, once.
+    """First stimuli evenly over the range, each with itself and with its neighbours, once.
 
-    Neighbours differ by the noise of the observers if so many pairs are allowed.
+    Neighbours differ by the mean noise of the observers if so many pairs are allowed.
     """
     noise = np.mean([observer.parameters["noise"] for observer in observers])
     n_steps = round(np.ptp(levels) / noise)
     # n first stimuli have n equal pairs, and n - 1 pairs of neighbours in each order: 3 n - 2.
     n_first = max(2, min(n_steps + 1, (goal.max_pairs + 2) // 3, len(levels)))
     targets = np.linspace(levels[0], levels[-1], n_first)
-    # Of uneven levels, two targets may have the same nearest one.
+    # Where levels are uneven, two targets may have the same nearest level, which then counts once.
     nearest = np.unique(np.abs(levels[:, None] - targets).argmin(axis=0))
     first = levels[nearest]
     i, j = np.indices((len(first), len(first)))
@@ -359,9 +365,9 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
 
 
 def pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
-    """Ordered pairs of levels, and those that are kept."""
+    """The pairs that can be shown, once each: all ordered pairs of levels, and those to keep."""
     n = len(levels)
-    if n**2 > _MOST_PAIRS:
+    if n**2 > _MOST_PAIRS:  # their information takes memory and time
         raise InputError(f"{n} levels make {n**2:,} pairs: allowed are {_MOST_PAIRS:,}")
     plane = all_pairs(levels, goal.task)
     if goal.keep is None:

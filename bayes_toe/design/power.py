@@ -54,15 +54,20 @@ from bayes_toe.workers import Progress, Workers, run_in_order
 WIDTHS = ("pse_shift_jnd", "contraction_p")
 #: Columns of power_data_sets.csv.
 DATA_SET_COLUMNS = (
-    *("design", "trials", "observers", "observer", "true_constant_error", "true_contraction"),
+    "design",
+    "trials",
+    "observers",
+    "observer",
+    "true_constant_error",
+    "true_contraction",
     *QUESTIONS,
     *(f"p_{question}" for question in QUESTIONS),
     *(f"{size}_width" for size in WIDTHS),
 )
 #: The answer 'yes' or 'probably'.
 DETECTED = "yes or probably"
-_TAIL = 0.025  # of the intervals of Monte Carlo error, on each side
-_STUDIES = 400  # that are drawn for a number of subjects
+_TAIL = 0.025  # probability beyond each end of a 95 % interval
+_N_STUDIES = 400  # simulated studies for each number of subjects
 
 
 @dataclass(frozen=True)
@@ -87,8 +92,8 @@ class DataSet:
             self.observer.name,
             truth["constant_error"],
             truth["contraction"],
-            *(self.answer.word(question) for question in QUESTIONS),
-            *(self.answer.probabilities[question] for question in QUESTIONS),
+            *map(self.answer.word, QUESTIONS),
+            *map(self.answer.probabilities.get, QUESTIONS),
             *(interval.q975 - interval.q025 for interval in intervals),
         )
 
@@ -146,41 +151,44 @@ class PowerTable(Table[PowerEstimate]):
 
     @classmethod
     def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
-        """The table that counts, in each group of data sets, how often each word was given."""
+        """The share of each word about each question, in each group of :func:`group_data_sets`."""
         data_sets = tuple(data_sets)
         # Responses of simulated observers have no problems, and are always interpreted.
         possible_words = [word for word in Word if word is not Word.NOT_INTERPRETABLE]
         rows = []
-        for key, group in group_data_sets(data_sets).items():
+        for design_and_kind, group in group_data_sets(data_sets).items():
             for question in QUESTIONS:
                 words = [data_set.answer.words[question] for data_set in group]
                 counts = {word.value: words.count(word) for word in possible_words}
                 counts[DETECTED] = sum(word.is_positive for word in words)
                 n = len(words)
                 for answer, count in counts.items():
-                    rows.append(PowerEstimate(*key, question, answer, *share(count, n), n))
+                    # The fields value, low and high are those of `share`.
+                    rows.append(
+                        PowerEstimate(*design_and_kind, question, answer, *share(count, n), n)
+                    )
         return cls(tuple(rows), data_sets, seed)
 
     def __getitem__(self, key: tuple[str, int, str, str, str]) -> PowerEstimate:
         """A row, by (design, trials, kind of observers, quantity, answer)."""
         for row in self.rows:
-            if row[:5] == key:  # the fields that distinguish a row
+            if row[:5] == key:  # the fields up to `answer`
                 return row
         raise InputError(
             f"nothing counted for {key!r}; answers: {join_names(self.different('answer'))}"
         )
 
     def different(self, name: str) -> tuple[str, ...]:
-        """The different values of a column, in their order."""
+        """The different values of a column of names, in the order of the rows."""
         return tuple(dict.fromkeys(getattr(row, name) for row in self.rows))
 
     @property
     def designs(self) -> tuple[tuple[str, int], ...]:
-        """Designs with their numbers of trials."""
+        """Each design with each number of trials, in the order of the rows."""
         return tuple(dict.fromkeys((row.design, row.trials) for row in self.rows))
 
     def has_effect(self, kind: str, question: str) -> bool:
-        """Whether observers of a kind have the effect that is asked about."""
+        """Whether any observer of a kind truly has the effect that is asked about."""
         return any(
             data_set.observer.has_effect[question]
             for data_set in self.data_sets
@@ -197,37 +205,48 @@ class PowerTable(Table[PowerEstimate]):
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
     def sentences(self) -> list[str]:
-        """For each design, the effect that it detects least often, the next one, false positives.
+        """How often each design detects order effects, and which questions it cannot answer.
 
-        'Order effect: cannot be told.' follows where the design cannot show it.
+        A sentence such as 'Order effect: cannot be told.' follows for each of these questions.
         """
         lines = []
         for design, trials in self.designs:
-            effects = []
-            findings = []
-            for kind in self.different("observers"):
-                estimate = self[design, trials, kind, "order_effect", DETECTED]
-                if self.has_effect(kind, "order_effect"):
-                    effects.append(estimate)
-                else:
-                    findings.append(f"false positives {estimate.percent}")
-            effects.sort(key=attrgetter("value"))
-            if len(effects) > 1:
-                # Rounded down, because it is a lower bound; 29 % is 28.999... in floating point.
-                percent = math.floor(round(100 * effects[1].value, 6))
-                least = "at least " if percent < 100 else ""
-                findings.insert(0, f"every other effect in {least}{percent} %")
-            if effects:
-                findings.insert(0, f"{effects[0].observers} detected in {effects[0].percent}")
-            text = f"{capitalized(design)}, {trials:,} trials: {'; '.join(findings)}."
+            findings = "; ".join(self._describe_detection(design, trials))
+            text = f"{capitalized(design)}, {trials:,} trials: {findings}."
             for question in QUESTIONS:
                 if self.is_unknown(design, trials, question):
                     text += f" {capitalized(question.replace('_', ' '))}: {Word.CANNOT_BE_TOLD}."
             lines.append(text)
         return lines
 
+    def _describe_detection(self, design: str, trials: int) -> list[str]:
+        """The order effect that a design detects least often, the next one, and false positives.
+
+        As in ['contraction detected in 35 % [17, 57]', 'every other effect in at least 60 %',
+        'false positives 2 % [0, 9]'].
+        """
+        effects = []
+        false_positives = []
+        for kind in self.different("observers"):
+            estimate = self[design, trials, kind, "order_effect", DETECTED]
+            if self.has_effect(kind, "order_effect"):
+                effects.append(estimate)
+            else:
+                false_positives.append(f"false positives {estimate.percent}")
+        effects.sort(key=attrgetter("value"))
+
+        findings = []
+        if effects:
+            findings.append(f"{effects[0].observers} detected in {effects[0].percent}")
+        if len(effects) > 1:
+            # Rounded down, because it is a lower bound; 29 % is 28.999... in floating point.
+            percent = math.floor(round(100 * effects[1].value, 6))
+            least = "at least " if percent < 100 else ""
+            findings.append(f"every other effect in {least}{percent} %")
+        return findings + false_positives
+
     def is_unknown(self, design: str, trials: int, question: str) -> bool:
-        """Whether a design cannot show an effect in any observer."""
+        """Whether the word for a question is 'cannot be told' for every simulated observer."""
         word = Word.CANNOT_BE_TOLD.value
         kinds = self.different("observers")
         return all(self[design, trials, kind, question, word].value == 1.0 for kind in kinds)
@@ -236,7 +255,7 @@ class PowerTable(Table[PowerEstimate]):
 def group_data_sets(
     data_sets: Iterable[DataSet],
 ) -> Mapping[tuple[str, int, str], Sequence[DataSet]]:
-    """The data sets by design, trials and kind of observers."""
+    """The data sets by (design, trials, kind of observers), in their order."""
     groups = defaultdict(list)
     for data_set in data_sets:
         groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
@@ -244,9 +263,9 @@ def group_data_sets(
 
 
 def share(hits: int, size: int) -> tuple[float, float, float]:
-    """A share and its 95 % interval, by Jeffreys' prior, Beta(1/2, 1/2).
+    """The share hits/size and its 95 % interval, by Jeffreys' prior, Beta(1/2, 1/2).
 
-    An end is 0 or 1 where no or every try hits.
+    The interval begins at 0 if there is no hit, and ends at 1 if all are hits.
 
     Examples
     --------
@@ -308,6 +327,7 @@ def power(
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
     simulated = list[DataSet]()
+    # An observer has one task, so the designs of each task have observers of their own.
     by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
     for name, pairs in name_designs(design).items():
         by_task[pairs.task][name] = pairs
@@ -315,18 +335,18 @@ def power(
         assumed = assume_observers(
             observers, data_sets, root, list(designs.values()), observer_prior, is_even=True
         )
-        planned = []
+        sized_designs = []
         for name, pairs in designs.items():
-            for total in dict.fromkeys(trials):  # each number once
-                planned.append((name, pairs.with_total(total)))
-        simulated += simulate_power(planned, assumed, root, observer_prior, workers, progress)
+            for total in dict.fromkeys(trials):  # a number that is given twice counts once
+                sized_designs.append((name, pairs.with_total(total)))
+        simulated += simulate_power(sized_designs, assumed, root, observer_prior, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
 
 
 def name_designs(
     design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT
 ) -> Mapping[str, StudyDesign]:
-    """Designs by name: a single one gets a name. Without one, the paper's pairs for a task."""
+    """Designs by name. A single design gets the name 'these pairs'; None is the paper's pairs."""
     if design is None:
         return {"the paper's pairs": paper_study_design(task=task)}
     if isinstance(design, StudyDesign):
@@ -342,7 +362,7 @@ def simulate_power(
     workers: Workers,
     progress: Progress | None,
 ) -> Iterable[DataSet]:
-    """The data sets of all observers and all designs.
+    """The data sets of all observers with all designs, each of which has its name before it.
 
     A job is a batch of observers with one design. Progress shows the names of its observers.
     """
@@ -363,11 +383,12 @@ def simulate_batch(
     seed: int,
     prior: ObserverPrior,
 ) -> list[DataSet]:
-    """The data sets of some observers, who answer one design."""
+    """The data sets of some observers, who answer the design of this name."""
     subjects = [observer.answers(design, seed) for observer in observers]
     identification = identify(design.unanswered)
+    evidences = order_evidence(subjects, seed, prior)
     data_sets = []
-    for observer, evidence in zip(observers, order_evidence(subjects, seed, prior), strict=True):
+    for observer, evidence in zip(observers, evidences, strict=True):
         answer = order_effect(evidence, identification)
         data_sets.append(DataSet(name, design.total, observer, answer, evidence.subject.scales))
     return data_sets
@@ -415,7 +436,7 @@ class GroupPower(NamedTuple):
 
     @property
     def counts_text(self) -> str:
-        """The number of subjects with its prediction interval."""
+        """Subjects with the effect, and their prediction interval, such as '14 [9, 18]'."""
         return f"{self.detected} [{self.detected_low}, {self.detected_high}]"
 
     @property
@@ -424,9 +445,7 @@ class GroupPower(NamedTuple):
 
         It is in brackets if the true mean is 0, because it is then the share of false positives.
         """
-        low = 100.0 * self.power_low
-        high = 100.0 * self.power_high
-        text = f"{100.0 * self.power:.0f} [{low:.0f}, {high:.0f}]"
+        text = f"{100 * self.power:.0f} [{100 * self.power_low:.0f}, {100 * self.power_high:.0f}]"
         return text if self.has_mean else f"({text})"
 
     @property
@@ -446,7 +465,7 @@ class GroupPowerTable(Table[GroupPower]):
     seed: int
 
     def select(self, design: str, trials: int, question: str) -> dict[str, list[GroupPower]]:
-        """The rows of one design and one question, by kind of observers."""
+        """The rows of one design, number of trials and question, by kind of observers."""
         rows = defaultdict(list)
         for row in self.rows:
             if (row.design, row.trials, row.question) == (design, trials, question):
@@ -454,19 +473,19 @@ class GroupPowerTable(Table[GroupPower]):
         return rows
 
     def sentences(self) -> list[str]:
-        """The share of studies that find the smallest mean of each effect, a line each."""
+        """For each design and effect, the share of studies that find the smallest true mean."""
         lines = []
         for design, trials in dict.fromkeys((row.design, row.trials) for row in self.rows):
-            for question in SIZE_OF:
-                # The rows of a kind of observers share their true mean.
+            for question in SIZE_OF:  # the order effect has no mean
+                # The rows of a kind of observers, one a number of subjects, share their true mean.
                 kinds = self.select(design, trials, question).values()
                 with_mean = [rows for rows in kinds if rows[0].has_mean]
                 if with_mean:
-                    rows = min(with_mean, key=lambda rows: abs(rows[0].true_mean))
-                    shares = [f"{row.percent} % with {row.subjects} subjects" for row in rows]
+                    smallest = min(with_mean, key=lambda rows: abs(rows[0].true_mean))
+                    shares = [f"{row.percent} % with {row.subjects} subjects" for row in smallest]
                     lines.append(
                         f"{capitalized(design)}, {trials:,} trials: studies detect the mean of "
-                        f"'{rows[0].observers}' in {join_words(shares)}."
+                        f"'{smallest[0].observers}' in {join_words(shares)}."
                     )
         return lines
 
@@ -480,10 +499,10 @@ def group_power(
 ) -> GroupPowerTable:
     """Predict in how many subjects a study finds an effect, and how often in the group mean.
 
-    A study draws its subjects from the observers of a kind. A subject's estimate is its true effect
-    with a normal error, as large as the analysis of that observer says. The Bayes factor of the
-    group mean averages over the prior of the standard deviation between subjects, as `population`
-    does.
+    A study draws its subjects from the simulated observers of a kind, with replacement. A subject's
+    estimate is its true effect with a normal error, as large as the analysis of that observer says.
+    The Bayes factor of the group mean averages over the prior of the standard deviation between
+    subjects, as `population` does.
 
     Parameters
     ----------
@@ -503,37 +522,52 @@ def group_power(
     for (design, trials, kind), group in group_data_sets(table.data_sets).items():
         for question in QUESTIONS:
             n_detected = sum(data_set.answer.words[question].is_positive for data_set in group)
-            # An order effect has no size, so that its mean and the power of its mean are NaN.
-            truth = [data_set.observer.parameters.get(question, np.nan) for data_set in group]
-            moments = float(np.mean(truth)), float(np.std(truth))
+            # The order effect has no parameter, so that its mean and the power of its mean are NaN.
+            true_sizes = [data_set.observer.parameters.get(question, np.nan) for data_set in group]
+            true_mean = float(np.mean(true_sizes))
+            true_sd = float(np.std(true_sizes))
             for size in subjects:
-                counts = predicted_count(n_detected, len(group), size)
+                detected = predicted_count(n_detected, len(group), size)
                 power_of_mean = np.nan, np.nan, np.nan
                 if question in SIZE_OF:
                     rng = generator(table.seed, design, kind, f"{trials} {size} {question}")
                     hits = _count_detected_means(group, question, size, prior, rng)
-                    power_of_mean = share(hits, _STUDIES)
-                study = design, trials, kind, question, size
-                rows.append(GroupPower(*study, *moments, *counts, *power_of_mean))
+                    power_of_mean = share(hits, _N_STUDIES)
+                rows.append(
+                    GroupPower(
+                        design,
+                        trials,
+                        kind,
+                        question,
+                        size,
+                        true_mean,
+                        true_sd,
+                        *detected,  # median and interval
+                        *power_of_mean,  # value and interval
+                    )
+                )
     return GroupPowerTable(tuple(rows), table.seed)
 
 
 def _count_detected_means(
     group: Sequence[DataSet], question: str, size: int, prior: ObserverPrior, rng: Rng
 ) -> int:
-    """Of :data:`_STUDIES` studies, those whose group mean differs from 0 by 'yes' or 'probably'.
+    """How many of :data:`_N_STUDIES` studies say 'yes' or 'probably' to a group mean that is not 0.
 
-    A study draws so many subjects from the group, with replacement.
+    A study draws `size` subjects from the group, with replacement.
     """
-    truth = np.array([data_set.observer.parameters[question] for data_set in group])
+    true_sizes = np.array([data_set.observer.parameters[question] for data_set in group])
     intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
     low, _, high = intervals.T
+    # The unit in which the hyperprior has the effect, and the SD of a subject's prior in this unit.
     scales = group[0].scales
     if question == CONSTANT_ERROR.name:
-        low, high = np.log1p([low / 100.0, high / 100.0])  # of per cent of intensity
+        # True sizes are natural logs, and the ends of intervals are per cent of intensity.
+        low, high = np.log1p([low / 100.0, high / 100.0])
         unit = scales.step
-        hyperprior = Hyperprior().constant_error  # in D
-        # At 0, Student's t with 3 degrees of freedom is curved like a normal with this SD.
+        hyperprior = Hyperprior().constant_error
+        # A subject's prior is Student's t with 3 degrees of freedom and this scale. At 0 it is
+        # curved like a normal with this SD: its log density has the curvature (3 + 1)/3/scale^2.
         prior_sd = 0.5 * np.sqrt(3.0) * prior.constant_error_scale
     else:
         unit = 1.0
@@ -546,16 +580,17 @@ def _count_detected_means(
     # responses say next to nothing: an SD of 100 units.
     precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4)
 
-    drawn = rng.integers(len(group), size=(_STUDIES, size))
+    drawn = rng.integers(len(group), size=(_N_STUDIES, size))  # indices of observers
     standard_errors = (precision**-0.5)[drawn]
-    estimates = truth[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
+    estimates = true_sizes[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
     numbers = HyperpriorNumbers.from_rows([hyperprior])
+    # The function has the log Bayes factor for a mean of 0; its negative is the one against it.
     log_factors = -approximate_zero_mean(estimates, standard_errors, numbers)
     return sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
 
 
 def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]:
-    """Predict how many subjects have an effect that `hits` of `size` observers had.
+    """Predict how many of so many subjects have an effect that `hits` of `size` observers had.
 
     The median and the ends of the 95 % interval are those of a beta-binomial distribution, with
     Jeffreys' prior of the share, Beta(1/2, 1/2).

@@ -56,13 +56,15 @@ from bayes_toe.seeds import generator, root_seed
 #: The population of observers of the paper's kinds.
 PAPER = "paper"
 POPULATIONS = (PAPER, *KINDS)
-#: What may differ between conditions: sizes are differences, of the noise those of its logarithm.
+#: Parameters that may differ between conditions. A size is a difference, and for the noise one of
+#: its logarithm.
 DIFFERING = ("constant_error", "contraction", "noise")
 _ALLOWED_DIFFERENCE = f"QUANTITY=SIZE of {', '.join(DIFFERING)}, separated by commas"
 _DESIGNS: Mapping[str, Callable[..., StudyDesign]] = {
     "reference": reference_design,
     "full": full_design,
 }
+#: The size of the difference between conditions, by parameter.
 Sizes: TypeAlias = Mapping[str, float]
 
 
@@ -101,6 +103,8 @@ class PaperObserver:
     def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
         """Probability of the counted answer in each trial, shape (1, trials).
 
+        The 1 is the one question of the task.
+
         `carry_over` is that of :meth:`bayes_toe.design.observers.Observer.p_trials`. What is
         expected, relative to the mean stimulus, is added to the prior mean mu1.
         """
@@ -109,7 +113,7 @@ class PaperObserver:
             mean = 0.5 * (s1.mean() + s2.mean())
             expected = expectations(s1 - mean, s2 - mean, pull(natural.gamma), carry_over)
             natural = natural._replace(mu1=natural.mu1 + expected)
-        return p_counted(self.task, s1, s2, natural)[None]  # the task has one question
+        return p_counted(self.task, s1, s2, natural)[None]
 
 
 def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
@@ -121,18 +125,19 @@ def paper_population(size: int, rng: Rng, task: Task) -> list[PaperObserver]:
     = -0.6 but sigma_l = 0.02, so symmetric all the same. For all: sigma_p = 0.22 exp(0.15 Normal(0,
     1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4), or the lapse rate ~ Beta(2, 30).
     """
+    # Mean and SD of mu1 for A, B, C, B and A, repeated until there are enough rows.
     mu1_of_kinds = [(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)]
-    mean, sd = np.resize(mu1_of_kinds, (size, 2)).T  # the kinds in turn
+    mean, sd = np.resize(mu1_of_kinds, (size, 2)).T
     mu1 = rng.normal(mean, sd)
     sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
     sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))  # gamma = (sigma_l / sigma_p)^2
     beta = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
     q0_or_lapse_rate = rng.beta(*beta, size)
-    # Every sixteenth one is that of inset C.
+    # Inset C of Fig. 4: the last of each sixteen.
     mu1[15::16] = -0.6
     sigma_l[15::16] = 0.02
-    rows = zip(subject_names(size), mu1, sigma_p, sigma_l, q0_or_lapse_rate, strict=True)
-    return [PaperObserver(name, Natural(*values), task) for name, *values in rows]
+    observers = zip(subject_names(size), mu1, sigma_p, sigma_l, q0_or_lapse_rate, strict=True)
+    return [PaperObserver(name, Natural(*natural), task) for name, *natural in observers]
 
 
 def subject_names(size: int) -> list[str]:
@@ -151,7 +156,9 @@ def subject_names(size: int) -> list[str]:
 
 
 def simulated_conditions(levels: Sequence[str], sizes: Sizes) -> Conditions | None:
-    """Check the levels, and the sizes of what differs; None without levels.
+    """The conditions of these levels, once levels and sizes are checked; None without levels.
+
+    Levels that are all numbers make a numeric condition.
 
     Examples
     --------
@@ -167,6 +174,7 @@ def simulated_conditions(levels: Sequence[str], sizes: Sizes) -> Conditions | No
     numbers = [*map(number, levels)]  # NaN for a text
     is_numeric = bool(np.isfinite(numbers).all())
     names = tuple(level_words(numbers) if is_numeric else levels)
+    # A unit is named such as 'S01@left', from which its level must be read again.
     can_be_read = all(name and CONDITION_SEPARATOR not in name for name in names)
     if len(names) < 2 or len(set(names)) < len(names) or not can_be_read:
         raise InputError(
@@ -187,8 +195,9 @@ def in_conditions(
     """An observer in every condition, by level, named such as S01@left.
 
     `sizes` has what differs between the first and the last level, by the names in
-    :data:`DIFFERING`. Steps go evenly from -1/2 at the first level to 1/2 at the last. If levels x
-    are numbers, the steps are (x - mean)/range. An observer has its own parameters at step 0.
+    :data:`DIFFERING`. A parameter of the observer has step * size added, and the noise is
+    multiplied by exp(step * size). Steps go evenly from -1/2 at the first level to 1/2 at the last.
+    If levels x are numbers, the steps are (x - mean)/range.
     """
     if sizes and isinstance(observer, PaperObserver):
         raise InputError(
@@ -199,17 +208,16 @@ def in_conditions(
         steps = conditions.design()[:, 0]  # the only column of a numeric condition
     observers: dict[str, SimulatedObserver] = {}
     for level, step in zip(conditions.levels, steps.tolist(), strict=True):
-        name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
-        if isinstance(observer, PaperObserver):
-            observers[level] = replace(observer, name=name)
-            continue
-        parameters = dict(observer.parameters)
-        for key, size in sizes.items():
-            if key == "noise":  # its logarithm differs
-                parameters[key] *= float(np.exp(step * size))
-            else:
-                parameters[key] += step * size
-        observers[level] = replace(observer, name=name, parameters=parameters)
+        unit = replace(observer, name=f"{observer.name}{CONDITION_SEPARATOR}{level}")
+        if isinstance(unit, Observer):
+            parameters = dict(unit.parameters)
+            for parameter, size in sizes.items():
+                if parameter == "noise":  # its logarithm differs
+                    parameters[parameter] *= float(np.exp(step * size))
+                else:
+                    parameters[parameter] += step * size
+            unit = replace(unit, parameters=parameters)
+        observers[level] = unit
     return observers
 
 
@@ -254,23 +262,24 @@ def answer_trials(
     random stream is keyed by the observer's name. `carry_over` is the share of what is expected
     after a trial that is carried over to the next one.
     """
-    require_number("--carry-over", carry_over, 0, 0.999, Real)
+    # At a share of 1, an expectation would never fade.
+    require_number("--carry-over", carry_over, smallest=0, largest=0.999, kind=Real)
     rng = generator(seed, observer.name, "trials")
     pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // design.n_batches)
     # A random order of each batch: sorted uniform numbers, (batches, trials of a batch).
     order = np.argsort(rng.uniform(size=(design.n_batches, len(pairs_of_batch))), axis=1)
-    pair = pairs_of_batch[order.ravel()]
+    pair = pairs_of_batch[order.ravel()]  # of each trial
     s1 = design.s1[pair]
     s2 = design.s2[pair]
 
-    probabilities = observer.p_trials(s1, s2, carry_over)
+    probabilities = observer.p_trials(s1, s2, carry_over)  # (questions, trials)
     is_yes = rng.uniform(size=len(pair)) < probabilities[0]
     n_trials = np.ones(len(pair), int)  # each row is a trial
-    counts = {"n_yes": is_yes.astype(int), "n_trials": n_trials, "place": np.arange(len(pair))}
+    columns = {"n_yes": is_yes.astype(int), "n_trials": n_trials, "place": np.arange(len(pair))}
     if observer.task.has_three_answers:  # 'second' or 'first', where the answer is not 'equal'
         is_second = rng.uniform(size=len(pair)) < probabilities[1]
-        counts["n_second"] = (~is_yes & is_second).astype(int)
-    return Answers(np.column_stack([s1, s2]), has_trial_rows=True, **counts)
+        columns["n_second"] = (~is_yes & is_second).astype(int)
+    return Answers(np.column_stack([s1, s2]), has_trial_rows=True, **columns)
 
 
 # --- A study --------------------------------------------------------------------------------------
@@ -341,39 +350,41 @@ def simulate(  # each is a choice of its own, and has a default
     root = root_seed(seed)
     study_design = make_design(design, batches)
     sizes = dict(differ or {})
-    levels = simulated_conditions(conditions, sizes)
-    if not isinstance(observers, Mapping):
+    study_conditions = simulated_conditions(conditions, sizes)
+    if isinstance(observers, Mapping):
+        simulated = _stated_observers(observers, task)
+    else:
         require_number("observers", observers)
         simulated = draw_population(population, observers, root, study_design, task)
-    else:
-        simulated = _stated_observers(observers, task)
+    # Without a carry-over, the truth has no column of it.
+    carry_over_truth = {"carry_over": carry_over} if carry_over else {}
 
-    extra = {"carry_over": carry_over} if carry_over else {}
     subjects = []
     truth = {}
     for observer in simulated:
         by_condition = {"": observer}
-        if levels is not None:
-            by_condition = in_conditions(observer, levels, sizes)
+        if study_conditions is not None:
+            by_condition = in_conditions(observer, study_conditions, sizes)
         for condition, unit in by_condition.items():
             answers = answer_trials(unit, study_design, root, carry_over)
             subject = Subject.from_answers(unit.name, answers, task)
             subjects.append(replace(subject, condition=condition))
-            truth[unit.name] = {**unit.parameters, **extra}
+            truth[unit.name] = {**unit.parameters, **carry_over_truth}
 
     study = Study(tuple(subjects), f"simulated, seed {root}", synthetic=True)
-    if levels is not None:
+    if study_conditions is not None:
+        # All conditions of a subject have the same scales, so that their parameters compare.
         units = with_shared_scales(study)
-        study = replace(study, subjects=units, conditions=levels)
+        study = replace(study, subjects=units, conditions=study_conditions)
     return Simulated(study, truth)
 
 
 def draw_population(
     population: str, size: int, seed: int, design: StudyDesign, task: Task = SAME_DIFFERENT
 ) -> Sequence[SimulatedObserver]:
-    """Observers of a population: 'paper', 'prior', a kind of observers, or a CSV of parameters.
+    """Observers of a population: 'paper', a kind of observers, or all of a CSV of parameters.
 
-    There are `size` observers, but all of a file.
+    `size` is their number, except for a file.
     """
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
@@ -389,15 +400,17 @@ def draw_population(
     if population not in POPULATIONS:
         return read_observers(population, task)
 
-    # The population is one kind, so there are `size` observers. They get the names of subjects.
+    # These are named after their kind, such as 'both 1': they get the names of subjects.
     observers = assume_observers(population, size, seed, [replace(design, task=task)])
     names = subject_names(size)
     return [replace(observer, name=name) for name, observer in zip(names, observers, strict=True)]
 
 
-def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
+def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
     """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
     require_file(path, "--observers", POPULATIONS)
+    # The header decides which columns are required. A file without lines is read in part only, and
+    # one in another encoding is refused below.
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         header = file.readline(10_000)
     required = natural_names(task)
@@ -415,11 +428,11 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
 
 def _stated_observers(
     truth: Truth, task: Task, source: str = "observers"
-) -> list[SimulatedObserver]:
+) -> Sequence[SimulatedObserver]:
     """Observers of these parameters: of the paper's model where mu1 is one of them.
 
-    An error about the paper's model begins with the source. The equations call the fourth parameter
-    q0 in every task; the error calls it by its name in this task.
+    `truth` has the parameters by the names of the observers. An error about the paper's model
+    begins with the source.
     """
     if not truth:
         raise InputError(f"{source}: found none, allowed: at least one")
@@ -430,18 +443,21 @@ def _stated_observers(
             observers.append(make_observer(name, "stated", parameters, task))
             continue
         if set(parameters) != set(allowed):
-            finding = f"found {', '.join(parameters)}, allowed: {', '.join(allowed)}, all four"
-            raise InputError(f"observer {name!r}: {finding}")
+            raise InputError(
+                f"observer {name!r}: found {', '.join(parameters)}, allowed: {', '.join(allowed)}, "
+                "all four"
+            )
         natural = Natural(*(np.asarray(parameters[key], np.float64) for key in allowed))
         try:
             observers.append(PaperObserver(name, natural, task))
         except ArithmeticError as error:
+            # The equations call the fourth parameter q0 in every task; in 2AFC it is a lapse rate.
             raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
     return observers
 
 
 def require_file(text: str, option: str, words: Iterable[str]) -> None:
-    """Refuse a text that names no file. The message says that the words are allowed, too."""
+    """Refuse a text that names no file; the message says which words are allowed, too."""
     if not os.path.isfile(text):  # a Path refuses names that are too long with an error of its own
         raise InputError(
             f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists"
@@ -459,8 +475,8 @@ def make_design(
 ) -> StudyDesign:
     """The design of `--design` and `--trials`, in the unit of the options.
 
-    `design` is a known word, or the name of a CSV file with s1,s2 or s1,s2,n_trials. Where nothing
-    else says how often a pair is shown, it is shown `batches` times.
+    `design` is 'reference', 'full', or the name of a CSV file with s1,s2 or s1,s2,n_trials. A pair
+    is shown `batches` times, if neither the file nor `trials`, their total, says how often.
     """
     if isinstance(design, StudyDesign):
         return design
@@ -486,7 +502,7 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
     The first batch of a subject comes in one condition after the other, then the second batch, and
     so on. The column `synthetic` marks the trials in every file.
     """
-    words = np.array(study.task.answers)
+    words = np.array(study.task.answers)  # the first one is the counted answer
     batch = np.repeat(np.arange(1, design.n_batches + 1), design.total // design.n_batches)
     frames = []
     for subject in study:
@@ -498,13 +514,14 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
         columns |= {"batch": batch, "trial": 0}
         s1, s2 = answers.keys.T
         columns |= stimulus_columns(s1, s2, unit)
-        index = 1 - answers.n_yes  # the first word is the counted answer
+        index = 1 - answers.n_yes  # of the word, in each trial
         if answers.n_second is not None:  # of equal, second and first, what is neither is 'first'
             index = np.where(answers.n_yes + answers.n_second > 0, index, 2)
         columns |= {"response": words[index], "synthetic": 1}
         frames.append(pd.DataFrame(columns))
     frame = pd.concat(frames)
-    subject_order, _ = pd.factorize(frame["subject"])  # not in the order of their names
+    # Sorted by subject and batch; subjects stay in the order of the study, not of their names.
+    subject_order, _ = pd.factorize(frame["subject"])
     order = np.lexsort([frame["batch"].to_numpy(), subject_order])
     frame = frame.iloc[order].reset_index(drop=True)
     return frame.assign(trial=frame.groupby("subject", sort=False).cumcount() + 1)

@@ -67,13 +67,14 @@ class StudyDesign:
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
 
     def __post_init__(self) -> None:
-        # A subject checks its pairs and its numbers of trials, as those of a design are checked.
+        # A subject checks its pairs and its numbers of trials; a design has the same rules.
         no_answers = np.zeros(np.shape(self.s1), np.int64)
         try:
             checked = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
-        # The subject sorts its pairs: the design has them in their own order.
+        # The columns of the subject are sorted, and those of the design are not: only their types
+        # are taken over.
         for name in DESIGN_COLUMNS:
             column = np.asarray(getattr(self, name), getattr(checked, name).dtype)
             object.__setattr__(self, name, column)
@@ -102,13 +103,26 @@ class StudyDesign:
     def answered(
         self, n_yes: npt.ArrayLike, name: str = "design", n_second: IntArray | None = None
     ) -> Subject:
-        """The counts of a subject who has answered every trial."""
-        columns = self.s1, self.s2, np.asarray(n_yes), self.n_trials
-        return Subject(name, *columns, n_second=n_second, task=self.task)
+        """A subject who has answered every trial, by the counts of answers to each pair.
+
+        `n_second` are the answers 'second' in a task with three answers.
+        """
+        return Subject(
+            name,
+            self.s1,
+            self.s2,
+            np.asarray(n_yes),
+            self.n_trials,
+            n_second=n_second,
+            task=self.task,
+        )
 
     @property
     def unanswered(self) -> Subject:
-        """The pairs as a subject, for whatever depends on the pairs alone."""
+        """The pairs as a subject, for whatever depends on the pairs alone.
+
+        A subject needs counts of answers; these are arbitrary.
+        """
         return self.answered(self.n_trials)
 
     @property
@@ -130,12 +144,12 @@ class StudyDesign:
             raise InputError(
                 f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair"
             )
-        if trials == self.total:
+        if trials == self.total:  # rounding of the shares might move a trial
             return self
         return replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
 
     def select(self, index: IndexArray, n_trials: IntArray) -> StudyDesign:
-        """Some of the pairs, with these numbers of trials."""
+        """The pairs at these positions, in this order, with new numbers of trials."""
         return replace(self, s1=self.s1[index], s2=self.s2[index], n_trials=n_trials)
 
     def in_order(self) -> StudyDesign:
@@ -144,7 +158,7 @@ class StudyDesign:
         return self.select(index, self.n_trials[index])
 
     def frame(self, unit: StimulusUnit = UNKNOWN_UNIT) -> pd.DataFrame:
-        """A row a pair, with the stimuli in the columns of a unit, and n_trials."""
+        """A row a pair: the columns of :func:`stimulus_columns` in a unit, and n_trials."""
         columns = stimulus_columns(self.s1, self.s2, unit)
         return pd.DataFrame({**columns, "n_trials": self.n_trials})
 
@@ -178,7 +192,7 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
     while counts.sum() > trials:  # small shares were raised to 1
         excess = np.where(counts > 1, counts - ideal, -np.inf)
         counts[excess.argmax()] -= 1
-    while counts.sum() < trials:
+    while counts.sum() < trials:  # floor has lost trials
         counts[(ideal - counts).argmax()] += 1
     return counts
 
@@ -220,9 +234,10 @@ def read_stimuli(
 ) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
     """The stimuli of a CSV file in natural logs, and its counts.
 
-    The first value is the names of the columns of stimuli that were read: those of intensities, if
-    the options have a unit for them, and else those of logs. The second value has the stimuli by
-    the names of `logs`, and the counts that are `required` or `optional` by theirs.
+    `logs` and `intensities` are the names that a column of stimuli may have. The first value is
+    the names of the columns of stimuli that were read: those of intensities, if the options have a
+    unit for them, and else those of logs. The second value has the stimuli by the names of `logs`,
+    and the counts that are `required` or `optional` by theirs.
     """
     table = read_table(path, lambda _: {*logs, *intensities, *required, *optional})
     header = {*table.names}
@@ -243,7 +258,8 @@ def read_stimuli(
 def _to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
     """Natural logs of one or two columns of stimuli in the unit of these options.
 
-    Without a unit, numbers that look like intensities are refused.
+    Without a unit, numbers that look like intensities are refused. A single column stands for both
+    s1 and s2 in this check.
     """
     smallest = min(values.min() for values in stimuli)
     if options.has_intensities and smallest <= 0.0:
@@ -270,7 +286,7 @@ def stimulus_columns(
 ) -> dict[str, FloatArray]:
     """The columns s1 and s2, and with a unit of intensities i1 and i2, as a command reads them.
 
-    s1 and s2 are natural logs, or in the log unit.
+    The arguments are natural logs. The columns s1 and s2 are, too, or are in the log unit.
 
     Examples
     --------
@@ -309,6 +325,6 @@ def reference_design(
 
 
 def full_design(batches: int = PAPER_BATCHES) -> StudyDesign:
-    """Every ordered pair of the paper's stimuli, equal pairs included."""
+    """Every ordered pair of the paper's stimuli `batches` times, equal pairs included."""
     pairs = all_pairs(np.log(PAPER_AMPLITUDES))
     return replace(pairs, n_trials=batches * pairs.n_trials)

@@ -71,7 +71,7 @@ def trial_list(
     is_equal = np.tile(design.s1 == design.s2, n_levels)
     order = _shuffled(_blocks(design, blocks, n_levels, rng), is_equal, rng)
 
-    # A trial is level * n_pairs + pair.
+    # A trial is the number level * n_pairs + pair.
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
     columns: dict[str, npt.ArrayLike] = {"subject": subject}
     if conditions:
@@ -86,20 +86,20 @@ def trial_list(
 def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[IndexArray]:
     """The trials of each block, level * n_pairs + pair, dealt out to the blocks in turn.
 
-    Two stimuli in both orders are dealt together, before the trials that are left. So the trials of
-    a pair, which follow each other, come to different blocks.
+    Two stimuli in both orders are dealt together, before the trials that are left. The trials of a
+    pair are dealt one after the other, and so come to different blocks.
     """
     n_left = design.n_trials.copy()
-    # Pairs that stay together in a block, and how often they come.
+    # Pairs that stay together in a block, and how often they come: ([pair, other order], 20).
     both_orders = []
     for i, turned in enumerate(design.turned.tolist()):
-        if turned > i:  # each two orders once
+        if turned > i:  # the other order, seen from the first of the two
             n_common = int(min(n_left[i], n_left[turned]))
             n_left[[i, turned]] -= n_common
             both_orders.append(([i, turned], n_common))
     one_order = [([i], count) for i, count in enumerate(n_left.tolist())]
 
-    dealt = []  # trials that come to one block
+    dealt = []  # arrays of one or two trials that come to the same block
     for pairs_and_counts in (both_orders, one_order):
         to_deal = list(product(range(n_levels), pairs_and_counts))
         for i in rng.permutation(len(to_deal)).tolist():
@@ -117,21 +117,21 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
 def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> list[IndexArray]:
     """The trials of each block in a random order, without too many equal pairs in a row.
 
-    The first equal pair that is one too many changes places with any different pair of its block,
-    until there is none.
+    The first equal pair that is one too many changes places with a random different pair of its
+    block, until there is none.
     """
     order = []
     n_last = 0  # equal pairs in a row at the end of the block before
     for i, trials in enumerate(blocks):
         shuffled = rng.permutation(trials)
-        for _ in range(10_000):  # usually a few; there may be no solution
+        for _ in range(10_000):  # usually a few are enough; there may be no solution
             lengths = _run_lengths(is_equal[shuffled], n_last)
             too_many = np.flatnonzero(lengths > MOST_EQUAL)
             different = np.flatnonzero(~is_equal[shuffled])
             if not len(too_many) or not len(different):
                 break
             places = [too_many[0], rng.choice(different)]
-            shuffled[places] = shuffled[places[::-1]]
+            shuffled[places] = shuffled[places[::-1]]  # both change places
 
         if lengths.max() > MOST_EQUAL:
             raise InputError(
@@ -145,7 +145,10 @@ def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> li
 
 
 def _run_lengths(is_equal: BoolArray, length: int) -> IntArray:
-    """Numbers of equal pairs in a row up to each trial, of which `length` come before the first."""
+    """Number of equal pairs in a row that end with each trial; 0 where its pair is different.
+
+    `length` of them come before the first trial.
+    """
     lengths = []
     for equal in is_equal.tolist():
         length = length + 1 if equal else 0
