@@ -67,7 +67,7 @@ class Remedy(NamedTuple):
     @property
     def is_complete(self) -> bool:
         """Whether it can be typed as it is, without a NAME or REF that the user replaces."""
-        texts = {self.value} if isinstance(self.value, str) else {*dict(self.value).values()}
+        texts = {self.value} if isinstance(self.value, str) else set(dict(self.value).values())
         return texts.isdisjoint({"NAME", "REF"})
 
 
@@ -79,7 +79,7 @@ def option_values(remedies: Iterable[Remedy]) -> dict[str, Any]:
     >>> option_values([Remedy("columns", (("s1", "a"),)), Remedy("columns", (("s2", "b"),))])
     {'columns': {'s1': 'a', 's2': 'b'}}
     """
-    values = dict[str, Any]()
+    values: dict[str, Any] = {}
     for remedy in remedies:
         if isinstance(remedy.value, str):
             values[remedy.option] = remedy.value or True  # a flag has no text
@@ -126,7 +126,7 @@ class InputError(BayesToeError, ValueError):
             numbered.append(remedy)
         self.remedies = tuple(numbered)
 
-        lines = [*self.problems]
+        lines = list(self.problems)
         for chosen, meanings in self.choices:
             lines.append(f"use {python_options(chosen)} {', '.join(meanings)}".rstrip())
         super().__init__("\n".join(lines))
@@ -150,10 +150,10 @@ class InputError(BayesToeError, ValueError):
         """
         if not self.remedies:
             return []
-        first_answers = dict[int, Remedy]()  # by question
+        first_answers: dict[int, Remedy] = {}  # by question
         for remedy in self.remedies:
             first_answers.setdefault(remedy.question, remedy)
-        first_choice = [*first_answers.values()]
+        first_choice = list(first_answers.values())
 
         meanings = [remedy.meaning for remedy in first_choice if remedy.meaning]
         choices = [(first_choice, meanings)]
@@ -166,7 +166,7 @@ class InputError(BayesToeError, ValueError):
 
         # The options that are typed with these remedies.
         for chosen, _ in choices:
-            for remedy in [*chosen]:
+            for remedy in list(chosen):
                 chosen += remedy.together
         return choices
 

@@ -137,7 +137,7 @@ def try_each(
     function: Callable[[Value], Result], values: Iterable[Value]
 ) -> list[Result | NumericalError]:
     """The result of a function for each value, or its error."""
-    results = list[Result | NumericalError]()
+    results: list[Result | NumericalError] = []
     for value in values:
         try:
             results.append(function(value))

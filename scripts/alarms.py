@@ -241,7 +241,7 @@ class Judged:
 
     def alarms(self, n_subjects: int) -> set[str]:
         """The alarms in a study of so many subjects, without those that concern the whole study."""
-        codes = set[str]()
+        codes: set[str] = set()
         for finding in subject_findings(self.subject, n_subjects, self.alternatives):
             codes.add("time" if finding.code in _TIME else finding.code)
         if self.alternatives is not None and has_other_task(self.alternatives, self.subject.task):

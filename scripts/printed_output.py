@@ -85,7 +85,7 @@ def main() -> None:
         text = document.read_text(encoding="utf-8")
         with tempfile.TemporaryDirectory() as folder, chdir(folder):
             copy_studies(Path(folder))
-            for output in reversed([*outputs(text, call)]):
+            for output in reversed(list(outputs(text, call))):
                 start, end = output.span
                 text = text[:start] + output.printed + text[end:]
         document.write_text(text, encoding="utf-8")

@@ -67,7 +67,7 @@ def test_documents_print_what_the_program_prints(tmp_path, document, known_analy
     if document.name == "README.md":
         text = text.replace("bt.sample(study,", 'bt.sample(study.select(["S01"]),')
     with chdir(tmp_path):
-        outputs = [*printed_output.outputs(text, cheap_call)]
+        outputs = list(printed_output.outputs(text, cheap_call))
     for output in outputs:
         require_same(output.stated, output.printed)
     assert outputs
@@ -85,7 +85,7 @@ SIZES = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
 @pytest.fixture(scope="module")
 def truth():
     """True effects in the unit of the answers, a row per subject."""
-    effects = pd.DataFrame(bt.example_truth()).T[[*SIZES]]
+    effects = pd.DataFrame(bt.example_truth()).T[list(SIZES)]
     return effects.assign(constant_error=100.0 * np.expm1(effects["constant_error"]))
 
 

@@ -25,7 +25,7 @@ def test_everything_fits_on_a_line(analysis):
 def test_the_short_frame_of_an_evidence_table_is_the_answer(analysis):
     table = analysis.evidence
     frame = table.frame()
-    assert [*frame] == ["subject", "order effect", "constant error", "contraction"]
+    assert list(frame) == ["subject", "order effect", "constant error", "contraction"]
     assert max(map(len, str(frame).splitlines())) <= 80
     words = [str(answer.words["order_effect"]) for answer in table.answers]
     assert [text.partition(" ?")[0] for text in frame["order effect"]] == words

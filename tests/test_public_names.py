@@ -27,7 +27,7 @@ def test_every_name_is_there_once_and_comes_unchanged_from_where_the_stub_says(f
     for alias in _imported(face):
         assert alias.asname == alias.name
         names.append(alias.name)
-    assert package.__all__ == dir(package) == sorted(names) == sorted({*names})
+    assert package.__all__ == dir(package) == sorted(names) == sorted(set(names))
     for name in package.__all__:
         value = getattr(package, name)
         is_part = face == "bayes_toe" and name in {"design", "model", "plots"}

@@ -210,9 +210,9 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
 def test_a_panel_has_a_curve_of_each_answer(study):
     analysis = bt.run(study, draws=200, seed=1)
     shares = analysis.curve("B").answers(*np.transpose([(0.0, 0.15), (0.15, 0.0)]))
-    assert [*shares] == ["equal", "second", "first"]
+    assert list(shares) == ["equal", "second", "first"]
     assert sum(shares.values()) == pytest.approx(np.ones_like(shares["equal"]))
     assert shares["second"][:, 0].mean() > shares["second"][:, 1].mean()
     figure = bt.plots.curves(analysis, "B")
     legend = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
-    assert {"'first'", "'equal'", "'second'"} <= {*legend}
+    assert {"'first'", "'equal'", "'second'"} <= set(legend)

@@ -147,7 +147,7 @@ class Difference(NamedTuple):
     @property
     def short_word(self) -> str:
         """The word of screens: 'yes' for 'differs', as in answers."""
-        return str([*Word][WORDS.index(self.word)])
+        return str(list(Word)[WORDS.index(self.word)])
 
     def interval(self, unit: StimulusUnit) -> Size:
         """The median and 95 % interval, in the unit of differences unless it is a contraction."""

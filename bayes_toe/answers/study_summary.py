@@ -141,7 +141,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
     """
     counts = Counter(answer.words["order_effect"] for answer in answers)
     n_total = len(answers)
-    sentences = list[str]()
+    sentences: list[str] = []
     # One sentence for 'no' and 'probably not', with the less sure word.
     if counts[Word.PROBABLY_NOT]:
         counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
@@ -155,7 +155,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
         elif word.is_positive or not has_effects or count > n_total / 2:
             text = claim(word, "the order", "change", "the response")
             sentences.append(f"{_in_subjects(count, n_total, noun)} {text}")
-    return [*map("{}.".format, sentences)]
+    return list(map("{}.".format, sentences))
 
 
 def _in_subjects(count: int, n_total: int, noun: str) -> str:
@@ -207,7 +207,7 @@ def _direction_sentences(
         if answer.words[effect] is word:
             counts[_direction(answer, effect)] += 1
 
-    texts = list[str]()
+    texts: list[str] = []
     for direction in _DIRECTIONS[effect]:
         count = counts[direction]
         if count and not texts:

@@ -76,7 +76,7 @@ class Job:
             is_complete = {"seed", "options", "created"}.issubset(record)
             names = record["files"]
             # `file_name` leaves safe names as they are.
-            has_good_names = names and [*map(file_name, names)] == names
+            has_good_names = names and list(map(file_name, names)) == names
             if is_complete and has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
                 return record
         except (OSError, ValueError, TypeError, LookupError, RecursionError):
@@ -96,7 +96,7 @@ class Job:
             "created": datetime.now().astimezone().isoformat(),
         }
         contents = {**files, RECORD: json.dumps(record).encode()}
-        with whole_folder(self.folder, [*contents], overwrite=True) as folder:
+        with whole_folder(self.folder, list(contents), overwrite=True) as folder:
             folder.chmod(0o700)  # for this user only
             for name, content in contents.items():
                 (folder / name).write_bytes(content)

@@ -147,7 +147,7 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
         "units": len(study),  # subjects in conditions
         "trials": all_trials.total_trials,
         "pairs": list(zip(pairs, n_yes, n_trials, strict=True)),
-        "stimuli": [[*map(study.unit.describe, pair)] for pair in pairs],
+        "stimuli": [list(map(study.unit.describe, pair)) for pair in pairs],
         "unit": study.unit.of_stimuli,
         "notes": study.notes,
         "findings": described,

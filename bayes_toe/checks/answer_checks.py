@@ -129,7 +129,7 @@ def answer_flags(study: Study) -> list[tuple[Finding, ...]]:
     flags = {name: list[Finding]() for name in study.names}
     for finding in check_answers(study):
         flags[finding.subject].append(finding)
-    return [*map(tuple, flags.values())]
+    return list(map(tuple, flags.values()))
 
 
 def not_interpreted(study: Study) -> dict[str, str]:
@@ -141,7 +141,7 @@ def not_interpreted(study: Study) -> dict[str, str]:
     >>> not_interpreted(Study([subject]))
     {'S01': 'all responses are the same'}
     """
-    faults = dict[str, str]()
+    faults: dict[str, str] = {}
     for finding in uninterpretable_findings(study):
         faults.setdefault(finding.subject, finding.words)
     return faults
@@ -185,7 +185,7 @@ def subject_findings(
     answers = subject.answers_given
     if len(answers) == 1:
         yield Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")
-    swapped_blocks = [*_swapped_blocks(subject, n_subjects)]
+    swapped_blocks = list(_swapped_blocks(subject, n_subjects))
     yield from swapped_blocks
     # Swapped blocks differ from the others, and may look like a drift or like guesses. These
     # findings would hide the cause.
@@ -481,7 +481,7 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
     corrected = Subject.from_answers(subject.name, corrected_answers, two_answers.task)
     n_tests = n_subjects * len(is_swapped)  # one for each block
     if log_bayes_factor(corrected, two_answers) > evidence_limit(n_tests, REFUSAL_SHARE):
-        blocks = [*compress(answers.blocks, is_swapped)]
+        blocks = list(compress(answers.blocks, is_swapped))
         noun = "block" if len(blocks) == 1 else "blocks"
         yield Finding(
             subject.name,
@@ -622,7 +622,7 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     time = (np.arange(n_stretches) + 0.5) / n_stretches
     # Half a wave, a whole one, and one and a half, from the first trial to the last one.
     waves = np.cos(np.pi * np.outer([1, 2, 3], time))
-    weights = _wave_weights(table.n, waves, np.array([*kinds.values()]))
+    weights = _wave_weights(table.n, waves, np.array(list(kinds.values())))
 
     def amplitudes(k: IntArray) -> FloatArray:
         """The amplitudes of waves, (..., pairs, stretches) -> (..., kinds, waves)."""

@@ -113,7 +113,7 @@ class PenalisedLikelihood:
         shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
         if self.subject.task.lapses == "q0":  # P(equal) without a difference, near 1
             shares = 1.0 - shares
-        points = np.array([*product(mu1, log_widths, gammas, shares)])
+        points = np.array(list(product(mu1, log_widths, gammas, shares)))
         return points.reshape(len(mu1), -1, 4)
 
     def starts(self, n_yes: IntArray) -> FloatArray:
@@ -445,7 +445,7 @@ def subject_fit(
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     # The counts of the subject come first, then those of the bootstrap.
     counts = np.vstack([subject.n_yes, resampled])
-    searches = [*map(likelihood.search, counts, likelihood.starts(counts))]
+    searches = list(map(likelihood.search, counts, likelihood.starts(counts)))
     natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
     # A search has failed if it has converged at none of its highest ends.
     has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in searches]

@@ -30,7 +30,7 @@ FindingsBySubject = Mapping[str, list[Finding]]
 
 def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool) -> None:
     """Everything that `check` prints."""
-    findings = list[Finding]()
+    findings: list[Finding] = []
     for part in study.by_task:
         if part.task != study.task:  # a further task
             out.line()

@@ -168,7 +168,7 @@ def _count_simulated(designs: Iterable[StudyDesign], observers: str | None, n_ea
 def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
     """Parse whole numbers, ascending and each once: '480,240' -> [240, 480]."""
     try:
-        numbers = sorted({*map(int, text.split(","))})
+        numbers = sorted(set(map(int, text.split(","))))
     except ValueError:
         numbers = []
     if not numbers or numbers[0] < least:

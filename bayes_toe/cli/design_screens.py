@@ -35,7 +35,7 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
 
     A share stands in brackets if the observers do not have the effect.
     """
-    rows = list[list[str]]()
+    rows: list[list[str]] = []
     for kind in table.different("observers"):
         cells = [f"{trials:,}" if not rows else "", kind]
         for question in QUESTIONS:

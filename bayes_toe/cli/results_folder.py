@@ -67,7 +67,7 @@ def write_results(
     stems = file_stems(analysis.study.names)
     flagged_subjects = flagged(analysis.answers, draws.not_converged)
     names = {"all": draws.names, "flagged": tuple(flagged_subjects), "none": ()}[figures]
-    products = [*PRODUCTS]
+    products = list(PRODUCTS)
     for stem in stems.values():
         products += [f"corner/{stem}.png", f"subjects/{stem}.html"]
     with (

@@ -271,7 +271,7 @@ def _heading_rows(headings: Texts) -> Rows:
     """
     # From the last line upwards, so that a shorter heading is filled at its top.
     upwards = [heading.split("\n")[::-1] for heading in headings]
-    return [*itertools.zip_longest(*upwards, fillvalue="")][::-1]
+    return list(itertools.zip_longest(*upwards, fillvalue=""))[::-1]
 
 
 def _column_widths(rows: Rows) -> tuple[list[int], int]:

@@ -56,7 +56,7 @@ def explore(
 
     require_bokeh()
     context.require_files(output)
-    loaded = [*map(load_draws, posteriors)]
+    loaded = list(map(load_draws, posteriors))
     names = subject or list(chain.from_iterable(draws.names for draws in loaded))
     page_entries = entries(loaded, subject, read_truth(truth, loaded, names))
     with context.out.progress("packing", len(page_entries)) as tick:

@@ -74,7 +74,7 @@ class Answers:
     @property
     def counts(self) -> IntArray:
         """:attr:`named_counts`, shape (2 or 3, rows)."""
-        return np.stack([*self.named_counts.values()])
+        return np.stack(list(self.named_counts.values()))
 
     @property
     def sums(self) -> Answers:
@@ -148,7 +148,7 @@ class Answers:
 
         A session starts after each row that is left out, since the places have a gap there.
         """
-        columns = dict[str, Any]()
+        columns: dict[str, Any] = {}
         for key, values in vars(self).items():
             if isinstance(values, np.ndarray):
                 columns[key] = values[~rows]

@@ -42,11 +42,11 @@ VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
 TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "y", "wahr", "ja", "oui", "x"})
 FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "n", "falsch", "nein", "non", ""})
 #: The stimulus or the place that a word means: 'std' is 'standard', and '1st' is 'first'.
-_MEANINGS = dict[str, str]()
+_MEANINGS: dict[str, str] = {}
 for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
     _MEANINGS |= dict.fromkeys(_words, _meaning)
 #: The answer, or the stimulus called the stronger, that a word means.
-_ANSWERS = dict[str, str]()
+_ANSWERS: dict[str, str] = {}
 for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["responses"]).items():
     _ANSWERS |= dict.fromkeys(_words, _meaning)
 # The longest words first, so that 'standardreiz' is not read as 'standard' and more.
@@ -115,7 +115,7 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     (([], [], {'left'}), (['comparison'], [], {'interval'}))
     """
     plain = without_accents(re.sub("(?<=[a-z])(?=[A-Z])", " ", text)).lower()  # 'testInterval'
-    words = list[str]()
+    words: list[str] = []
     # 'test', '1st' or '-1.0', but not the 'st' of 'stim1.started'
     for word in re.findall(r"[^\W\d_]+|-?[.,]?[0-9][0-9.,]*(?:(?:st|nd)(?![a-z]))?", plain):
         word = re.sub("[.,]0*$", "", word)  # '1.0' is '1'
@@ -129,9 +129,9 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
         return initials, [], set()
 
     meanings = [_MEANINGS.get(word, "") for word in words]
-    stimuli = [*filter(VOCABULARY["stimuli"].__contains__, meanings)]
-    places = [*filter(VOCABULARY["places"].__contains__, meanings)]
-    return stimuli, places, {*words} - _MEANINGS.keys()
+    stimuli = list(filter(VOCABULARY["stimuli"].__contains__, meanings))
+    places = list(filter(VOCABULARY["places"].__contains__, meanings))
+    return stimuli, places, set(words) - _MEANINGS.keys()
 
 
 def _counted_answer(name: str) -> str:
@@ -146,7 +146,7 @@ def _counted_answer(name: str) -> str:
     """
     # A digit may be the number of a response, and a comma stands in a row that is no header.
     words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9;,]", without_accents(name))
-    others = {*map(str.lower, words)}.difference(VOCABULARY["words"]["counting"])
+    others = set(map(str.lower, words)).difference(VOCABULARY["words"]["counting"])
     return _ANSWERS.get(others.pop(), "") if len(others) == 1 < len(words) else ""
 
 
@@ -194,7 +194,7 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     beginnings = tuple(VOCABULARY["practice"]["texts"])
     is_of_practice = any(word in plain_name(name) for word in beginnings)
     if is_of_practice and ".this" in name:  # PsychoPy counts the trials of a loop
-        return [*filter(None, texts)]
+        return list(filter(None, texts))
     has_flags = is_of_practice and is_flag(texts)
 
     marks = []
@@ -223,7 +223,7 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     # A column such as 'rejected' says so by 1, and a column such as 'valid' by 0.
     by_1 = VOCABULARY["taken_out"]["by_1"]
     by_0 = VOCABULARY["taken_out"]["by_0"]
-    words = {*by_1}  # a cell 'aborted' says so in each column
+    words = set(by_1)  # a cell 'aborted' says so in each column
     plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))  # 'is_valid' is 'valid'
     if is_flag(texts) and plain in by_1:
         words |= TRUE_WORDS
@@ -237,7 +237,7 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
 
 def is_flag(texts: Iterable[str]) -> bool:
     """Whether the cells of a column say yes or no."""
-    return {*map(str.lower, texts)} <= TRUE_WORDS | FALSE_WORDS
+    return set(map(str.lower, texts)) <= TRUE_WORDS | FALSE_WORDS
 
 
 def unit_in(name: str) -> str:
@@ -263,7 +263,7 @@ def unit_in(name: str) -> str:
     if "decadic" in words:
         return "log10"
     for unit, unit_words in VOCABULARY["units"]["logarithms"].items():
-        if not {*words}.isdisjoint(unit_words):
+        if not set(words).isdisjoint(unit_words):
             return unit
 
     # 'g' of 'force_g1', or 'N' of 'force_1 [N]'
@@ -338,7 +338,7 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     {'subject': 'Participant', 'response': 'answer'}
     """
     options = _with_intensities(names, options)
-    roles = ["standard", "comparison"] if options.has_standard else [*_STIMULI]
+    roles = ["standard", "comparison"] if options.has_standard else list(_STIMULI)
     if options.subject_from is None:
         roles.insert(0, "subject")
     likely = _likely(names, options, [*roles, "session", "block", "trial"])
@@ -366,7 +366,7 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     if options.unit is not None or options.intensity is not None:
         return options
     stimuli: Texts = tuple(map(options.name, options.stimuli))
-    if not options.has_standard and {*map(options.name, _STIMULI)}.isdisjoint(names):
+    if not options.has_standard and set(map(options.name, _STIMULI)).isdisjoint(names):
         candidates = [
             name
             for name in filter(_may_be_stimulus, names)
@@ -374,8 +374,8 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
         ]
         stimuli = _stimulus_pair(candidates, _NUMBERS)
 
-    units = {*map(unit_in, stimuli)}
-    if len(units) != 1 or "" in units or not {*stimuli} <= {*names}:
+    units = set(map(unit_in, stimuli))
+    if len(units) != 1 or "" in units or not set(stimuli) <= set(names):
         return options
     options = replace(options, unit=units.pop())
     name_of_stimulus = dict(zip(options.stimuli, stimuli, strict=True))
@@ -399,9 +399,9 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     """
     stimuli = options.stimuli
     others = [options.name(role) for role in _STIMULI if role not in stimuli]
-    is_there = not {*names}.isdisjoint(map(options.name, stimuli))
+    is_there = not set(names).isdisjoint(map(options.name, stimuli))
     is_alone = options.intensity is not None and options.unit is None  # it needs i1 and i2
-    if options.has_standard or is_alone or is_there or not {*others} <= {*names}:
+    if options.has_standard or is_alone or is_there or not set(others) <= set(names):
         return options
     return replace(options, columns={**options.columns, **dict(zip(stimuli, others, strict=True))})
 
@@ -428,7 +428,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     counts = _likely(names, options, _ALL_COUNTS)
     response = _likely(names, options, ("response",))
     answer_roles = present | counts.keys()
-    if {*_THREE_COUNTS} <= answer_roles:
+    if set(_THREE_COUNTS) <= answer_roles:
         counts.pop("n_trials", None)  # their sum
         answer_roles.discard("n_trials")
     # Beside our names of counts, a similar name is no response.
@@ -440,7 +440,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     if response:  # other columns with similar names are then no counts
         return without_counts
     # Columns 'first' and 'second' are the stimuli, if no others are.
-    has_stimuli = {*map(options.name, options.stimuli)} <= {*names}
+    has_stimuli = set(map(options.name, options.stimuli)) <= set(names)
     if not has_stimuli and counts.get("n_first", "").lower() == "first":
         return {}
     # One column such as 'second_longer' or 'same' may have responses, yes or no.
@@ -484,7 +484,7 @@ def columns_to_read(
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
     roles_read = _roles_read(names, options)
-    problems = [*_role_problems(roles_read, options)]
+    problems = list(_role_problems(roles_read, options))
     if options.subject_from is not None:
         roles_read.remove("subject")
 
@@ -502,7 +502,7 @@ def columns_to_read(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
             "would cancel out."
         )
-        return roles_read, problems, [*_order_remedies(_interval_names(columns))]
+        return roles_read, problems, list(_order_remedies(_interval_names(columns)))
 
     required = _required(names, roles_read, options)
     problems += repeated_columns(names, required)
@@ -511,7 +511,7 @@ def columns_to_read(
         return roles_read, problems, []
 
     problems.append(_missing_columns(names, missing))
-    return roles_read, problems, [*dict.fromkeys(_remedies(roles_read, options, columns))]
+    return roles_read, problems, list(dict.fromkeys(_remedies(roles_read, options, columns)))
 
 
 def _missing_columns(names: Texts, missing: Texts) -> str:
@@ -616,7 +616,7 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
         return [*counts, other]
     # Two of three without the trials: the third one is missing.
     if n_of_three == 3 or (n_of_three == 2 and "n_trials" not in counts):
-        return [*_THREE_COUNTS]
+        return list(_THREE_COUNTS)
     return list(dict.fromkeys([*counts, "n_trials"]))
 
 
@@ -628,8 +628,8 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     """
     if options.has_standard:
         return ""
-    candidates: Texts = [*map(options.name, options.stimuli)]
-    if {*names}.isdisjoint(candidates):
+    candidates: Texts = list(map(options.name, options.stimuli))
+    if set(names).isdisjoint(candidates):
         candidates = names
     standards = names_like(candidates, "standard")
     comparisons = names_like(candidates, "comparison")
@@ -655,16 +655,16 @@ def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     if "first" in pair[0].lower() or looks_like(order, "isi"):
         return False
     codes = {column.name: column.codes for column in columns}
-    rows = [*map(codes.__getitem__, (*pair, order))]
+    rows = list(map(codes.__getitem__, (*pair, order)))
     # Pairs of equal stimuli have both codes, too.
-    n_pairs = len({*zip(*rows[:2], strict=True)})
-    is_other = len({*zip(*rows, strict=True)}) > 1.5 * n_pairs
+    n_pairs = len(set(zip(*rows[:2], strict=True)))
+    is_other = len(set(zip(*rows, strict=True))) > 1.5 * n_pairs
     return is_other and len(run_starts(rows[2])) > 0.2 * len(rows[2])
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
     """The columns of two codes that may say which stimulus came first, by their names."""
-    of_two = [c.name for c in columns if len([*filterfalse(is_no_response, c.texts)]) <= 2]
+    of_two = [c.name for c in columns if len(list(filterfalse(is_no_response, c.texts))) <= 2]
     return names_like(of_two, "standard_interval")
 
 
@@ -755,18 +755,16 @@ def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     >>> _likely_pairs(columns)
     [('c1', 'c2'), ('dur1', 'dur2')]
     """
-    texts = {column.name: {*column.texts} for column in columns}
+    texts = {column.name: set(column.texts) for column in columns}
 
     def fit(pair: Texts) -> tuple[bool, float, str]:
         """By name, how many values are common, of constant durations one, and the unit."""
         first, second = map(texts.__getitem__, pair)
-        return (
-            _may_be_stimulus(pair[0]),
-            len(first & second) ** 2 / len(first | second),
-            unit_in(pair[0]),
-        )
+        n_common = len(first & second)
+        n_all = max(1, len(first | second))  # a table without rows has no values
+        return _may_be_stimulus(pair[0]), n_common**2 / n_all, unit_in(pair[0])
 
-    pairs = chain(*_pairs_by_sign([*filterfalse(str.isdigit, texts)], _NUMBERS | _LETTERS))
+    pairs = chain(*_pairs_by_sign(list(filterfalse(str.isdigit, texts)), _NUMBERS | _LETTERS))
     likely = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
     return nlargest(3, pairs, key=fit) or [max(likely, key=fit, default=())]
 
@@ -778,18 +776,18 @@ def _remedies(
     names = [column.name for column in columns]
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
-    names_read = [*map(options.name, roles_read)]
+    names_read = list(map(options.name, roles_read))
     free = [column for column in columns if column.name not in names_read]
     pairs = _likely_pairs(free)
     if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
-        wide = [*_wide_remedies(names, columns)]
+        wide = list(_wide_remedies(names, columns))
         yield from wide
         if wide:  # what else is missing depends on it
             return
     # Of columns that are as full, those of ratings come last.
     free.sort(key=lambda column: (empty(column).sum(), len(column.texts) > 3))
 
-    required = [*filter(_REQUIRED.__contains__, missing)]
+    required = list(filter(_REQUIRED.__contains__, missing))
     for pair in pairs:
         # Without a pair, no role has a name.
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
@@ -891,7 +889,7 @@ def _columns_remedies(
             else ""
         )
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
-    instead = list[Remedy]()
+    instead: list[Remedy] = []
     for role in names_by_role:
         instead += replacements.get(role, [])
     return instead + by_name if are_replaced else by_name + instead
@@ -914,7 +912,7 @@ def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
     )
     names = [column.name for column in columns]
     likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
-    return [*dict.fromkeys(likely)][:3] or ["NAME"]
+    return list(dict.fromkeys(likely))[:3] or ["NAME"]
 
 
 def _role_by_cells(column: Column) -> str:

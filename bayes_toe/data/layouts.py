@@ -143,7 +143,7 @@ def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
     """
     if not unordered_stimuli(table.names, options):
         return options
-    names_in_use = {*map(options.name, COLUMNS)}
+    names_in_use = set(map(options.name, COLUMNS))
     found = {}  # by the order of all rows
     for name, column in table.columns.items():
         by_text = _certain_order(column)
@@ -186,7 +186,7 @@ def _order_by_text(column: Column, owner: str) -> dict[str, bool | None]:
     A column such as `standard_first` has words for true and false. All other texts must say it
     themselves, such as 'SC', or '1', which is the interval of `owner`.
     """
-    texts = [*filterfalse(is_no_response, column.texts)]
+    texts = list(filterfalse(is_no_response, column.texts))
     stimuli, places, _ = named_places(column.name)
     if stimuli and places and is_flag(texts):
         is_first_if_true = (stimuli[0] == "standard") == (places[0] == "first")
@@ -311,7 +311,7 @@ def _without_unit(
     A number may stand in the name of a file, as in 'tone_460Hz.wav', if all names are alike.
     """
     texts = "\n".join(chain.from_iterable(column.texts for column in columns))
-    parts = {*re.findall(_NUMBER_IN_NAME, texts)}
+    parts = set(re.findall(_NUMBER_IN_NAME, texts))
     beginning, unit, ending = parts.pop() if len(parts) == 1 else ("", "", "")
     remedies = unit_remedies(unit_in(f"1 {unit}") or unit)[:-1]  # natural logs have no unit
     if unit and options.unit not in [remedy.value for remedy in remedies]:
@@ -332,7 +332,7 @@ def _require_decimal_sign(
 ) -> None:
     """Refuse stimuli such as '1.050' where nothing shows whether the sign is decimal."""
     sign = table.grouping_sign
-    texts = [*chain.from_iterable(column.texts for column in stimuli)]
+    texts = list(chain.from_iterable(column.texts for column in stimuli))
     with_sign = [text for text in texts if sign in text]
     # '1.050' is a decimal number where another cell shows it: '1.05' or '0.950'.
     grouped_digits = re.compile(rf"[-+−]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")
@@ -463,7 +463,7 @@ def _by_pair(table: TextTable, names: Texts) -> TextTable:
     row, name_code = np.indices((len(table.rows), len(names))).reshape(2, -1)
     cells = np.column_stack([table.columns[name].map(str, object) for name in names])
     long_table = table.only(row)
-    columns = {**long_table.columns, PAIR: Column(PAIR, [*names], name_code)}
+    columns = {**long_table.columns, PAIR: Column(PAIR, list(names), name_code)}
     columns[CELL] = Column.from_texts(CELL, cells.ravel())
     for name in names:
         del columns[name]

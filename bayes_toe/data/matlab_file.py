@@ -81,7 +81,7 @@ def write_texts(source: str) -> None:
             with suppress(OSError, ValueError):  # some systems have no such limit
                 resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
         variables = _with_columns_of_matrix(_variables(source, sys.stdin.buffer.read()))
-        sizes = [*_sizes(variables)]
+        sizes = list(_sizes(variables))
         require_size(source, len(sizes), len(sizes) * max(sizes, default=0))
         result: Record = {"variables": variables}
     except InputError as error:

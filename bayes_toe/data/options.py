@@ -156,7 +156,7 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         self._strip_texts()
-        problems = [*self._value_problems()]
+        problems = list(self._value_problems())
         # Where a condition is named, its levels may be two tasks, each with its codes. Each task is
         # then read with options of its own, which have no condition, and are checked here.
         if self.condition is None:
@@ -276,7 +276,7 @@ class ReadOptions:
         """The task that codes or scores tell; None without them."""
         if self.correct is not None:
             return WHICH_STRONGER
-        answers = {*self.code_by_answer}
+        answers = set(self.code_by_answer)
         if answers and self.comparison_code is not None:
             answers.add("second")  # or 'first', by the order of the stimuli
         return task_with(answers)
@@ -409,12 +409,12 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
         ("--swap", swap, Study.swap),
         ("--exclude", exclude, Study.exclude),
     ):
-        blocks_of = dict[str, list[str]]()  # an empty list stands for all blocks
+        blocks_of: dict[str, list[str]] = {}  # an empty list stands for all blocks
         for text in texts:
             units, blocks = _units_and_blocks(text, study, option)
             for unit in units:
                 all_blocks = blocks_of.get(unit, []) + blocks
-                has_duplicates = len({*all_blocks}) < len(all_blocks)
+                has_duplicates = len(set(all_blocks)) < len(all_blocks)
                 # All blocks of a subject are named, now or earlier, and some of them besides.
                 is_whole_twice = unit in blocks_of and not (blocks and blocks_of[unit])
                 if has_duplicates or is_whole_twice:

@@ -352,7 +352,7 @@ class _Rows:
         names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
         for ours in self.options.ignore:
             names_to_skip |= {self.options.name(ours), *names_like(self.table.names, ours)}
-        return [*filterfalse(names_to_skip.__contains__, dict.fromkeys(self.table.names))]
+        return list(filterfalse(names_to_skip.__contains__, dict.fromkeys(self.table.names)))
 
     def require_pairs(self, rows: BoolArray) -> None:
         """Note what is wrong with subjects, conditions and stimuli in these rows."""
@@ -515,14 +515,14 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         notes.append("the column synthetic marks only some rows, so the study is not marked")
     doubts += _doubts(rows, task, counts)
 
-    pooled = list[str]()
+    pooled: list[str] = []
     if "condition" not in rows.columns:
-        columns_not_read = [*filter(None, map(rows.table.columns.get, rows.names_not_read))]
+        columns_not_read = list(filter(None, map(rows.table.columns.get, rows.names_not_read)))
         pooled += pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
     codes = []
     if "response" in rows.columns:
         response = rows.columns["response"]
-        codes = [*filterfalse(is_no_response, response.texts)]
+        codes = list(filterfalse(is_no_response, response.texts))
         if response.name in solutions(rows.table.columns.values(), rows.options):
             doubts.append(
                 f"{response} says the same wherever the same stimulus is the larger. If it has "
@@ -543,7 +543,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
 def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
     """What is probably wrong with the rows, a sentence each."""
     n = counts["n_trials"]
-    doubts = [*rows.rounding]
+    doubts = list(rows.rounding)
     if task == THREE_ANSWERS:
         doubts += rare_answer_doubts(counts)
     if not are_trials(rows.columns) and len(n) >= 4 and (n == 100).all():
@@ -582,7 +582,7 @@ def _trial_study(rows: _Rows) -> Study:
 
     # Rows without an answer, such as instruction screens, may hold anything else.
     is_asked = answers.is_answered | answers.is_unscorable
-    ask_for_screens(table, is_asked & np.all([*map(empty, rows.stimulus_columns)], axis=0))
+    ask_for_screens(table, is_asked & np.all(list(map(empty, rows.stimulus_columns)), axis=0))
     rows.require_pairs(is_asked)
     table.problems.refuse()
     require_task(table, answers.task, task_column)
@@ -656,7 +656,7 @@ def _count_study(rows: _Rows, task: Task) -> Study:
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
 
     # The counts of the other answer are not read, but must agree with those that are.
-    others = {*names_like(table.columns, f"n_{task.no}")}.intersection(rows.names_not_read)
+    others = set(names_like(table.columns, f"n_{task.no}")).intersection(rows.names_not_read)
     if len(others) == 1 and not share_notes:
         other = table.columns[others.pop()]
         n_other = other.map(whole_number, np.int64)

@@ -449,7 +449,7 @@ def _parse_json(source: str, text: str) -> object:
                 )
             record[name] = value
         # pandas writes a column in this way.
-        is_list = [*record] == [*map(str, range(len(record)))]
+        is_list = list(record) == list(map(str, range(len(record))))
         return list(record.values()) if record and is_list else record
 
     load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=record_of)
@@ -475,7 +475,7 @@ def _with_info(value: Any) -> Any:
     """
     if not isinstance(value, dict):
         return value
-    record = dict[str, Any]()
+    record: dict[str, Any] = {}
     for key, item in value.items():
         part = _with_info(item)
         if not isinstance(part, dict) or any(isinstance(cell, _NESTED) for cell in part.values()):

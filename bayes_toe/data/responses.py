@@ -131,7 +131,7 @@ def responses(
     if options.has_standard:
         trends["comparison_code"] = np.where(order.is_first, rise, -rise)
     problem = ""
-    remedies = list[Remedy]()
+    remedies: list[Remedy] = []
     if stated_task is None and options.comparison_code is None:
         problem, remedies = _unknown_meaning(table, column, task_column, trends)
     if not problem:
@@ -236,7 +236,7 @@ def _stated_task(column: Column, task_column: Column | None, options: ReadOption
 
 def _words_by_answer(column: Column) -> dict[str, str]:
     """By answer, the first text of a column that is a word of it: {'second': 'zweiter'}."""
-    word_by_answer = dict[str, str]()
+    word_by_answer: dict[str, str] = {}
     for text in column.texts:
         for answer, words in _WORDS.items():
             if _english(text.lower()) in words:
@@ -259,7 +259,7 @@ def _english(word: str) -> str:
         if plain in translations:
             return answer
     _, places, other_words = named_places(word)
-    if len(places) == 1 and other_words and other_words <= {*VOCABULARY["words"]["answer"]}:
+    if len(places) == 1 and other_words and other_words <= set(VOCABULARY["words"]["answer"]):
         return places[0]
     return word
 
@@ -293,7 +293,7 @@ def blank_missed(
     trials = column.only(has_stimuli)
     missed = _missed_texts(trials, options)
     # Without any stimuli, the columns of the stimuli are the problem, and not the responses.
-    answers = {*(trials.texts or column.texts)}.difference(missed)
+    answers = set(trials.texts or column.texts).difference(missed)
     texts = [text if text in answers else "" for text in column.texts]
     texts_to_name = [text for text in missed if text.lower() not in MISSING_WORDS]
     return Column.from_texts(column.name, texts, column.codes), cells_of(column, texts_to_name)
@@ -312,11 +312,11 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     ['none', '-1']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
-    codes = {*map(_without_decimals, filter(None, given_codes))}
-    declared = {*map(_without_decimals, options.missed)}
+    codes = set(map(_without_decimals, filter(None, given_codes)))
+    declared = set(map(_without_decimals, options.missed))
     missed = []
     answers = set()
-    frequent = {*map(_without_decimals, _frequent(column, _MOST_MISSED, 1.0))}
+    frequent = set(map(_without_decimals, _frequent(column, _MOST_MISSED, 1.0)))
     for text in column.texts:
         cell = _without_decimals(text)
         if cell in declared or (cell not in codes | frequent and is_no_response(cell)):
@@ -325,7 +325,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
             answers.add(cell)
 
     words_of_answers = _ALL_WORDS if options.correct is None else _RIGHT_WRONG
-    known_words = {*chain(*words_of_answers)}
+    known_words = set(chain(*words_of_answers))
     words = answers - codes - {"-1"}
     has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
     n_answers = len((options.task or SAME_DIFFERENT).answers)
@@ -400,8 +400,8 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
     >>> _all_codes(Column.from_texts("response", ["j", "f"]), ("j", None))
     ('j', 'f')
     """
-    given_codes = {*map(_without_decimals, filter(None, codes))}
-    texts = {*map(_without_decimals, column.texts)} - {""}
+    given_codes = set(map(_without_decimals, filter(None, codes)))
+    texts = set(map(_without_decimals, column.texts)) - {""}
     other_texts = texts - given_codes
     if codes.count(None) != 1 or len(other_texts) != 1:
         return codes
@@ -435,7 +435,7 @@ def _unknown_meaning(
             f"found {join_words([*map(quoted, words_by_answer.values())])}, words of two tasks",
             task_column,
         )
-    if len({*tasks_by_text.values()}) > 1:
+    if len(set(tasks_by_text.values())) > 1:
         return _two_tasks(
             f"found {shares} of the tasks {join_words([*map(quoted, tasks_by_text)])}", task_column
         )
@@ -444,12 +444,12 @@ def _unknown_meaning(
 
     if _are_counts(table, column):
         problem = f"found numbers: {shares}. What do they count?"
-        return problem, [*_count_remedies(table, column, trends)]
+        return problem, list(_count_remedies(table, column, trends))
     problem = f"the codes are {shares}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares}. The program does not know what it means."
     remedies = _other_responses(table, texts)
-    task_answers = {*chain.from_iterable(task.answers for task in tasks_by_text.values())}
+    task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
     frequent = _frequent(column)  # none of many numbers, such as those of a slider
     for remedy in _code_remedies(column, frequent, trends) if frequent else []:
         # The other remedies, such as --correct, are about which was stronger.
@@ -484,7 +484,7 @@ def ask_for_third_count(table: TextTable, sums: IntArray, names_not_read: Texts)
 
 def _are_counts(table: TextTable, column: Column) -> bool:
     """Whether cells are counts, or proportions in a wide table."""
-    texts = [*filter(None, column.texts)]
+    texts = list(filter(None, column.texts))
     may_be_counts = len(texts) > 3 and all(text[0].isdecimal() for text in texts)
     return may_be_counts and (column.name == CELL or _complement(table, column) != "")
 
@@ -523,7 +523,7 @@ def _unknown_texts(
 ) -> Question:
     """The problem of a column with several unknown texts, if the code of one answer is missing."""
     unknown = column.only(answer_index == _UNKNOWN)
-    n_answers = len({*answer_index.tolist()} - {_MISSING, _UNKNOWN})
+    n_answers = len(set(answer_index.tolist()) - {_MISSING, _UNKNOWN})
     if n_answers == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
 
@@ -541,7 +541,7 @@ def _unknown_texts(
 def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0) -> list[str]:
     """The texts of a column that more rows have than a share of the filled ones and `least`."""
     counts = np.bincount(column.codes, column.map(lambda text: text.lower() not in MISSING_WORDS))
-    return [*compress(column.texts, counts > least + share * counts.sum())]
+    return list(compress(column.texts, counts > least + share * counts.sum()))
 
 
 def _proposals(
@@ -650,7 +650,7 @@ def _other_responses(table: TextTable, ratings: Texts) -> list[Remedy]:
         Remedy("columns", (("response", name),), f"if {column} has the responses")
         for name, column in table.columns.items()
         if name.startswith("response_")
-        and len([*filterfalse(is_no_response, column.texts)]) == 2 < len(ratings)
+        and len(list(filterfalse(is_no_response, column.texts))) == 2 < len(ratings)
         and not is_flag(column.texts)
     ]
 
@@ -663,7 +663,7 @@ def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str,
     """
     means = {text: trend[column.matches([text])].mean() for text in column.texts}
     order = sorted(sorted(texts), key=means.__getitem__)
-    ratings = [*filter(None, column.texts)]  # also rare ones, such as the highest
+    ratings = list(filter(None, column.texts))  # also rare ones, such as the highest
     if len(texts) > 3 and re.fullmatch("(,?[-+]?(10|[0-9]))+", _joined(ratings)):
         order = sorted(ratings, key=float, reverse=float(order[0]) > float(order[-1]))
     half = len(order) // 2 or 1
@@ -688,9 +688,9 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
         rises["equal_code"] = np.inf
     remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
 
-    codes = [*map(_without_decimals, texts)]
+    codes = list(map(_without_decimals, texts))
     right_codes = [code for code in codes if code.lower() in _RIGHT_WRONG[0]]
-    if right_codes and {*map(str.lower, codes)} <= {*chain(*_RIGHT_WRONG)}:
+    if right_codes and set(map(str.lower, codes)) <= set(chain(*_RIGHT_WRONG)):
         meaning = f"if {right_codes[0]} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
     return remedies

@@ -261,7 +261,7 @@ class StimulusUnit:
         texts = []
         for n_digits in range(fewest_digits, 15):  # more digits would show errors of rounding
             texts = [f"{value:.{n_digits}{form}}" for value in values]
-            if len({*texts}) == len({*values.tolist()}):
+            if len(set(texts)) == len(set(values.tolist())):
                 break
         return texts, unit
 

@@ -106,7 +106,7 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
             f"{shlex.quote(format_path(folder))}/{pattern}{commonest}"
         )
     places = " in subfolders" if "/" in pattern else ""
-    return [*map(folder.joinpath, tables)], f"folder {name}: {finding}{places} read"
+    return list(map(folder.joinpath, tables)), f"folder {name}: {finding}{places} read"
 
 
 def with_sheets(
@@ -119,7 +119,7 @@ def with_sheets(
     pattern = options.sheet or ""
     if "*" not in pattern and "{}" not in pattern:
         return list(paths), options
-    sheets = list[Any]()
+    sheets: list[Any] = []
     for path in paths:
         is_workbook = isinstance(path, StrPath) and is_excel(path) and os.path.isfile(path)
         sheets += sheet_paths(path, pattern.replace("{}", "*"), choice) if is_workbook else [path]
@@ -203,23 +203,23 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
 
     For a/x.csv and b/x.csv, '{}/*' is such a part.
     """
-    by_subjects = dict[tuple[str, ...], Remedy]()
+    by_subjects: dict[tuple[str, ...], Remedy] = {}
     are_sheets = all(isinstance(path, StrPath) and is_excel(Path(path).parent) for path in paths)
-    names = [*map(os.path.basename, map(str, paths))]
+    names = list(map(os.path.basename, map(str, paths)))
     # Of toe_A_1.csv and toe_B_1.csv the first pattern is 'toe_{}_*'.
     patterns = [re.sub(_COMMON_BEGINNING, r"\1{}_*", "\n".join(names))]
     patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
-    if len({*names}) < len(names):  # a name in several folders is no subject
+    if len(set(names)) < len(names):  # a name in several folders is no subject
         patterns.reverse()
         if not re.search(_SUBJECT_FOLDERS, "\n".join(map(str, paths))):
             patterns.insert(0, "{}/{}.*")
     for pattern in patterns:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
-        if all(subjects) and len({*subjects}) > 1:
+        if all(subjects) and len(set(subjects)) > 1:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"
             # Of patterns with the same subjects, the first one is proposed.
             by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
-    return [*by_subjects.values()] or [remedy]
+    return list(by_subjects.values()) or [remedy]
 
 
 def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
@@ -248,7 +248,7 @@ def _alike(lines: Iterable[Line]) -> list[list[Line]]:
         kind = "".join(sorted(letters))  # the same for columns in another order
         n_of_kind[file, kind] += 1
         groups[kind, n_of_kind[file, kind]].append((file, text))
-    return [*groups.values()]
+    return list(groups.values())
 
 
 def together(studies: Sequence[Study]) -> Study:
@@ -281,7 +281,7 @@ def together(studies: Sequence[Study]) -> Study:
         if len(files) > 1:
             n_files[name] = len(files)
 
-    notes = [*common_notes(studies)]
+    notes = list(common_notes(studies))
     if n_files:
         n_subjects = (len(n_files), "subject")
         notes.append(Note(n_subjects, " in several files, put together: ", named_counts(n_files)))
@@ -350,7 +350,7 @@ def _copies(files: Sequence[tuple[str, Subject]]) -> Iterator[str]:
 
     20 answers are not the same by chance.
     """
-    first_source = dict[bytes, str]()
+    first_source: dict[bytes, str] = {}
     for source, subject in files:
         answers = subject.answers
         if answers is None or not answers.has_trial_rows or len(answers.n_yes) < 20:
@@ -367,7 +367,7 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
 
     Each file is a block, or its blocks stay apart and have its name in theirs: 'b.csv: 1'.
     """
-    block_names = list[str]()
+    block_names: list[str] = []
     next_place = 0
     files = []
     for source, of_file in answers:
@@ -384,7 +384,7 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
         files.append(replace(of_file, block=block + len(block_names), place=place))
         block_names += names
 
-    columns = dict[str, Any]()
+    columns: dict[str, Any] = {}
     for key in ("keys", "n_yes", "n_trials", "n_second", "block", "place"):
         arrays = [getattr(file, key) for file in files]
         # What one file lacks is not known of the subject.

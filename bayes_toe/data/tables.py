@@ -76,7 +76,7 @@ class Table(ABC, Generic[Row]):
         frame = self._full_frame()
         if full or not self.short_columns:
             return frame
-        return frame[[*self.short_columns]]
+        return frame[list(self.short_columns)]
 
     @abstractmethod
     def _full_frame(self) -> pd.DataFrame:
@@ -151,7 +151,7 @@ def write_table(
     if units:
         parts = frame["subject"].str.partition(CONDITION_SEPARATOR)  # subject, @, condition
         frame = frame.assign(subject=parts[0])
-        frame.insert([*frame].index("subject") + 1, "condition", parts[2])
+        frame.insert(list(frame).index("subject") + 1, "condition", parts[2])
 
     if seed is not None:
         frame = frame.assign(seed=seed)
@@ -182,7 +182,7 @@ def file_stems(names: Texts) -> dict[str, str]:
     >>> file_stems(["S01", "../S02"])
     {'S01': 'S01', '../S02': '_S02-58c1dce7'}
     """
-    n_alike = Counter(name.lower() for name in {*names})
+    n_alike = Counter(name.lower() for name in set(names))
     stems = {}
     for name in names:
         is_short = len(name) <= _LONGEST_STEM

@@ -189,10 +189,10 @@ def task_with(answers: Iterable[str]) -> Task | None:
     (True, True)
     >>> task_with(["first", "different"])
     """
-    answers = {*answers}
+    answers = set(answers)
     if not answers:
         return None
-    return next((task for task in TASKS if answers <= {*task.answers}), None)
+    return next((task for task in TASKS if answers <= set(task.answers)), None)
 
 
 def tasks_named(texts: Iterable[str]) -> dict[str, Task]:

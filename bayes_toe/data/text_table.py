@@ -115,7 +115,7 @@ class Column:
         codes = self.codes[rows]
         is_used = np.bincount(codes, minlength=len(self.texts)) > 0
         new_codes = np.cumsum(is_used) - 1  # by old code
-        return Column(self.name, [*itertools.compress(self.texts, is_used)], new_codes[codes])
+        return Column(self.name, list(itertools.compress(self.texts, is_used)), new_codes[codes])
 
     def rows_by_text(self, rows: IndexArray) -> dict[str, IndexArray]:
         """The rows with each text, of these rows; texts that none of them has are left out."""
@@ -327,7 +327,7 @@ def repeated_columns(names: Texts, wanted: Iterable[str]) -> list[str]:
 
 def name_places(names: Texts) -> dict[str, int]:
     """The index of the first column of each name."""
-    places = dict[str, int]()
+    places: dict[str, int] = {}
     for index, name in enumerate(names):
         places.setdefault(name, index)
     return places
@@ -335,7 +335,8 @@ def name_places(names: Texts) -> dict[str, int]:
 
 def n_chosen(names: Texts, choice: Choice) -> int:
     """How many distinct names the choice has among these; numbers are no names."""
-    return len({*names}.intersection(choice(names)) - {*filter(_NUMBER.fullmatch, names)})
+    chosen_names = set(names).intersection(choice(names))
+    return sum(not _NUMBER.fullmatch(name) for name in chosen_names)
 
 
 def names_or_numbers(cells: list[str], choice: Choice) -> list[str]:
@@ -344,10 +345,10 @@ def names_or_numbers(cells: list[str], choice: Choice) -> list[str]:
     A row has several numbers, and at most one of our words, which may be a response. pandas counts
     columns from 0.
     """
-    numbers = [*filter(_NUMBER.fullmatch, cells)]
+    numbers = list(filter(_NUMBER.fullmatch, cells))
     if len(numbers) < 2 or n_chosen(cells, choice) > 1 or cells[0] == "0":
         return cells
-    return [*map(str, range(1, len(cells) + 1))]
+    return list(map(str, range(1, len(cells) + 1)))
 
 
 # --- CSV ------------------------------------------------------------------------------------------
@@ -388,7 +389,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
     problems = Problems(source)
     rows, texts = _texts_by_name(records, names, problems)
-    if has_row_names and texts[""] != [*map(str, range(1, len(rows) + 1))]:
+    if has_row_names and texts[""] != list(map(str, range(1, len(rows) + 1))):
         raise InputError(
             f"{source}: row {rows[0]}: found {len(names)} cells below {len(names) - 1} "
             "names, allowed: a name for each column"
@@ -396,7 +397,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
     chosen = {*choice(names), ""}  # also the numbers of rows, which have no name
     columns = {}
-    for name in [*texts]:
+    for name in list(texts):
         column = Column.from_texts(name, texts.pop(name))  # a large file fits into memory once
         if name in chosen or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
@@ -449,11 +450,11 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
         names_of_records = [_names(cells) for _, cells in records] or [[]]
         place = header_place(names_of_records[:MOST_RECORDS], choice)
         names = names_of_records[place]
-        next_widths = [*map(len, names_of_records[place + 1 : place + 2])]  # one, or none
+        next_widths = list(map(len, names_of_records[place + 1 : place + 2]))  # one, or none
         has_row_names = next_widths == [len(names) + 1]
         # Names may have spaces, numbers have none.
         cells = filter(_NUMBER.fullmatch, names) if delimiter == " " else names
-        fit = n_chosen(names, choice), len([*cells])
+        fit = n_chosen(names, choice), len(list(cells))
         layouts.append((fit, (delimiter, place, has_row_names)))
     return max(layouts, key=itemgetter(0))[1]
 
@@ -474,7 +475,7 @@ def header_place(records: Sequence[Texts], choice: Choice) -> int:
     # Below titles and lines such as 'date,1 May', the names are the fullest record, of those as
     # long as the last one. If this has a number, it is a row of the table.
     rows = [record for record in records if len(record) == len(records[-1])]
-    names = max(rows, key=lambda cells: len([*filter(None, cells)]))
+    names = max(rows, key=lambda cells: len(list(filter(None, cells))))
     return 0 if any(map(_NUMBER.fullmatch, names)) else records.index(names)
 
 

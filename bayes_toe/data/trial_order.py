@@ -92,7 +92,7 @@ def answers_in_order(
         answers[name] = in_order.with_own_blocks()
 
     notes = _order_notes(columns, unordered, n_missing)
-    return answers, [*notes], _repeat_doubts(table, columns, pairs, counts, unordered)
+    return answers, list(notes), _repeat_doubts(table, columns, pairs, counts, unordered)
 
 
 def _order_of_rows(table: TextTable, columns: Columns) -> _Order:

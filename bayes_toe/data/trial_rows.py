@@ -84,7 +84,7 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
         If there is no such row.
     """
     where = options.where
-    if not where or not len(table.rows) or not {*where} <= table.columns.keys():
+    if not where or not len(table.rows) or not set(where) <= table.columns.keys():
         return table, options
 
     is_chosen_row = np.ones(len(table.rows), bool)
@@ -106,7 +106,7 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
     others = table.columns.keys() - where.keys()
     empty_names = [name for name in others if table.columns[name].texts == [""]]
     columns = {ours: name for ours, name in options.columns.items() if name not in empty_names}
-    names = [*filterfalse(empty_names.__contains__, table.names)]
+    names = list(filterfalse(empty_names.__contains__, table.names))
     return replace(table, names=names), replace(options, columns=columns)
 
 
@@ -134,8 +134,8 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
         # Frequencies may be those of other columns, too, such as days.
-        keys = (names_read, [*filter(column.name.__ne__, table.columns)])
-        answers = [*map(options.name, answer_roles)]
+        keys = (names_read, list(filter(column.name.__ne__, table.columns)))
+        answers = list(map(options.name, answer_roles))
         if has_counts and any(_is_cross_table(table, key, answers) for key in keys):
             return column
 
@@ -190,7 +190,7 @@ def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) 
     subject has both marked and other trials: it names groups, such as trained subjects.
     """
     # Names of sessions, blocks or trials may say that these are practice.
-    roles = {*roles_read} - {"session", "block", "trial"}
+    roles = set(roles_read) - {"session", "block", "trial"}
     names_to_skip = {*options.where, *map(options.name, (*roles, "condition"))}
     for name in table.columns:
         if name in names_to_skip:
@@ -320,7 +320,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Iterator[str]:
         texts = taken_out_texts(name, column.texts)
         if name == "condition":
             texts = [*texts, *practice_texts(name, column.texts)]
-        other_texts = [*filterfalse(texts.__contains__, column.texts)]
+        other_texts = list(filterfalse(texts.__contains__, column.texts))
         if not texts or not other_texts:
             continue
 

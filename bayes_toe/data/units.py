@@ -149,8 +149,8 @@ def studies_by_task(
     column = table.columns.get(options.condition)
     if options.condition in options.where or (column is None and options.condition == TASK):
         return [read(options.without_condition)]
-    if column is not None and len({*tasks_named(column.texts).values()}) > 1:
-        return [*_studies_by_group(column, options, read).values()]
+    if column is not None and len(set(tasks_named(column.texts).values())) > 1:
+        return list(_studies_by_group(column, options, read).values())
     try:
         replace(options, condition=None)  # an InputError if the codes are of two tasks
         return [read(options)]
@@ -158,7 +158,7 @@ def studies_by_task(
         studies = {} if column is None else _studies_by_group(column, options, read)
         if not studies:
             raise
-        return [*studies.values()]
+        return list(studies.values())
 
 
 def _studies_by_group(
@@ -222,14 +222,14 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     by_level = {}
     for task in tasks:
         by_level[task.short_name] = together([study for study in studies if study.task == task])
-    order, _ = _level_order([*by_level], options)
+    order, _ = _level_order(list(by_level), options)
     units = []
     for level in order:
         for subject in by_level[level]:
             unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
             units.append(replace(subject, name=unit_name, condition=level))
 
-    joined = [*by_level.values()]
+    joined = list(by_level.values())
     conditions = Conditions(options.condition or TASK, tuple(order))
     return Study(
         with_shared_scales(units),  # which also brings the units of a subject together
@@ -251,7 +251,7 @@ def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], b
     >>> _level_order(["left", "right"], ReadOptions(condition="hand", reference="right"))
     (['right', 'left'], False)
     """
-    values = [*map(number, unit_levels)]
+    values = list(map(number, unit_levels))
     is_numeric = not options.categorical and not any(map(math.isnan, values))
     order = level_words(levels(values if is_numeric else unit_levels))
 

@@ -102,7 +102,7 @@ def bare_names(table: TextTable, column: Column) -> Column:
     if table.delimiter == "":
         return column  # only in a CSV file is the apostrophe a part of the cell
     texts = [text.removeprefix("'") if is_formula(text) else text for text in column.texts]
-    return replace(column, texts=texts) if len({*texts}) == len(texts) else column
+    return replace(column, texts=texts) if len(set(texts)) == len(texts) else column
 
 
 def numbers(table: TextTable, column: Column) -> FloatArray:
@@ -259,7 +259,7 @@ def read_numbers(
 def _with_columns(source: StrPath | TextTable, required: Texts, optional: Texts) -> TextTable:
     """The table with columns of these names, each of them once."""
     names = (*required, *optional)
-    table = source if isinstance(source, TextTable) else read_table(source, lambda _: {*names})
+    table = source if isinstance(source, TextTable) else read_table(source, lambda _: set(names))
     problems = repeated_columns(table.names, names)
     other_names = join_names(map(quoted, table.names))
     for name in required:

@@ -304,7 +304,7 @@ def optimal_design(
     if goal.is_even:  # the design that is asked for comes first
         designs = dict(reversed(designs.items()))
     simulated = simulate_power(
-        [*designs.items()], power_observers, root, observer_prior, workers, progress
+        list(designs.items()), power_observers, root, observer_prior, workers, progress
     )
     table = PowerTable.from_data_sets(simulated, root)
     return OptimalDesign(designs, table, plane, worth)

@@ -326,7 +326,7 @@ def power(
     """
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
-    simulated = list[DataSet]()
+    simulated: list[DataSet] = []
     # An observer has one task, so the designs of each task have observers of their own.
     by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
     for name, pairs in name_designs(design).items():

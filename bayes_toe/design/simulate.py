@@ -171,7 +171,7 @@ def simulated_conditions(levels: Sequence[str], sizes: Sizes) -> Conditions | No
         if sizes:
             raise InputError("--differ: allowed with --conditions, between which observers differ")
         return None
-    numbers = [*map(number, levels)]  # NaN for a text
+    numbers = list(map(number, levels))  # NaN for a text
     is_numeric = bool(np.isfinite(numbers).all())
     names = tuple(level_words(numbers) if is_numeric else levels)
     # A unit is named such as 'S01@left', from which its level must be read again.
@@ -437,7 +437,7 @@ def _stated_observers(
     if not truth:
         raise InputError(f"{source}: found none, allowed: at least one")
     allowed = natural_names(task)
-    observers = list[SimulatedObserver]()
+    observers: list[SimulatedObserver] = []
     for name, parameters in truth.items():
         if "mu1" not in parameters:
             observers.append(make_observer(name, "stated", parameters, task))

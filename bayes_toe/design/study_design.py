@@ -240,7 +240,7 @@ def read_stimuli(
     and the counts that are `required` or `optional` by theirs.
     """
     table = read_table(path, lambda _: {*logs, *intensities, *required, *optional})
-    header = {*table.names}
+    header = set(table.names)
     names = logs
     if header.issuperset(intensities):
         if options.has_intensities:

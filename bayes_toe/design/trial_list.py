@@ -76,7 +76,7 @@ def trial_list(
     columns: dict[str, npt.ArrayLike] = {"subject": subject}
     if conditions:
         columns["condition"] = np.array(conditions)[level]
-    columns["block"] = np.repeat(np.arange(1, blocks + 1), [*map(len, order)])
+    columns["block"] = np.repeat(np.arange(1, blocks + 1), list(map(len, order)))
     columns["trial"] = np.arange(1, len(pair) + 1)
     for name, values in stimulus_columns(design.s1, design.s2, unit).items():
         columns[name] = values[pair]

@@ -194,7 +194,7 @@ class Entry:
             "main": [name for name in self.main if name in columns],
             "values": to_base64(np.stack(list(columns.values()))[:, index]),  # (names, rows)
             "marked": [self._interval(name, values) for name, values in present.items()],
-            "with": [*map(len, present.values())],  # draws that have each quantity
+            "with": list(map(len, present.values())),  # draws that have each quantity
             "truth": truth,
             "spans": spans,
             "contours": packed_contours(columns, spans),
@@ -316,7 +316,7 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
     packed = []
     for (x, x_span), (y, y_span) in combinations(zip(columns.values(), spans, strict=True), 2):
         is_present = ~np.isnan(x + y)  # both are numbers
-        contours = list[str]()
+        contours: list[str] = []
         if _is_plottable(is_present):
             grid = contour_grid(x[is_present], y[is_present], x_span, y_span)
             lines = contour_data(*grid, want_fill=False).line_data

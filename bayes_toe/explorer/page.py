@@ -120,7 +120,7 @@ def entries(
     names = all_names if subjects is None else list(dict.fromkeys(subjects))
     for name in names:
         if name not in all_names:
-            listing = join_names([*map(repr, all_names)], 20)
+            listing = join_names(list(map(repr, all_names)), 20)
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
 
     n_entries = 0
@@ -157,7 +157,7 @@ def _draws_by_label(draws: Draws | Sequence[Draws]) -> dict[str, Draws]:
 
     Of two draws of one model, the second has a number: "model 'both' (2)".
     """
-    by_label = dict[str, Draws]()
+    by_label: dict[str, Draws] = {}
     n_draws = Counter[str]()  # by the title of their model
     for part in draws if isinstance(draws, Sequence) else [draws]:
         require_draws(part)

@@ -256,7 +256,7 @@ class PopulationResult:
         """
         conditions = self.study.conditions
         assert conditions is not None  # there are levels
-        first, second = conditions.design()[[*map(conditions.levels.index, levels)]]
+        first, second = conditions.design()[list(map(conditions.levels.index, levels))]
         weights = first - second
         columns = self.difference_columns(name)
         mean = self.draws.mean[..., columns] @ weights
@@ -479,7 +479,7 @@ def subject_rows(study: Study) -> SubjectRows:
     """The likelihood of a study's subjects, a row for each unit of subject and condition."""
     # A spread of 0 does not narrow the prior of p; the hyperprior is narrowed instead.
     scales = study_scales(study)._replace(first_spread=0.0)
-    units = list[Subject]()
+    units: list[Subject] = []
     unit_scales = []
     first_row = []
     for subject_units in units_by_subject(study).values():

@@ -98,7 +98,7 @@ def subjects_tree(
     variables = {name: (BY_SUBJECT, values) for name, values in stack.arrays.items()}
     draws = xr.Dataset(variables, coordinates)
     if failed:  # their places in the arrays are empty
-        draws = draws.sel(subject=[*study.names])
+        draws = draws.sel(subject=list(study.names))
     posterior = draws.drop_vars("lp")
     for name, variable in posterior.items():
         variable.attrs["units"] = QUANTITY_BY_NAME[str(name)].unit

@@ -39,7 +39,7 @@ from bayes_toe.seeds import generator
 MODEL_NAMES = tuple(ORDER_MODELS)
 _N_MODELS = len(MODEL_NAMES)
 #: Their prior probabilities.
-PRIOR_PROBABILITIES = np.array([*MODEL_PRIOR.values()])
+PRIOR_PROBABILITIES = np.array(list(MODEL_PRIOR.values()))
 #: Which of the four models have each effect.
 HAS_ERROR = np.array([CONSTANT_ERROR in effects for effects in ORDER_MODELS.values()])
 HAS_CONTRACTION = np.array([CONTRACTION in effects for effects in ORDER_MODELS.values()])
@@ -172,7 +172,7 @@ def unchecked_evidence(
     for i, subject in enumerate(subjects):
         indices_by_size[subject.n_pairs].append(i)
 
-    results = dict[int, OrderEvidence]()
+    results: dict[int, OrderEvidence] = {}
     for indices in indices_by_size.values():
         for start in range(0, len(indices), BATCH):
             batch = indices[start : start + BATCH]

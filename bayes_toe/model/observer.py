@@ -265,7 +265,7 @@ class ObserverRows(AnswerRows):
         z = curve.z
         k = curve.k
         # The slope of n ln P in P, for each answer.
-        by_answer = [*map(_per_answer, self._answer_counts, probabilities)]
+        by_answer = list(map(_per_answer, self._answer_counts, probabilities))
         if k is not None and self.task.has_three_answers:
             equal, second, first = probabilities
             by_equal, by_second, by_first = by_answer

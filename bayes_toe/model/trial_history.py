@@ -339,7 +339,7 @@ class TrialSequence:
         return cls(
             first=answers.keys[:, 0],
             second=answers.keys[:, 1],
-            pair=pairs.get_indexer(pd.MultiIndex.from_arrays([*answers.keys.T])),
+            pair=pairs.get_indexer(pd.MultiIndex.from_arrays(list(answers.keys.T))),
             answer=np.asarray(2.0 * n_positive - n_signed, np.float64),
             is_answered=answers.n_trials > 0,
             is_session_start=answers.is_session_start,

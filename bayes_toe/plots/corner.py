@@ -173,7 +173,7 @@ def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
     """The names of the subjects of a plot; none, more than four and repeated ones are refused."""
     if isinstance(subject, str | int | np.integer):
         return [name_from_key(subject)]
-    names = [*map(name_from_key, subject)]
+    names = list(map(name_from_key, subject))
     if not 1 <= len(names) <= len(OVERLAID) or len(set(names)) < len(names):
         raise InputError(
             f"subjects in one corner plot: found {join_names([*map(repr, names)])}; "

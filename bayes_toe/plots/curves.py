@@ -115,7 +115,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     # The stimuli (ln) of each panel. Without different stimuli, no pair has a weaker one.
     if is_by_weaker:
         stimulus_name = "weaker"
-        groups = [*weaker[:, None]]  # one stimulus in each panel
+        groups = list(weaker[:, None])  # one stimulus in each panel
     else:
         firsts = np.unique(subject.s1)
         stimulus_name = "first"

@@ -240,4 +240,4 @@ def _write_names(
     if group is not None:
         reliable = "" if group.is_reliable else "\nNOT RELIABLE"
         names[len(answers) + 0.25] = f"group of {len(group.subjects)}{reliable}"
-    ax.set_yticks([*names], [*names.values()])
+    ax.set_yticks(list(names), list(names.values()))

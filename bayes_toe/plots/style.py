@@ -197,7 +197,7 @@ class Scale(NamedTuple):
         """Natural logs of round numbers in the unit, and the numbers."""
         assert self.unit is not None
         start, end = self.unit.stimuli([low, high])
-        locators = list[Locator]()
+        locators: list[Locator] = []
         if not self.unit.is_decibel:
             # Multiples of powers of ten; the last resort are equal steps.
             for multiples in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):

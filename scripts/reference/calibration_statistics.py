@@ -97,7 +97,7 @@ def judge_ranks(values: npt.ArrayLike) -> dict[str, float | bool]:
 
 def judged_ranks(table: pd.DataFrame, quantities: tuple[str, ...]) -> list[dict[str, object]]:
     """Whether the ranks of each quantity are uniform in each design of a table."""
-    rows = list[dict[str, object]]()
+    rows: list[dict[str, object]] = []
     for design, group in table.groupby("design", sort=False):
         for quantity in quantities:
             ranks = group[quantity].dropna()

@@ -85,7 +85,7 @@ def test_the_table_is_a_file(table, tmp_path):
     table.save(tmp_path / "history.csv")
     back = pd.read_csv(tmp_path / "history.csv")
     assert tuple(back.columns) == (*HISTORY_COLUMNS, "seed")
-    assert {*back.seed} == {table.seed}
+    assert set(back.seed) == {table.seed}
     row = table["carries"]
     cells = back.set_index("subject").loc["carries"]
     assert cells.carry_over == row.word("carry_over")

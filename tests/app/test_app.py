@@ -162,7 +162,7 @@ TWO_FILES = {"u.csv": b"subject,s1\n1,2\n", "v.csv": b"subject,s1\n3,4\n"}
 def test_files_get_different_names_of_bounded_length_and_others_are_refused():
     names = [f"{'a' * 60}1.csv", f"{'a' * 60}2.csv", f"{'ä' * 200}1.csv", f"{'ä' * 200}2.csv"]
     files = named_files([(name, b"x") for name in names])
-    assert {*names[:2]} < {*files}
+    assert set(names[:2]) < set(files)
     assert len(files) == 4
     assert max(len(name.encode()) for name in files) < 130
     for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], ["a?.csv", "A*.csv"], []):
@@ -322,16 +322,16 @@ def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home
 
 
 def test_a_large_upload_is_refused(server, home):
-    folders = {*home.iterdir()}
+    folders = set(home.iterdir())
     with suppress(OSError):  # The server may close the connection before it has read all.
         assert server.upload(("x.csv", bytes(65 * 2**20))).code in (400, 413)
     assert server.ask("/api/jobs").code == 200
-    assert {*home.iterdir()} == folders
+    assert set(home.iterdir()) == folders
 
 
 @pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of a process need Linux")
 def test_a_full_disk_is_a_line_on_the_page(server, home, job):
-    folders = {*home.iterdir()}
+    folders = set(home.iterdir())
     earlier = server.state(job)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     no_bytes = (0, limits[1])
@@ -342,7 +342,7 @@ def test_a_full_disk_is_a_line_on_the_page(server, home, job):
     for answer in answers:
         assert answer.code == 507
         assert "File too large" in json.loads(answer.body)["problem"]
-    assert {*home.iterdir()} == folders
+    assert set(home.iterdir()) == folders
     assert server.state(job) == earlier
 
 

@@ -143,7 +143,7 @@ def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(folder, out
     # B is alone in one.csv, and has the numbers that it has beside A.
     assert read(folder, "evidence.csv").splitlines() == [header, row_of_b]
     places = ("Log model evidence.", "contraction, %", "Answer\nB: The order changes the response")
-    assert sorted(places, key=screen.index) == [*places]
+    assert sorted(places, key=screen.index) == list(places)
 
 
 def test_fit_writes_its_table_and_states_its_level(folder):

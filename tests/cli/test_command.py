@@ -31,7 +31,7 @@ def names(function):
 @pytest.mark.parametrize("command", ["run", "check", "sample", "evidence", "population", "fit"])
 def test_without_a_file_a_command_says_what_to_type(command, tmp_path):
     finished = inside(command, cwd=tmp_path)
-    assert (finished.returncode, finished.stdout, [*tmp_path.iterdir()]) == (2, "", [])
+    assert (finished.returncode, finished.stdout, list(tmp_path.iterdir())) == (2, "", [])
     assert finished.stderr.splitlines() == [
         "error: No file is named.",
         f"type:  bayes-toe {command} STUDY.csv",
@@ -58,7 +58,7 @@ def test_every_command_has_both_examples(monkeypatch, tmp_path, typed, example):
         if "example" in names(function):
             finished = inside(f"{command} {typed}", cwd=tmp_path)
             assert finished.stderr == f"error: {example}\n", command
-            assert {"swap", "exclude"} <= {*names(function)}, command
+            assert {"swap", "exclude"} <= set(names(function)), command
 
 
 def test_a_bug_shows_itself(monkeypatch):

@@ -49,7 +49,7 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     figures = re.findall(r"<svg.*?</svg>", text)
     # With the figure of a poor fit.
     assert (len(figures), max(map(len, figures)) < 90_000) == (4, True)
-    assert {path.name for path in out.iterdir()} <= {*results_folder.PRODUCTS}
+    assert {path.name for path in out.iterdir()} <= set(results_folder.PRODUCTS)
 
 
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
@@ -105,12 +105,12 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
     places = [section.index(words) for words in order]
     assert places == sorted(places)
 
-    of_group = [*out.glob("population*")]
+    of_group = list(out.glob("population*"))
     assert (len(of_group), min(path.stat().st_size for path in of_group) > 500) == (4, True)
 
     write_results(marked, out, AGAIN, **NO_FIGURES)
     assert 'id="group"' not in page(out)
-    assert not [*out.glob("population*")]
+    assert not list(out.glob("population*"))
 
 
 def test_an_explorer_stands_beside_the_report_if_asked_for(marked, tmp_path, monkeypatch):

@@ -117,7 +117,7 @@ def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
 )
 def test_pairs_are_counted_whatever_their_order(s1, s2, text):
     for first, second in ((s1, s2), (s2, s1)):
-        stimuli = [*map(int, first)], [*map(int, second)]
+        stimuli = list(map(int, first)), list(map(int, second))
         subject = bt.Subject("A", *stimuli, [2] * len(s1), [4] * len(s1))
         assert describe_pairs(bt.Study([subject])) == f"Pairs: {text}"
 

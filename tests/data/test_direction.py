@@ -298,7 +298,7 @@ def test_codes_that_may_mean_either_are_one_question(column, standard, compariso
     table, options = with_order(column, standard, comparison), f"--standard-interval {column}"
     result = checked(tmp_path, table, options)
     codes = {f"--standard-first-code {code}" for code in (standard, comparison)}
-    assert {*typed_lines(result.stderr)} == codes
+    assert set(typed_lines(result.stderr)) == codes
     assert is_intended(table, f"{options} --standard-first-code {standard}")
 
 
@@ -462,7 +462,7 @@ def test_subjects_who_guess_are_no_reversed_study(n_subjects):
     for _ in range(50):
         guesses = rng.binomial(20, 0.5, (n_subjects, 6))
         guessing = map(lambda subject, n_yes: replace(subject, n_yes=n_yes), subjects, guesses)
-        assert direction(bt.Study([*guessing])) == 0
+        assert direction(bt.Study(list(guessing))) == 0
 
 
 OUTCOME = (IN_ORDER.s2 > IN_ORDER.s1) == TRIALS.second_is_chosen

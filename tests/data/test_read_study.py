@@ -209,7 +209,7 @@ IN_AMPLITUDES = "sep=;\nsubject;i1;i2;response\na;{0};{1};second\na;{1};{0};firs
 def test_amplitudes_become_log_intensities(amplitudes, options, expected):
     (subject,) = read(IN_AMPLITUDES.format(*amplitudes.split(" ")), options)
     first, second = map(float, expected.split())
-    stimuli = {*np.exp(subject.s1)}
+    stimuli = set(np.exp(subject.s1))
     assert sorted(stimuli) == pytest.approx(sorted([first, second]), rel=1e-14)
 
 

@@ -39,7 +39,7 @@ PRIORS = {
 @BOTH_TASKS
 @settings(max_examples=12, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(
-    prior=st.sampled_from([*PRIORS.values()]),
+    prior=st.sampled_from(list(PRIORS.values())),
     x=st.tuples(
         st.floats(-3, 3, allow_subnormal=False),
         st.floats(-3, 3, allow_subnormal=False),
@@ -77,7 +77,7 @@ FAR_POINTS = """
 @pytest.mark.parametrize("prior, coordinate, value", text_table(FAR_POINTS))
 def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate, value):
     """With a prior of the width, only the second coordinate is another one: only it is tested."""
-    x = [*MIDDLE_POINT]
+    x = list(MIDDLE_POINT)
     x[int(coordinate)] = float(value)
     posterior = paper_posterior(five_pairs(task, n_times=1000), PRIORS[prior])
     assert_agrees(posterior, x, digits=700)

@@ -77,7 +77,7 @@ def test_tempering_confirms_the_integration(name):
 
 #: Ordinary subjects are alike: every fourth of them.
 @pytest.mark.parametrize(
-    "name", sorted({*hard_cases(), "S01", "S05", "S09", "S13"} & {*STORED["cases"]})
+    "name", sorted({*hard_cases(), "S01", "S05", "S09", "S13"} & set(STORED["cases"]))
 )
 def test_evidence_and_draws_agree(name):
     posterior, case = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
