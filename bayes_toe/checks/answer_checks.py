@@ -278,12 +278,13 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     # The pairs of a subject are those of its answered rows, sorted, as np.unique numbers them.
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
-    n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
-    agreement = np.maximum(_agreement(k, n), _agreement(n_right, n[right != 0].sum()))
+    n_right = int(k[right > 0].sum() + (n - k)[right < 0].sum())
+    n_unequal = int(n[right != 0].sum())  # trials that have a right answer
+    agreement = np.maximum(_agreement(k, n), _agreement(n_right, n_unequal))
     return -np.log(agreement)[pair.ravel()]
 
 
-def _agreement(k: IntArray, n: IntArray) -> FloatArray:
+def _agreement(k: IntArray | int, n: IntArray | int) -> FloatArray:
     """Probability that two answers are the same, if one of two answers was given k times in n."""
     p = (k + 0.5) / (n + 1.0)  # the posterior mean with Jeffreys' prior
     return np.square(p) + np.square(1.0 - p)

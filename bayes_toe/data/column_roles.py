@@ -257,7 +257,7 @@ def unit_in(name: str) -> str:
     ('cd/m2', 'cd/m2')
     """
     # Words have no digits.
-    plain = _with_one_micro(name).replace("log10", "decadic").replace("cd_m2", "cd/m2")
+    plain = _folded(name).replace("log10", "decadic").replace("cd_m2", "cd/m2")
     words = re.findall(r"cd/m2|[^\W\d_]+", plain)
 
     if "decadic" in words:
@@ -266,15 +266,16 @@ def unit_in(name: str) -> str:
         if not set(words).isdisjoint(unit_words):
             return unit
 
-    # 'g' of 'force_g1', or 'N' of 'force_1 [N]'
+    # A letter alone, after a sign and at the end or before a sign: 'g' of 'force_g1', or 'N' of
+    # 'force_1 [N]'.
     last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
     for unit in VOCABULARY["units"]["intensity"]:
-        if _with_one_micro(unit) in (words if len(unit) > 1 else last_letters):
+        if _folded(unit) in (words if len(unit) > 1 else last_letters):
             return unit
     return ""
 
 
-def _with_one_micro(text: str) -> str:
+def _folded(text: str) -> str:
     """A text in small letters, in which both signs of micro are one."""
     return unicodedata.normalize("NFKC", text).lower()
 

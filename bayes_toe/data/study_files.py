@@ -171,11 +171,13 @@ def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
     if len(errors) > 1 and len(problems) > MAX_LINES:
         problems[MAX_LINES:] = ["... and more problems"]
 
-    remedies = []
+    # Files of one study are alike, so that the options for the first one are those for all.
+    remedies: list[Remedy] = []
     for remedy in errors[0].remedies:
-        remedies += (
-            _subject_remedies(paths, remedy) if remedy.option == "subject_from" else [remedy]
-        )
+        if remedy.option == "subject_from":  # its pattern has to fit the names of all files
+            remedies += _subject_remedies(paths, remedy)
+        else:
+            remedies.append(remedy)
     return InputError(problems, remedies)
 
 

@@ -61,9 +61,11 @@ def with_subjects_below(table: TextTable, name: str) -> TextTable:
     column = table.columns.get(name)
     if column is None or column.texts[1:2] != [""]:
         return table
-    is_name = column.codes != 1  # codes are in the order of their first rows
-    # Each name stands once, and most cells are empty.
-    if is_name.sum() >= min(len(column.texts), 0.5 * len(is_name)):
+    # Codes are in the order of the first rows of their texts, so that 1 is the empty one.
+    is_name = column.codes != 1
+    n_names = len(column.texts) - 1
+    stand_once = is_name.sum() == n_names
+    if not stand_once or n_names >= 0.5 * len(is_name):  # most cells are empty
         return table
     # As later names have larger codes, the largest code so far is that of the name above, if the
     # code of empty cells becomes 0.
