@@ -208,8 +208,11 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     by_subjects: dict[tuple[str, ...], Remedy] = {}
     are_sheets = all(isinstance(path, StrPath) and is_excel(Path(path).parent) for path in paths)
     names = list(map(os.path.basename, map(str, paths)))
-    # Of toe_A_1.csv and toe_B_1.csv the first pattern is 'toe_{}_*'.
-    patterns = [re.sub(_COMMON_BEGINNING, r"\1{}_*", "\n".join(names))]
+    # Of toe_A_1.csv and toe_B_1.csv the first pattern is 'toe_{}_*', and of s.A.data.txt and
+    # s.B.data.txt it is 's.{}.*'.
+    beginning = re.sub(_COMMON_BEGINNING, r"\1", "\n".join(names))
+    end = ".*" if beginning.endswith(".") else "_*"
+    patterns = [beginning + "{}" + end]
     patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
     if len(set(names)) < len(names):  # a name in several folders is no subject
         patterns.reverse()

@@ -1185,6 +1185,7 @@ SUBJECTS_BY_NAME = """
     | V/a.csv V/b.csv W/a.csv | --subject-from '{}/{}.*' if the subjects are V_a, | V_a V_b W_a
     | S1/a.csv S1/b.csv S2/a.csv | --subject-from '{}/*' if the subjects are S1, S2 --subj | S1 S2
     | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
+    | s.10.A.data.csv s.10.B.data.csv | --subject-from 's.10.{}.*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
     subject | A/d.csv B/d.csv | one subject, 1. If they are of several, --subject-from '{}/*' | A B
