@@ -962,5 +962,6 @@ def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = (
             side += 3.0 * column.codes
     n_sides = len(np.unique(side))
     for column in columns:
+        # A complex number stands for each pair of a side and a text.
         if 1 < len(column.texts) < 5 and 1 < n_sides == len(np.unique(side + 1j * column.codes)):
             yield column.name

@@ -84,7 +84,7 @@ class StandardOrder:
         self.column = column
         self.is_first = np.ones(len(table.rows), bool)
         self.is_unknown = np.zeros(len(table.rows), bool)
-        self.notes = list[str]()
+        self.notes: list[str] = []
         if column is not None:
             by_text = _standard_first_by_text(table, column, options)
             first = join_names(map(quoted, filter(by_text.get, by_text)))

@@ -422,6 +422,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     options = with_known_order(table, options)
     all_columns = table.columns.values()
     if is_open and options.name("response") in solutions(all_columns, options):
+        # Without the likely name, the column of the responses is missing, and is asked for.
         options = replace(options, columns={**options.columns, "response": "response"})
     roles_read, problems, remedies = columns_to_read(table.names, options, all_columns)
     # A frame has no name that may have the subject.
