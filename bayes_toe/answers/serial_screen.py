@@ -115,11 +115,10 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     A constant error shifts s2 - s1 the other way, so that its slope is this one turned round. Of
     three answers, P is that of 'second' where the answer is not 'equal'.
     """
-    # Slopes of both log P have the shape (1, 1, coordinates, rows). The last rows are the pairs:
-    # before them, three answers have the pairs by 'equal'.
-    _, yes_slopes, no_slopes = posterior.rows.answer_slopes(posterior.full_points(point))
+    _, slopes = posterior.rows.answer_slopes(posterior.full_points(point))
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
-    in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate, -posterior.subject.n_pairs :]
+    # The last two answers are the counted one and the other one, of three 'second' and 'first'.
+    in_constant_error = (slopes[-2] - slopes[-1])[0, 0, coordinate]  # (pairs,)
     # The coordinate of a constant error c is u = (c / D) / scale, so that the slope in c / D is the
     # slope in u over the scale.
     return -in_constant_error / posterior.prior.constant_error_scale

@@ -23,6 +23,7 @@ import numpy as np
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.design.observers import Observer
 from bayes_toe.design.study_design import StudyDesign
+from bayes_toe.model.answer_curves import times_counts
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 
@@ -41,7 +42,7 @@ class Information:
 
     Attributes
     ----------
-    rows : ndarray, shape (observers, pairs, questions, k)
+    rows : ndarray, shape (observers, pairs, answers, k)
         The information of a trial is the sum of the outer products of its rows with themselves.
     prior : ndarray, shape (observers, k, k)
         Curvature of the prior.
@@ -59,9 +60,9 @@ class Information:
         The shape is (observers, k, k).
         """
         index = np.flatnonzero(n_trials)  # pairs without trials add nothing, and would cost time
-        n_observers, _, n_questions, k = self.rows.shape
-        rows = self.rows[:, index].reshape(n_observers, -1, k)  # all questions of all pairs
-        weighted = rows * np.repeat(n_trials[index], n_questions)[:, None]
+        n_observers, _, n_answers, k = self.rows.shape
+        rows = self.rows[:, index].reshape(n_observers, -1, k)  # all answers to all pairs
+        weighted = rows * np.repeat(n_trials[index], n_answers)[:, None]
         return self.prior + np.swapaxes(rows, 1, 2) @ weighted
 
     def utility(self, n_trials: IntArray) -> float:
@@ -92,8 +93,8 @@ def _log_growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArra
 
     With R the rows of a pair, det(T + n R'R) = det(T) det(1 + n R T^-1 R').
     """
-    solved = rows @ np.linalg.inv(total)[:, None]  # R T^-1, (observers, pairs, questions, k)
-    # R T^-1 R', (observers, pairs, questions, questions).
+    solved = rows @ np.linalg.inv(total)[:, None]  # R T^-1, (observers, pairs, answers, k)
+    # R T^-1 R', (observers, pairs, answers, answers).
     products = (solved[:, :, :, None] * rows[:, :, None]).sum(axis=-1)
     return np.asarray(np.log(np.linalg.det(np.eye(rows.shape[2]) + n_more * products)))
 
@@ -111,7 +112,6 @@ def information(
     the constant error.
     """
     posterior = OrderModel("both").posterior(pairs.unanswered, prior)
-    n_questions = len(pairs.task.questions)
     parameters = {}
     for name in posterior.coordinates:
         parameters[name] = np.array([observer.parameters[name] for observer in observers])
@@ -119,19 +119,19 @@ def information(
     parameters["lapse_rate"] = np.maximum(parameters["lapse_rate"], 1e-3)
     points = posterior.full_points(posterior.points(parameters))  # (1, observers, k)
 
-    answers, yes_slopes, _ = posterior.rows.answer_slopes(points)
-    # A trial asks the second question as often as the answer to the first one is not 'equal'.
-    n_asked = posterior.rows.expected_trials(answers)[0] / np.tile(pairs.n_trials, n_questions)
-    # The slopes of log q times the root of q/(1 - q), (observers, pairs of all questions). The
-    # outer product of a row with itself is then the information g g' q/(1 - q).
-    odds_root = np.exp(0.5 * (answers.yes - answers.no))[0] * np.sqrt(n_asked)
-    scaled_slopes = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
-    # From (observers, pairs of all questions, k) to (observers, pairs, questions, k).
-    rows = np.stack(np.split(scaled_slopes, n_questions, axis=1), axis=2)
+    log_answers, slopes = posterior.rows.answer_slopes(points)
+    # Slopes of log P times the root of P. The sum over answers of the outer product of a row with
+    # itself is then the information of a trial.
+    rows = []
+    for log_p, slope in zip(log_answers, slopes, strict=True):
+        # An answer that is impossible has no slope, and adds nothing.
+        scaled_slope = times_counts(np.exp(0.5 * log_p)[..., None, :], slope)
+        rows.append(np.swapaxes(scaled_slope[0], 1, 2))  # (observers, pairs, k)
 
     curvature = posterior.array.prior_slopes(points)[1][0]  # (observers, k)
     is_target = np.isin(posterior.coordinates, AIMS[aim])
-    return Information(rows, curvature[:, :, None] * np.eye(len(is_target)), is_target)
+    prior_curvature = curvature[:, :, None] * np.eye(len(is_target))
+    return Information(np.stack(rows, axis=2), prior_curvature, is_target)
 
 
 # --- Exchange -------------------------------------------------------------------------------------

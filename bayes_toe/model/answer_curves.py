@@ -38,8 +38,9 @@ class LogAnswers(NamedTuple):
     no: FloatArray
 
 
-#: Both log answers, and the slopes of both in every coordinate, (rows, points, k, pairs).
-AnswerSlopes = tuple[LogAnswers, FloatArray, FloatArray]
+#: The log probability of each answer, (rows, points, pairs), and its slopes in every coordinate,
+#: (rows, points, k, pairs).
+AnswerSlopes = tuple[Sequence[FloatArray], Sequence[FloatArray]]
 
 
 # --- Counts --------------------------------------------------------------------------------------
@@ -219,9 +220,14 @@ class AnswerRows(ABC):
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
 
+    @property
+    def answer_counts(self) -> tuple[FloatArray, ...]:
+        """How often each answer was given to every pair, (rows, 1, pairs) each."""
+        return self.n_yes, self.n_no
+
     @abstractmethod
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
-        """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
+        """Log probability of each answer, and its slopes in every coordinate."""
 
     def log_likelihood(self, u: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (rows, points, k) -> (rows, points)."""
@@ -238,35 +244,18 @@ class AnswerRows(ABC):
     def scoring(self, u: FloatArray) -> tuple[FloatArray, ...]:
         """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]]).
 
-        The information is the sum over answers of n P slope slope', with the trials n that are
-        expected: the second question of a pair is asked only after 'unequal'.
+        The information is the sum over answers of n P slope slope', with the trials n of the pair.
         """
-        answers, yes_slopes, no_slopes = self.answer_slopes(u)
-        n_trials = self.expected_trials(answers)
-        # Counts and weights get an axis for the coordinates: (rows, points, k, pairs).
-        n_yes = self.n_yes[:, :, None]
-        n_no = self.n_no[:, :, None]
-        yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
-        no_weight = (n_trials * np.exp(answers.no))[..., None, :]
-
-        # Where an answer is impossible its slopes are infinite, and `times_counts` makes 0 of them.
+        log_answers, slopes = self.answer_slopes(u)
+        n_trials = np.asarray(sum(self.answer_counts))
+        value, gradient, information = np.zeros(1), np.zeros(1), np.zeros(1)
+        # Where an answer is impossible its slopes are infinite or NaN. It counts only if given.
         with np.errstate(over="ignore", invalid="ignore"):
-            slope_terms = times_counts(n_yes, yes_slopes) + times_counts(n_no, no_slopes)
-            gradient = slope_terms.sum(axis=-1)
-            information = times_counts(yes_weight, yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
-            information += times_counts(no_weight, no_slopes) @ np.swapaxes(no_slopes, -1, -2)
-        return self.terms(answers).sum(axis=-1), gradient, information
-
-    def expected_trials(self, answers: LogAnswers) -> FloatArray:
-        """How often each question is expected, in an array that broadcasts with the answers.
-
-        The first question is asked in every trial. The second one, which only three answers have,
-        is expected as often as the answer 'unequal' to the first one.
-        """
-        n_trials = self.n_yes + self.n_no
-        n_pairs = self.first.shape[-1]
-        if n_trials.shape[-1] == n_pairs:
-            return n_trials
-        n_shown = n_trials[..., :n_pairs]
-        n_unequal = n_shown * np.exp(answers.no[..., :n_pairs])
-        return np.concatenate([np.broadcast_to(n_shown, n_unequal.shape), n_unequal], axis=-1)
+            for counts, log_p, slope in zip(self.answer_counts, log_answers, slopes, strict=True):
+                root_expected = np.sqrt(n_trials * np.exp(log_p))
+                # Counts get an axis for the coordinates: (rows, points, k, pairs).
+                scaled_slope = times_counts(root_expected[..., None, :], slope)
+                value = value + times_counts(counts, log_p).sum(axis=-1)
+                gradient = gradient + times_counts(counts[:, :, None], slope).sum(axis=-1)
+                information = information + scaled_slope @ np.swapaxes(scaled_slope, -1, -2)
+        return value, gradient, information

@@ -51,6 +51,7 @@ from bayes_toe.model.densities import (
     StandardNormal,
     StandardStudent,
     log_normal,
+    normal_hazard,
 )
 from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameters
@@ -203,7 +204,7 @@ class ObserverRows(AnswerRows):
         return self._multinomial(self.plain_answers_at(self.curve_at(u)))
 
     @property
-    def _answer_counts(self) -> tuple[FloatArray, ...]:
+    def answer_counts(self) -> tuple[FloatArray, ...]:
         """How often each answer was given: of three answers 'equal', 'second' and 'first'."""
         if not self.task.has_three_answers:
             return self.n_yes, self.n_no
@@ -212,7 +213,7 @@ class ObserverRows(AnswerRows):
 
     def _multinomial(self, probabilities: Sequence[FloatArray]) -> FloatArray:
         """Log likelihood, (rows, points), from the probabilities of the answers."""
-        terms = map(xlogy, self._answer_counts, probabilities)
+        terms = map(xlogy, self.answer_counts, probabilities)
         return np.asarray(sum(terms)).sum(axis=-1)
 
     def plain_answers_at(self, curve: Curve) -> tuple[FloatArray, ...]:
@@ -248,15 +249,38 @@ class ObserverRows(AnswerRows):
         """
         curve = self.curve_at(u)
         probabilities = self.plain_answers_at(curve)
-        terms = self._slope_terms(curve, self._plain_slopes(curve, probabilities))
-
-        lapse_rise = np.exp(_log_hazard(curve.values["lapse_score"])) / self.prior.lapse_rate_b
+        # The slope of n ln P in P, for each answer.
+        by_answer = list(map(_per_answer, self.answer_counts, probabilities))
+        terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, by_answer))
         sums = [term.sum(axis=-1) for term in terms]
-        gradient = np.stack(sums, axis=-1) * self._slope_units(curve.values, lapse_rise)
+        gradient = np.stack(sums, axis=-1) * self._slope_units(curve.values)
         return self._multinomial(probabilities), gradient
 
-    def _plain_slopes(self, curve: Curve, probabilities: Sequence[FloatArray]) -> Slopes:
-        """Slopes of the log likelihood of each pair.
+    @np.errstate(over="ignore", divide="ignore", invalid="ignore")
+    def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
+        """Log probability of each answer, and its slopes in every coordinate.
+
+        The slopes have the shape (rows, points, k, pairs). They come from plain probabilities.
+        """
+        curve = self.curve_at(u)
+        probabilities = self.plain_answers_at(curve)
+        units = self._slope_units(curve.values)[..., None]
+        slopes = []
+        for i, probability in enumerate(probabilities):
+            # ln P is the log likelihood of this answer, given once.
+            by_answer = [np.zeros(1)] * len(probabilities)
+            by_answer[i] = 1.0 / probability
+            terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, by_answer))
+            slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2) * units)
+        return list(map(np.log, probabilities)), slopes
+
+    def _pair_slopes(
+        self,
+        curve: Curve,
+        probabilities: Sequence[FloatArray],
+        by_answer: Sequence[FloatArray],
+    ) -> Slopes:
+        """Slopes of the log likelihood of each pair, from its slope in the P of each answer.
 
         P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P. The
         factor 1 - lambda belongs to d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
@@ -264,8 +288,6 @@ class ObserverRows(AnswerRows):
         lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
         z = curve.z
         k = curve.k
-        # The slope of n ln P in P, for each answer.
-        by_answer = list(map(_per_answer, self._answer_counts, probabilities))
         if k is not None and self.task.has_three_answers:
             equal, second, first = probabilities
             by_equal, by_second, by_first = by_answer
@@ -291,66 +313,6 @@ class ObserverRows(AnswerRows):
         in_k = edge * (1.0 + far_ratio) + 2.0 * lapse * by_yes * _density(k)
         return in_z, in_k * k, by_yes * (erf(k * np.sqrt(0.5)) - probabilities[0])
 
-    @np.errstate(over="ignore", invalid="ignore")
-    def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
-        """Log answers, and the slopes of both in every coordinate.
-
-        Of three answers, those of the second question follow, as in :meth:`log_answers`. The slopes
-        have the shape (rows, points, coordinates, pairs).
-        """
-        curve = self.curve_at(u)
-        answers = _first_answers(curve)
-        # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))), here over 1 - lambda.
-        log_hazard = _log_hazard(curve.values["lapse_score"])
-        log_rise = (log_hazard - np.log(self.prior.lapse_rate_b))[..., None]
-        yes_slopes, no_slopes = self._question_slopes(curve, answers, log_rise)
-        if not self.task.has_three_answers:
-            return answers, yes_slopes, no_slopes
-
-        directions = _direction_answers(curve)
-        odds_slopes = self._in_coordinates(curve, _odds_slopes(curve, log_rise))
-        # With the log odds y of 'second': d ln P(second) = P(first) dy.
-        second_share, first_share = (np.exp(log_p)[..., None, :] for log_p in directions)
-        yes_slopes = np.concatenate([yes_slopes, first_share * odds_slopes], axis=-1)
-        no_slopes = np.concatenate([no_slopes, -second_share * odds_slopes], axis=-1)
-        return _joined(answers, directions), yes_slopes, no_slopes
-
-    def _question_slopes(
-        self, curve: Curve, answers: LogAnswers, log_rise: FloatArray
-    ) -> list[FloatArray]:
-        """Slopes of both log answers to the one or the first question in every coordinate."""
-        k = curve.k
-        near = curve.z
-        rise_in_z = np.ones(1)
-        in_log_k = None
-        if k is not None:
-            # The density at the far edge is phi(|z| + k) = phi(|z| - k) exp(-2 |z| k).
-            distance = np.abs(curve.z)
-            near = near_edge(distance, k)
-            rise_in_z = np.sign(curve.z) * np.expm1(-2.0 * distance * k)
-            rise_in_k = 1.0 + np.exp(-2.0 * distance * k)
-
-        slopes = []
-        for log_p, log_blind, sign in zip(answers, _blind_answers(k), (1.0, -1.0), strict=True):
-            # The density at the near edge over P, with the sign of the answer.
-            edge = sign * np.exp(curve.log_attend + log_normal(near) - log_p)
-            if k is not None:
-                blind_edge = sign * 2.0 * np.exp(curve.log_lapse + log_normal(k) - log_p)
-                in_log_k = (edge * rise_in_k + blind_edge) * k
-            in_lapse = np.exp(log_rise + log_blind - log_p) - np.exp(log_rise)
-            by_pair = edge * rise_in_z, in_log_k, in_lapse
-            slopes.append(self._in_coordinates(curve, by_pair))
-        return slopes
-
-    def _in_coordinates(self, curve: Curve, slopes: Slopes) -> FloatArray:
-        """Slopes in the coordinates, (rows, points, coordinates, pairs).
-
-        Slopes in the lapse rate have the factor of its coordinate already.
-        """
-        terms = self._slope_terms(curve, slopes)
-        units = self._slope_units(curve.values, np.ones(1))[..., None]
-        return np.stack(np.broadcast_arrays(*terms), axis=-2) * units
-
     def _slope_terms(self, curve: Curve, slopes: Slopes) -> list[FloatArray]:
         """Slopes of each pair in every quantity, in the order of the coordinates.
 
@@ -367,12 +329,13 @@ class ObserverRows(AnswerRows):
             terms = [in_log_scale, in_log_k, in_lapse, in_noise_slope, in_criterion_slope]
         return [*terms, -in_shift, in_shift * self.first]
 
-    def _slope_units(self, values: NamedArrays, lapse_rise: FloatArray) -> FloatArray:
+    def _slope_units(self, values: NamedArrays) -> FloatArray:
         """Slope of each quantity in its coordinate, (rows, points, coordinates).
 
-        They are in the order of :attr:`units`. `lapse_rise` is the slope of the lapse rate lambda
-        over 1 - lambda, or 1 if the slopes in lambda already have this factor.
+        They are in the order of :attr:`units`. That of the lapse rate lambda is over 1 - lambda.
         """
+        # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
+        lapse_rise = normal_hazard(values["lapse_score"]) / self.prior.lapse_rate_b
         slopes = self.units | {"lapse_score": lapse_rise}
         if self.task.has_criterion:
             k = values["criterion"]
@@ -404,40 +367,19 @@ def _first_answers(curve: Curve) -> LogAnswers:
     return LogAnswers(yes, no)
 
 
-def _unequal_logs(curve: Curve) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Log of P('second') and of P('first') with three answers, and the criterion."""
-    k = cast(FloatArray, curve.k)  # three answers have one
-    log_guess = curve.log_lapse + log_ndtr(-k)
-    log_second = np.logaddexp(log_guess, curve.log_attend + log_ndtr(curve.z - k))
-    log_first = np.logaddexp(log_guess, curve.log_attend + log_ndtr(-curve.z - k))
-    return log_second, log_first, k
-
-
 def _direction_answers(curve: Curve) -> LogAnswers:
     """Log of P('second') and of P('first') among the answers that are not 'equal'.
 
     Where k is infinite, every answer is 'equal' and the share of 'second' is not defined: it is
     1/2 here.
     """
-    log_second, log_first, k = _unequal_logs(curve)
+    k = cast(FloatArray, curve.k)  # three answers have one
+    log_guess = curve.log_lapse + log_ndtr(-k)
+    log_second = np.logaddexp(log_guess, curve.log_attend + log_ndtr(curve.z - k))
+    log_first = np.logaddexp(log_guess, curve.log_attend + log_ndtr(-curve.z - k))
     with np.errstate(invalid="ignore"):
         log_odds = np.where(np.isfinite(k), log_second - log_first, 0.0)
     return LogAnswers(log_expit(log_odds), log_expit(-log_odds))
-
-
-def _odds_slopes(curve: Curve, log_rise: FloatArray) -> Slopes:
-    """Slopes of log P('second')/P('first'), the last one in the coordinate of the lapse rate."""
-    log_second, log_first, k = _unequal_logs(curve)
-    # The densities at the criteria of 'second' and 'first' over the probabilities.
-    upper = np.exp(curve.log_attend + log_normal(curve.z - k) - log_second)
-    lower = np.exp(curve.log_attend + log_normal(curve.z + k) - log_first)
-
-    def difference(log_value: FloatArray) -> FloatArray:
-        """A value over P('second') minus the same value over P('first')."""
-        return np.exp(log_value - log_second) - np.exp(log_value - log_first)
-
-    in_k = lower - upper - difference(curve.log_lapse + log_normal(k))
-    return upper + lower, k * in_k, difference(log_rise + log_ndtr(-k))
 
 
 def _blind_answers(k: FloatArray | None) -> LogAnswers:
@@ -472,11 +414,6 @@ def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
     """Counts over probabilities; 0 for an answer that was never given."""
     zeros = np.zeros(probability.shape)
     return np.divide(counts, probability, out=zeros, where=counts > 0.0)
-
-
-def _log_hazard(score: FloatArray) -> FloatArray:
-    """Log of phi(u) / (1 - Phi(u))."""
-    return log_normal(score) - log_ndtr(-score)
 
 
 def _density(x: FloatArray) -> FloatArray:

@@ -180,7 +180,7 @@ class PaperRows(AnswerRows):
         return answers_at(self.distance(u), logit_of_probit(u[..., 3:]))
 
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
-        """Log answers, and the slopes of both in every coordinate, (rows, points, 4, pairs).
+        """Log probability of each answer, and its slopes, (rows, points, 4, pairs).
 
         The first three coordinates act through z = distance / width, the fourth one through the
         share of lapses or q0.
@@ -212,8 +212,7 @@ class PaperRows(AnswerRows):
                 terms = [log_p_by_z * slope for slope in (z_by_mu1, z_by_spread, z_by_gamma)]
                 terms.append(log_p_by_share * logit_rise(u[..., 3:]))
                 slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2))
-        yes_slopes, no_slopes = slopes
-        return answers, yes_slopes, no_slopes
+        return answers, slopes
 
 
 # --- Curves of both answers ----------------------------------------------------------------------

@@ -42,7 +42,7 @@ def result():
 
 
 def test_information_is_the_expected_square_of_the_slopes():
-    """Slopes of q = P(equal) by differences, over the SD of an answer, the root of q (1 - q).
+    """Slopes of q = P(equal) by differences, over the root of q; of P(different) likewise.
 
     The last two columns are those of c, which counts in D/2, and of p, which counts in 1/4.
     """
@@ -55,12 +55,14 @@ def test_information_is_the_expected_square_of_the_slopes():
         return moved.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
 
     observer = make_observer("O", "k", base, task)
-    rows = information_about("order-effect", [observer]).rows[0, :, 0]
+    rows = information_about("order-effect", [observer]).rows[0]  # (pairs, answers, k)
     q = observer.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
     units = {"constant_error": PAIRS.unanswered.scales.step / 2, "contraction": 0.25}
-    for (name, unit), column in zip(units.items(), rows[:, -2:].T, strict=True):
+    for (name, unit), by_answer in zip(units.items(), rows[:, :, -2:].T, strict=True):
         slope = (p_yes(name, 1e-6) - p_yes(name, -1e-6)) / 2e-6 * unit
-        assert column == pytest.approx(slope / np.sqrt(q * (1 - q)), rel=1e-5)
+        of_equal, of_different = by_answer
+        assert of_equal == pytest.approx(slope / np.sqrt(q), rel=1e-5)
+        assert of_different == pytest.approx(-slope / np.sqrt(1 - q), rel=1e-5)
 
 
 @pytest.mark.parametrize("task", [SAME_DIFFERENT, THREE_ANSWERS])
