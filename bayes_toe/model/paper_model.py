@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import expit, log_expit, log_ndtr, ndtr, ndtri
+from scipy.special import expit, log_expit, log_ndtr, ndtr, ndtri, xlogy
 
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
@@ -178,6 +178,20 @@ class PaperRows(AnswerRows):
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
         answers_at, _ = CURVES[self.task.lapses]
         return answers_at(self.distance(u), logit_of_probit(u[..., 3:]))
+
+    def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
+        """:meth:`log_likelihood`, of which is stronger by plain probabilities, at half the cost.
+
+        Far from the best point it may be -inf there. Of 'same or different' it is the same.
+        """
+        if self.task.lapses == "q0":
+            return self.log_likelihood(u)
+        z = self.distance(u)
+        guessed = 0.5 * ndtr(u[..., 3:])
+        attend = ndtr(-u[..., 3:])
+        second = guessed + attend * ndtr(z)
+        first = guessed + attend * ndtr(-z)
+        return (xlogy(self.n_yes, second) + xlogy(self.n_no, first)).sum(axis=-1)
 
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log probability of each answer, and its slopes, (rows, points, 4, pairs).

@@ -49,11 +49,14 @@ PRIORS = {
 )
 def test_value_and_gradient_at_any_point(task, prior, x):
     target = paper_posterior(five_pairs(task), prior)
-    z = target.rows.distance(np.array([[x]]))[0, 0]
+    u = np.array([[x]])
+    z = target.rows.distance(u)[0, 0]
     # Rounding a distance costs what its cancellation costs: only pairs off the axis are held to
     # 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
     assert_agrees(target, x)
+    plain = target.rows.plain_log_likelihood(u)[0]
+    assert plain == pytest.approx(target.log_likelihood(x), rel=1e-12)
 
 
 MIDDLE_POINT = (0.31, -0.3, 0.4, 1.1)
