@@ -351,12 +351,18 @@ class _State:
 
     def add_to_pool(self, draws: WeightedDraws) -> None:
         """Add draws of the present mixture to the pool."""
-        self.rounds.append((self.mixture, len(draws.x)))
-        pooled = self.pool.joined(draws)
-        densities = []
+        log_count = np.log(len(draws.x))
+        pool = self.pool
+        # The pool gets the density of the present mixture, and the new draws get that of all.
+        at_pool = self.mixture.log_density(pool.x, pool.log_prior) + log_count
+        at_draws = []
         for mixture, count in self.rounds:
-            densities.append(mixture.log_density(pooled.x, pooled.log_prior) + np.log(count))
-        self.pool = replace(pooled, log_proposal=np.logaddexp.reduce(densities))
+            at_draws.append(mixture.log_density(draws.x, draws.log_prior) + np.log(count))
+        at_draws.append(draws.log_proposal + log_count)
+
+        log_proposals = np.logaddexp(pool.log_proposal, at_pool), np.logaddexp.reduce(at_draws)
+        self.pool = replace(pool.joined(draws), log_proposal=np.concatenate(log_proposals))
+        self.rounds.append((self.mixture, len(draws.x)))
 
 
 def _round(
