@@ -18,8 +18,9 @@ from bayes_toe.answers.contrast import (
 )
 
 DIFFERS, _, UNDECIDED, *_ = WORDS
-NOT_DIFFERENT = set(WORDS[2:])  # undecided, or probably or surely no difference
+NOT_DIFFERENT = WORDS[2:]  # undecided, or probably or surely no difference
 
+# Eight pairs: each of four first stimuli with a second one that is .3 below or above it.
 FIRST = np.repeat([0.0, 0.3, 0.6, 0.9], 2)
 SECOND = FIRST + np.tile([-0.3, 0.3], 4)
 
@@ -31,17 +32,22 @@ def condition_counts(
     subjects="AB",
     trials=50,
 ):
-    """Counts of subjects whose constant error, or contraction, depends on the condition."""
+    """Counts of subjects whose constant error, or contraction, depends on the condition.
+
+    P('second') is Phi((s2 - s1 - c + p (s1 - mean of s1)) / noise), with a noise of .25. The
+    conditions are as many as there are levels; further errors and contractions are not used.
+    """
     rng, rows = default_rng(3), []
-    kinds = list(zip(levels, constant_errors, contractions, strict=False))
-    for name, (level, error, contraction) in product(subjects, kinds):
-        distance = SECOND - FIRST - error + contraction * (FIRST - FIRST.mean())
-        n_second = rng.binomial(trials, ndtr(distance / 0.25))
+    conditions = list(zip(levels, constant_errors, contractions, strict=False))
+    for name, (level, error, contraction) in product(subjects, conditions):
+        perceived = SECOND - FIRST - error + contraction * (FIRST - FIRST.mean())
+        n_second = rng.binomial(trials, ndtr(perceived / 0.25))
         fields = {"subject": name, "condition": level, "n_second": n_second, "n_trials": trials}
         rows.append(pd.DataFrame({"s1": FIRST, "s2": SECOND, **fields}))
     return pd.concat(rows)
 
 
+# Subjects A and B with a constant error of .08 at left and -.08 at right, and no other difference.
 @pytest.fixture(scope="module")
 def table():
     return bt.contrast(bt.read_study(condition_counts()), seed=1)
@@ -52,22 +58,24 @@ def test_what_differs_has_its_sign_and_size(table):
     assert [row.quantity for row in table] == 2 * quantities
     for row in table.select("constant error"):
         assert (row.word, row.robust) == (DIFFERS, "yes")
-        assert row.q025 < row.q05 < -0.16 < row.q95 < row.q975  # from .08 to -.08
+        assert row.q025 < row.q05 < -0.16 < row.q95 < row.q975  # the truth is -.08 - .08
         assert row.p_direction > 0.99
+        # The table is in the log of intensity, and `interval` in per cent of it.
         assert row.interval(table.unit).q975 == pytest.approx(100.0 * np.expm1(row.q975))
     for row in table.select(ORDER_EFFECT):
         assert row.word == DIFFERS
         assert row.p_direction is None  # it is a size, without a sign
         assert row.q05 < 0.16 < row.q95
-    assert {row.word for row in table.select("contraction")} <= NOT_DIFFERENT
+    for row in table.select("contraction"):
+        assert row.word in NOT_DIFFERENT
 
 
 def test_the_table_has_a_sentence_its_columns_and_the_prior(table):
     assert "Constant error differs: 2 of 2 subjects yes." in table.sentences()
     frame = table.frame(full=True)
     assert tuple(frame.columns) == CONTRAST_COLUMNS
-    (prior,) = set(frame["prior"])
-    assert "contraction ~ Normal(0, 0.25) on (-1, 1)" in prior
+    (prior,) = set(frame["prior"])  # the same in all rows
+    assert "contraction ~ Normal(0, 0.25) on (-1, 1)" in prior  # the default prior
 
 
 def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimuli():
@@ -80,7 +88,8 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
     (contraction,), (order,) = table.select("contraction"), table.select(ORDER_EFFECT)
     assert contraction.word == DIFFERS
     assert contraction.q025 < 0.5 < contraction.q975
-    # Difference of the order effect = difference of the contraction x spread of first stimuli.
+    # Difference of the order effect = difference of the contraction x spread of first stimuli,
+    # to 10 %, because the estimated constant errors differ a little, too.
     spread = np.std(FIRST)
     assert order.q50 == pytest.approx(abs(contraction.q50) * spread, rel=0.1)
 
@@ -89,13 +98,13 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
 def three_levels():
     """Counts of subject A in the conditions 1, 2 and 4, and of subject B in 2 and 4."""
     frame = condition_counts(("1", "2", "4"), (0.1, 0.0, -0.1), trials=20)
-    return frame[~((frame.subject == "B") & (frame.condition == "1"))]
+    return frame.query("subject != 'B' or condition != '1'")
 
 
 def test_of_levels_that_are_numbers_the_highest_and_the_lowest_are_compared(three_levels):
     table = bt.contrast(bt.read_study(three_levels), seed=1)
     assert [(row.subject, row.comparison) for row in table.select("JND")] == [("A", "4 - 1")]
-    assert table.select("constant error")[0].mean < -0.05  # from .1 to -.1
+    assert table.select("constant error")[0].mean < -0.05  # the truth is -.1 - .1
     assert table.left_out == {"B": "at 2, 4 only"}
 
 
@@ -116,15 +125,11 @@ def test_a_study_without_a_subject_at_both_levels_is_refused(three_levels):
 
 
 def test_a_study_without_conditions_is_refused_with_the_way_on():
-    plain = (
-        condition_counts().drop(columns="condition").assign(subject=lambda frame: range(len(frame)))
-    )
+    plain = condition_counts(["left"]).drop(columns="condition")
     delays = condition_counts(("1", "3")).rename(columns={"condition": "isi"})
-    column = "found no condition within subjects, allowed: a column condition, or --condition"
-    for frame, message in (
-        (plain, column),
-        (delays, "or --condition COLUMN, such as --condition isi"),
-    ):
+    general = "found no condition within subjects, allowed: a column condition, or --condition"
+    with_proposal = "or --condition COLUMN, such as --condition isi"
+    for frame, message in ((plain, general), (delays, with_proposal)):
         with pytest.raises(bt.InputError, match=message):
             bt.contrast(bt.read_study(frame))
 
@@ -134,6 +139,7 @@ def test_the_forest_shows_every_subject(table):
     assert words_of(figure.axes[0].get_yticklabels()) == ["A", "B"]
     # Words are in their order, whichever panel has them first.
     assert figure.legends[0].get_texts()[0].get_text() == "differs"
+    # The first line of the first panel is the interval of A's constant error; 0 are its x values.
     low, high = figure.axes[0].collections[0].get_segments()[0][:, 0]
     interval = table.select("constant error")[0].interval(table.unit)
     assert (low, high) == pytest.approx((interval.q025, interval.q975))
@@ -163,7 +169,10 @@ def test_the_asymmetry_of_fit_has_rows_for_each_condition(two_hands):
 
 
 def test_tasks_agree_but_for_what_differs(tmp_path):
-    """The subject has a contraction in both tasks, and a constant error in 2AFC alone."""
+    """The subject has a contraction in both tasks, and a constant error in 2AFC alone.
+
+    The tasks are the conditions: `check` proposes to compare them, and `run` takes only one.
+    """
     design = tmp_path / "design.csv"
     pd.DataFrame({"s1": FIRST, "s2": SECOND}).to_csv(design, index=False)
     observer, tables = {"noise": 0.25, "contraction": 0.3}, []
@@ -174,11 +183,13 @@ def test_tasks_agree_but_for_what_differs(tmp_path):
     pd.concat(tables).to_csv(tmp_path / "study.csv", index=False)
     assert "bayes-toe contrast" in good("check study.csv --condition task", cwd=tmp_path)
     assert "--where task=2afc" in refused("run study.csv --condition task", cwd=tmp_path)
+
     screen = good("contrast study.csv --condition task --seed 1", cwd=tmp_path)
     assert "same/different - 2AFC" in screen
     assert "This does not test whether one observer fits." in screen
     words = pd.read_csv(tmp_path / "contrast.csv").set_index("quantity").word
     assert (words["constant error"], words["contraction"]) == (DIFFERS, UNDECIDED)
     assert words["JND"] in NOT_DIFFERENT
+    # The order effect of one observer that is fitted to both tasks together.
     (answer,) = pd.read_csv(tmp_path / "contrast_one_observer.csv").itertuples()
     assert (answer.subject, answer.order_effect) == ("A", "yes")

@@ -49,7 +49,7 @@ def answers():
 
 @pytest.fixture(scope="module")
 def evidence():
-    """The evidences for an observer with a constant error."""
+    """The evidences of the four models for an observer with a clear constant error."""
     (with_error,) = order_evidence([expected_counts(c=0.15)], seed=1)
     return with_error
 
@@ -69,7 +69,7 @@ def test_effects_have_their_words_and_directions(answers, name, question, word, 
     assert answers[name].first_is_overestimated is is_overestimated
 
 
-def test_words_of_a_subject_without_effect(answers):
+def test_a_subject_without_effect_is_not_told_that_there_is_one(answers):
     assert answers["none"].words["constant_error"] in (Word.NO, Word.PROBABLY_NOT)
     assert answers["none"].first_is_overestimated is None
 
@@ -78,16 +78,20 @@ def test_probabilities_follow_from_the_evidences(answers):
     """Prior probabilities are 1/2 for no effect and 1/6 for each other model, which is 3 to 1."""
     answer = answers["none"]
     log_evidence = np.array([answer.log_evidence[name] for name in MODEL_NAMES])
+    # Evidences divided by that of the model without effects.
     none, error, contraction, joint = np.exp(log_evidence - log_evidence[0])
     total = 3.0 * none + error + contraction + joint
     assert answer.probabilities["order_effect"] == pytest.approx(1.0 - 3.0 * none / total)
     assert answer.probabilities["contraction"] == pytest.approx((contraction + joint) / total)
+    # Means of the evidences of the models with the effect and of those without it.
     log_factor = np.log((error + contraction + joint) / (3.0 * none))
     assert answer.log_bayes_factors["order_effect"] == pytest.approx(log_factor)
     log_factor = np.log((error + joint) / (none + contraction))
     assert answer.log_bayes_factors["constant_error"] == pytest.approx(log_factor)
 
 
+#: Probability of an effect, log Bayes factor for it, word. 'Yes' and 'no' begin at .95 and .05, and
+#: 'probably' at .75 and .25, where 'probably not' needs a log Bayes factor of -1, too.
 LIMITS = """
     0.95 | 3.0 | YES
     0.94 | 3.0 | PROBABLY
@@ -107,6 +111,7 @@ def test_words_follow_probability_and_bayes_factor(probability, log_bayes_factor
 
 def test_reweighting_is_a_fresh_run_with_another_scale():
     (evidence,) = order_evidence([expected_counts(c=0.05, p=0.1, n=20)], seed=1)
+    # The scales of the default prior are .5 and .25.
     cases = {
         (CONSTANT_ERROR, 0.5): ObserverPrior(constant_error_scale=0.25),
         (CONSTANT_ERROR, 2.0): ObserverPrior(constant_error_scale=1.0),
@@ -124,7 +129,7 @@ def test_a_yes_that_a_wider_prior_changes_is_marked(evidence, monkeypatch):
     no_effect = ModelSet(np.array([0.0, -5.0, -5.0, -5.0]), PRIOR_PROBABILITIES)
 
     def rescaled(self, effect, factor):
-        """No effect where the prior of the constant error is twice as wide, and no change else."""
+        """No effect if the prior of the constant error is twice as wide, otherwise no change."""
         if (effect, factor) == (CONSTANT_ERROR, 2.0):
             return no_effect
         return self
@@ -139,23 +144,25 @@ def test_a_yes_that_a_wider_prior_changes_is_marked(evidence, monkeypatch):
 
 
 def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
+    """A flag needs a p-value below .05 divided by the number of subjects."""
     poor = {"fit_p": 0.0008, "history_p": 0.01, "moving_criterion_p": 0.0042}
     answer = replace(answers["none"], **poor)
     single = answer.in_study(1)
     assert (MISFIT_FLAG in single.flags, single.fits) == (True, False)
     assert {PREVIOUS_TRIAL_FLAG, WANDERING_FLAG}.issubset(single.flags)
-    of_study = single.in_study(12)
+    of_study = single.in_study(12)  # .05/12 is .00417, just below .0042
     assert of_study.flags == (*answers["none"].flags, MISFIT_FLAG)
     message = "The model does not fit: test p = .00080, below .05/12."
     assert of_study.problems[MISFIT_FLAG].message == message
-    assert of_study.in_study(200).fits is True
+    assert of_study.in_study(200).fits is True  # .05/200 is .00025
     assert of_study.cells["interpretable"] == "yes"
 
 
 @BOTH_TASKS
 def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
     subject = replace(expected_counts(), task=task)
-    answer = replace(answer_subject(subject, seed=1)[0], moving_criterion_p=0.001).in_study(1)
+    answer, _ = answer_subject(subject, seed=1)
+    answer = replace(answer, moving_criterion_p=0.001).in_study(n_subjects=1)
     sentence = answer.problems[WANDERING_FLAG].message
     start = "The preference for a response wanders over the trials (test p = .0010, below .05)."
     assert sentence.startswith(start)
@@ -181,12 +188,13 @@ def test_a_flag_that_forbids_interpretation_comes_before_every_word(evidence):
 
 
 def test_a_shift_beyond_all_pairs_is_named():
+    """Hardly ever 'second' in 40 trials of each pair, even where the second one is stronger."""
     subject = replace(expected_counts(n=40), n_yes=[2, 0, 3, 0, 2, 0, 3, 0, 2, 0])
     answer, _ = answer_subject(subject, seed=1)
     assert any(flag.startswith("the PSE lies outside the pairs") for flag in answer.flags)
 
 
-def test_the_file_has_what_the_answer_has(answers):
+def test_the_cells_of_the_file_are_what_the_answer_has(answers):
     answer = answers["positive error"]
     cells = answer.cells
     assert set(cells) == set(ANSWER_COLUMNS)
@@ -206,7 +214,8 @@ def test_the_file_has_what_the_answer_has(answers):
 # --- Public studies: what they must show ----------------------------------------------------------
 
 
-#: Probabilities of the four models, by subject.
+#: Subject, and its probabilities of none, constant error, contraction and both, as two independent
+#: prototypes of the four models computed them.
 MEASURED = """
     1008 | 0.00 0.00 0.02 0.97
     976 | 0.00 0.35 0.00 0.65
@@ -221,16 +230,17 @@ MEASURED = """
 
 @pytest.mark.parametrize("name, probabilities", text_table(MEASURED))
 def test_vibrotactile_subjects_are_as_measured(vibrotactile, name, probabilities):
-    """By two prototypes; the tolerance is that of their Monte Carlo errors."""
+    """The tolerances are the Monte Carlo errors of the prototypes; swapped blocks are turned."""
     study = changed(vibrotactile, ("946:2,4,6", "865:2"))
     answer, evidence = answer_subject(study[name], seed=1)
     assert evidence.probabilities == pytest.approx(columns(probabilities).ravel(), abs=0.04)
-    if name == "1008":
+    if name == "1008":  # the subject whose effects are sure; sizes are of the prototypes, too
         assert answer.sizes["pse_shift_percent"] == pytest.approx((2.5, 5.6, 8.3), abs=0.4)
         assert answer.sizes["contraction_p"] == pytest.approx((0.10, 0.16, 0.22), abs=0.02)
 
 
 def test_dots_have_a_constant_error_and_a_misfit(real_data):
+    # Of the questions order effect, constant error and contraction.
     (dots,) = bt.read_study(real_data / "morse_rothkopf_1957" / "dots.csv")
     answer, _ = answer_subject(dots, seed=1)
     assert [answer.word(question) for question in QUESTIONS] == ["yes", "yes", "probably not"]
@@ -239,21 +249,24 @@ def test_dots_have_a_constant_error_and_a_misfit(real_data):
 
 def test_with_one_first_stimulus_the_order_effect_is_the_constant_error():
     """Only s1 = 0 was shown, so that no contraction can be told."""
+    # s1, s2, number of 'second', trials
     rows = "0 -0.3 5 40, 0 -0.2 5 40, 0 -0.1 17 40, 0 0.1 33 40, 0 0.2 39 40, 0 0.3 40 40"
     subject = made_subject(rows, task=WHICH_STRONGER)
-    answer, _ = answer_subject(subject, 1)
+    answer, _ = answer_subject(subject, seed=1)
     assert answer.word("contraction") == "cannot be told"
     assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
-    # Both are undecided, which a prior of another width does not change.
+    # A prior of another width does not change the word of either, so that neither has a flag.
     assert answer.words["order_effect"] is answer.words["constant_error"] is Word.UNDECIDED
     assert not any(flag.startswith(PRIOR_FLAG) for flag in answer.flags)
 
 
 def test_a_bound_of_a_condition_counts_its_distance_from_the_mean_of_all():
+    """The upper bound of an order effect is the 95 % quantile of its size in JND."""
     for unit in two_conditions(1, n_subjects=1):
-        answer, evidence = answer_subject(unit, 1)
+        answer, evidence = answer_subject(unit, seed=1)
         draws = evidence.averaged()
         c, p = draws.quantities["constant_error"], draws.quantities["contraction"]
+        # `sbar` is the mean first stimulus of both conditions. PSE shifts are (draws, pairs).
         shifts = c[:, None] - p[:, None] * (unit.s1 - unit.scales.sbar)
         size = np.sqrt(np.mean(np.square(shifts), axis=1)) / draws.quantities["jnd"]
         (bound,) = draws.quantiles(size, [0.95])

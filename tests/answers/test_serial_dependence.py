@@ -15,6 +15,7 @@ from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.errors import NumericalError
 
+#: Options of simulated observers.
 KINDS = {
     "none": {},
     "carries": {"carry_over": 0.9},
@@ -41,14 +42,20 @@ def table(study):
 
 
 def test_words_are_those_of_the_truth(table):
-    words = {row.subject: (row.word("carry_over"), row.word("previous_response")) for row in table}
-    assert words["carries"][0] == "yes"
-    assert words["repeats"][1] == "yes (repetition)"
-    assert words["alternates"][1] == "yes (alternation)"
+    carry_over = {row.subject: row.word("carry_over") for row in table}
+    response = {row.subject: row.word("previous_response") for row in table}
+    assert carry_over["carries"] == "yes"
+    assert response["repeats"] == "yes (repetition)"
+    assert response["alternates"] == "yes (alternation)"
+    claims = "yes", "probably ("  # and not 'probably not'
     for kind in ("none", "repeats", "alternates"):
-        assert not words[kind][0].startswith(("yes", "probably ("))
+        assert not carry_over[kind].startswith(claims)
     for kind in ("none", "carries"):
-        assert not words[kind][1].startswith(("yes", "probably ("))
+        assert not response[kind].startswith(claims)
+
+
+def test_intervals_hold_the_true_sizes(table):
+    """rho is the share that is carried over, kappa the effect of the previous response."""
     low, median, high = table["carries"].rho
     assert low < 0.9 < high
     assert median > 0.5
@@ -57,18 +64,22 @@ def test_words_are_those_of_the_truth(table):
 
 @pytest.mark.parametrize("kind", ["none", "repeats"])
 def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, study, kind):
-    """Of the mean likelihood ratio over draws without the effect, which the table has."""
+    """Of the mean likelihood ratio over draws without the effect, which the table has.
+
+    Models are static, previous response, carry-over, both. The score of kappa has a normal prior.
+    """
     row = table[kind]
     posterior = table.posterior(row, "previous_response")
-    without_effects = row.draws[0]
+    without_effects = row.draws[0]  # (draws, coordinates)
     static = posterior.observer.log_likelihood(without_effects)
-    scores = np.linspace(-1.5, 1.5, 301)
+    scores = np.linspace(-1.5, 1.5, 301)  # beyond, the likelihood is negligible
     ratio = np.zeros(len(scores))
     for i, score in enumerate(scores):
         moved = np.column_stack([without_effects, np.full(len(without_effects), score)])
         log_likelihood = posterior.array.likelihood.plain_value(moved[None])[0]
         ratio[i] = np.exp(log_likelihood - static).mean()
     expected = np.log(np.trapezoid(ratio * norm.pdf(scores), scores))
+    # The tolerance is the Monte Carlo error of the mean ratio, which a few draws dominate.
     assert row.log_evidence[1] - row.log_evidence[0] == pytest.approx(expected, abs=0.25)
 
 
@@ -93,7 +104,7 @@ def test_the_table_is_a_file(table, tmp_path):
     assert cells[["ln_bf_carry_over", "rho_q50", "history_p"]].tolist() == pytest.approx(numbers)
 
 
-def test_a_seed_gives_the_same_numbers_whatever_else_is_in_the_study(table, study):
+def test_a_seed_gives_the_same_numbers_whoever_else_is_in_the_study(table, study):
     alone = bt.serial_dependence(bt.Study([study["carries"]]), seed=1)["carries"]
     assert alone.log_evidence.tolist() == table["carries"].log_evidence.tolist()
     assert alone.rho == table["carries"].rho
@@ -112,11 +123,12 @@ def test_the_command_writes_the_table_and_the_figure(tmp_path):
     assert "Previous response: " in screen
     (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
     assert 0.0 < row.rho_q025 < row.rho_q50 < row.rho_q975
-    assert (tmp_path / "serial.png").stat().st_size > 10_000
+    assert (tmp_path / "serial.png").stat().st_size > 10_000  # a blank picture has some 3,000 bytes
 
 
 def test_the_command_ends_with_code_3_if_a_subject_has_no_result(tmp_path, monkeypatch):
     def checked(evidence):
+        """The analysis of the first of two subjects fails."""
         if evidence.subject.name == "S01":
             raise NumericalError("no maximum")
         return evidence
@@ -130,7 +142,7 @@ def test_the_command_ends_with_code_3_if_a_subject_has_no_result(tmp_path, monke
 
 def test_the_figure_shows_every_subject(table):
     titles = titles_of(bt.plots.serial(table).axes)
-    assert len(titles) == 8
+    assert len(titles) == 8  # two panels for each of four subjects
     assert any(title.startswith("carries, carry-over: yes\nrho") for title in titles)
     assert sum("previous response: yes (alternation)" in title for title in titles) == 1
 
@@ -141,15 +153,17 @@ def test_a_point_of_the_figure_is_what_the_static_model_leaves_of_a_share(table)
     row = table["repeats"]
     posterior = table.posterior(row, "static")
     trials = posterior.rows.trials
-    expected = posterior.trial_probabilities(row.draws[0]).mean(axis=0)
-    after_second = np.r_[False, trials.answer[:-1] > 0] & ~trials.is_session_start
-    residual = ((trials.answer > 0) - expected)[after_second].mean()
+    p_second = posterior.trial_probabilities(row.draws[0]).mean(axis=0)  # (trials,)
+    is_second = trials.answer > 0
+    is_after_second = np.r_[False, is_second[:-1]] & ~trials.is_session_start
+    residual = (is_second - p_second)[is_after_second].mean()
     (points,) = marks_of(right, "o")
-    assert points.get_ydata()[1] == pytest.approx(residual)
+    assert points.get_ydata()[1] == pytest.approx(residual)  # 0 is the point after 'first'
     assert residual > 0.03  # so that the point is not 0 by itself
 
 
 def test_listeners_carry_over(real_data):
+    """Log Bayes factors are those of an earlier analysis, to its Monte Carlo error."""
     study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
     first, second = "Sub01_Bimodal_l2", "SubA_Bimodal_l2"
     table = bt.serial_dependence(study.select([first, second]), seed=1)

@@ -15,7 +15,7 @@ from bayes_toe.model.models import OrderModel
 
 
 def screen(subject, p=0.0):
-    """The screen at the observer's own point: any slopes are valid weights."""
+    """The p-values of the screen, at the observer's true parameters instead of the maximum."""
     posterior = OrderModel("both").posterior(subject)
     point = dict.fromkeys(posterior.coordinates, np.array(0.0))
     reference = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
@@ -25,6 +25,7 @@ def screen(subject, p=0.0):
 
 
 def p_values(screens, name):
+    """The p-value of this name of each screen."""
     return np.array([getattr(row, name) for row in screens])
 
 
@@ -34,10 +35,11 @@ def test_observers_without_memory_seldom_fail_the_screen():
         screens.append(screen(answered(i, WHICH_STRONGER, repeats=20, p=0.2), p=0.2))
         screens.append(screen(answered(i, SAME_DIFFERENT, repeats=12, p=0.2), p=0.2))
     observed = np.array([astuple(row) for row in screens])
-    assert observed.shape == (240, 4)
-    # Of 960 p values ten are expected below .01.
+    assert observed.shape == (240, 4)  # four tests of each of two subjects in 120 rounds
+    # Of 960 p-values ten are expected below .01; 20 is three standard deviations above.
     assert np.count_nonzero(observed < 0.01) <= 20
 
+    # Of four tests of uniformity one fails in 250 runs.
     for column in observed.T:
         assert kstest(column, "uniform").pvalue > 1e-3
 
@@ -45,7 +47,7 @@ def test_observers_without_memory_seldom_fail_the_screen():
 def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
     """Six trials to a pair: there an answer says much of the other ones to its pair.
 
-    Where nothing depends on the trial before, p values are uniform. A limit of 1e-3 is a false
+    Where nothing depends on the trial before, p-values are uniform. A limit of 1e-3 is a false
     alarm in 500 runs of these two tests.
     """
     screens = [screen(answered(1000 + i, repeats=6, sessions=1, noise=0.6)) for i in range(400)]
@@ -53,23 +55,24 @@ def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
     assert kstest(p_values(screens, "moving_criterion_p"), "uniform").pvalue > 1e-3
 
 
-#: An effect, and how many of 10 observers have p < .01 at least, by the p value that shows it.
+#: An effect on 10 observers, and how many of them have p < .01 at least, by the name of the test.
 @pytest.mark.parametrize(
-    "options, least",
+    "effect, fewest",
     [
         ({"share_repeated": 0.2}, {"answer_p": 9}),
         ({"p": 0.35, "carry_over": 0.9}, {"stimuli_p": 10, "joint_p": 10}),
         ({"drift": 0.3}, {"moving_criterion_p": 9}),
     ],
 )
-def test_an_effect_is_seen_by_its_own_test(options, least):
+def test_an_effect_is_seen_by_its_own_test(effect, fewest):
     screens = []
     for i in range(10):
-        subject = answered(3000 + i, repeats=64, **options)
-        screens.append(screen(subject, p=options.get("p", 0.0)))
-    for name, number in least.items():
-        assert np.count_nonzero(p_values(screens, name) < 0.01) >= number
-    if "carry_over" in options:  # which is no effect of the response before
+        subject = answered(3000 + i, repeats=64, **effect)
+        screens.append(screen(subject, p=effect.get("p", 0.0)))
+    for name, n_significant in fewest.items():
+        assert np.count_nonzero(p_values(screens, name) < 0.01) >= n_significant
+    # A carry-over is no effect of the response before: of 10 p-values .1 is expected below .01.
+    if "carry_over" in effect:
         assert np.count_nonzero(p_values(screens, "answer_p") < 0.01) <= 1
 
 
@@ -85,40 +88,43 @@ def test_nothing_is_said_without_the_order_of_trials():
 
 
 def test_pairs_answered_once_say_nothing():
-    assert screen(answered(5, repeats=1)) == SerialScreen()
+    assert screen(answered(5, repeats=1)) == SerialScreen()  # without any p-value
 
 
 def test_the_first_trial_of_a_session_has_no_trial_before():
     """Sessions in another sequence are the same trials to all but a criterion that wanders."""
     subject = answered(6, sessions=2, share_repeated=0.2)
-    rows = np.roll(np.arange(400), 200)
+    rows = np.roll(np.arange(400), 200)  # the sessions have 200 trials each
     answers = subject.answers
     swapped = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
     other = Subject.from_answers("swapped", swapped, subject.task)
+    # The last p-value is that of the criterion that wanders.
     expected = astuple(screen(subject))[:3]
     assert astuple(screen(other))[:3] == pytest.approx(expected, rel=1e-9)
 
 
 def test_with_a_constant_first_stimulus_all_p_values_exist():
     rng = default_rng(7)
-    keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])
+    keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])  # (s1, s2) by trial
     n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)
-    observed = astuple(screen(in_order(keys, n_yes, np.arange(300))))
+    observed = astuple(screen(in_order(keys, n_yes, position=np.arange(300))))
     assert all(0.0 < p <= 1.0 for p in observed)
 
 
 def test_a_trial_before_that_is_not_tested_needs_no_correction():
     """Blocks of two trials of one pair; the answers are independent.
 
-    Of 150 p values 5 % are expected below .05, and 12 % once in 1,800 runs.
+    Of 150 p-values 5 % are expected below .05, and 12 % once in 1,800 runs.
     """
     answer_p = []
     for seed in range(150):
         rng = default_rng(seed)
-        pair = np.repeat(np.tile(np.arange(10), 4), 2)
-        s1, s2 = 0.05 * (pair % 5 + 1) * (pair >= 5), 0.05 * (pair % 5 + 1) * (pair < 5)
-        n_yes = (rng.random(80) < np.where(pair < 5, 0.6, 0.4)).astype(int)
+        # Ten pairs: 0 first and one of five levels second, or the other way round.
+        pair = np.repeat(np.tile(np.arange(10), 4), 2)  # (80 trials,)
+        level, is_rising = 0.05 * (pair % 5 + 1), pair < 5
+        keys = np.column_stack([level * ~is_rising, level * is_rising])
+        n_yes = (rng.random(80) < np.where(is_rising, 0.6, 0.4)).astype(int)
         position = np.arange(80) + np.arange(80) // 2  # a gap starts a block
-        subject = in_order(np.column_stack([s1, s2]), n_yes, position)
+        subject = in_order(keys, n_yes, position)
         answer_p.append(screen(subject).answer_p)
     assert np.mean(np.less(answer_p, 0.05)) < 0.12

@@ -19,9 +19,9 @@ GRID = list(itertools.product([-0.3, 0.0, 0.4], repeat=2))
 
 
 def make_subject(pairs, n_equal=4, name="S01", **keywords):
-    counts = [n_equal] * len(pairs) if isinstance(n_equal, int) else n_equal
+    """A subject with 10 trials of each pair (s1, s2), and so many 'equal' (or 'second') of each."""
     s1, s2 = zip(*pairs, strict=True)
-    return Subject(name, s1, s2, counts, [10] * len(pairs), **keywords)
+    return Subject(name, s1, s2, [n_equal] * len(pairs), [10] * len(pairs), **keywords)
 
 
 def two_scales(subjects):
@@ -35,25 +35,25 @@ def messages(*subjects, **keywords):
     return {finding.code: finding.message for finding in findings}
 
 
-def test_what_pairs_cannot_tell_is_said():
+def test_effects_that_the_pairs_cannot_show_are_named():
     assert messages(make_subject(GRID)) == {}
-    cannot_be_told = {
+    pairs_by_effects = {
         "Order effect, constant error and contraction": [(-0.3, -0.3), (0.0, 0.0)],
-        "Contraction": [(0.25, value) for value in (-0.3, 0.0, 0.25, 0.4)],
+        "Contraction": [(0.25, s2) for s2 in (-0.3, 0.0, 0.25, 0.4)],
     }
-    for names, pairs in cannot_be_told.items():
+    for effects, pairs in pairs_by_effects.items():
         ((code, message),) = messages(make_subject(pairs)).items()
         assert code == "not_identified"
-        assert message.startswith(f"{names} cannot be told, because ")
+        assert message.startswith(f"{effects} cannot be told, because ")
 
 
-def test_of_two_answers_a_preference_may_be_the_constant_error():
+def test_in_2afc_a_preference_for_a_response_may_be_the_constant_error():
     texts = messages(make_subject(GRID, task=WHICH_STRONGER))
     assert list(texts) == ["criterion"]
     assert texts["criterion"].startswith("In 2AFC, a constant error and a response bias")
 
 
-def test_one_order_among_pairs_of_both_orders():
+def test_pairs_in_one_order_are_named_the_first_three_of_them():
     pairs = [*GRID, (0.0, 0.5)]
     message = "1 pair was presented in one order only: (0, 0.5)."
     assert messages(make_subject(pairs)) == {"one_order": message}
@@ -64,14 +64,16 @@ def test_one_order_among_pairs_of_both_orders():
     assert messages(make_subject(pairs)) == {"one_order": message}
 
 
-def test_a_prior_in_another_unit_than_the_stimuli():
+def test_a_prior_in_another_unit_than_the_stimuli_is_named():
     def message(step, prior="paper"):
+        """The finding about the prior for stimuli that differ by so much, or ''."""
         study = Study((make_subject([(0.0, 0.0), (0.0, step), (step, 0.0), (7.0, 7.0)]),))
         findings = urgent_findings(study, prior_for(study, prior))
         texts = {finding.code: finding.message for finding in findings}
         return texts.get("prior_scale", "")
 
-    # P(0.1 step < sigma_p < 10 step) is 0.1 at 0.0127 and 16.4 for a half-normal of scale 1.
+    # sigma_p ~ HalfNormal(1). A prior is far off where P(0.1 step < sigma_p < 10 step) is below
+    # 0.1, that is for steps below 0.0127 or above 16.4.
     assert [message(step) for step in (0.013, 0.3, 1.0, 16.0)] == ["", "", "", ""]
     start = "The prior is far too {} for these stimuli: sigma_p ~ HalfNormal(1), with steps of {} ("
     assert message(0.012).startswith(start.format("wide", 0.012))
@@ -86,13 +88,15 @@ def test_a_prior_in_another_unit_than_the_stimuli():
     "shift, scale, is_raw", [(0, 1, False), (9.0, 1, False), (20.7, 1e-4, False), (0, 10, True)]
 )
 def test_stimuli_that_look_raw_are_named(shift, scale, is_raw):
-    subject = make_subject([(shift + scale * a, shift + scale * b) for a, b in GRID])
+    """Natural logs of intensities from -.3 to .4 are plausible, a range of 7 is not."""
+    subject = make_subject([(shift + scale * s1, shift + scale * s2) for s1, s2 in GRID])
     assert ("raw_stimuli" in messages(subject)) == is_raw
     read = messages(subject, reading=Reading(read=("i1", "i2")))
     assert "raw_stimuli" not in read, "what --intensity made is not raw"
 
 
 def test_stimuli_on_two_scales_are_named():
+    # The same intensities in g and in kg.
     logs = np.log([740, 905, 1.105, 1.350]).tolist()
     texts = messages(make_subject(list(itertools.product(logs, repeat=2))))
     groups = (
@@ -106,7 +110,8 @@ def test_stimuli_on_two_scales_are_named():
     assert finding.option == "--exclude 'S 1'", "a fault of recording needs a decision"
 
 
-def test_subjects_whose_stimuli_have_another_unit():
+def test_subjects_whose_stimuli_have_another_unit_are_named():
+    # A gap of 6 between S0 and S1 and S7 is a factor of 400 in intensity; a gap of 1 is one of 3.
     subjects = [make_subject([(shift, shift + 0.1)], name=f"S{shift}") for shift in (0, 1, 7)]
     (finding,) = two_scales(subjects)
     ranges = "The stimuli of S0, S1 are 0 to 1.1, those of other subjects 7 to 7.1."
@@ -114,9 +119,10 @@ def test_subjects_whose_stimuli_have_another_unit():
     assert two_scales(subjects[:2]) == []
 
 
-def test_a_lone_stimulus_far_from_the_others():
+def test_a_lone_stimulus_far_from_the_others_is_named():
     pairs = [*itertools.product([0.0, 0.1, 0.3], repeat=2), (3.0, 3.0)]
-    subject = Subject.from_counts("S01", *np.transpose(pairs), [0] * 10, [40] * 9 + [1])
+    n_trials = [40] * 9 + [1]  # a single trial of the last pair
+    subject = Subject.from_counts("S01", *np.transpose(pairs), [0] * 10, n_trials)
     lone = "In 1 trial of 361, a stimulus (3) lies a factor of 15 from all others (0 to 0.3)."
     assert messages(subject)["two_scales"] == f"{lone} Check its decimal point."
 
@@ -125,19 +131,20 @@ def test_a_lone_stimulus_far_from_the_others():
     "names, message",
     [
         (("vp1", "Vp1", "VP1", "vp3"), "Subjects 'vp1', 'Vp1', 'VP1' look alike. If they are one"),
-        (("\u00e4", "a\u0308"), "Subjects '\\xe4', 'a\\u0308' look alike. If"),
+        (("\u00e4", "a\u0308"), "Subjects '\\xe4', 'a\\u0308' look alike. If"),  # both print as ä
         (("007", "7", "17"), "Subjects '007', '7' look alike. If"),
         (("7", "17", "a", "b"), ""),
     ],
 )
-def test_names_that_may_be_of_one_subject(names, message):
+def test_names_that_may_be_of_one_subject_are_listed(names, message):
     texts = messages(*(make_subject(GRID, name=name) for name in names))
     assert texts.get("names_look_alike", "").startswith(message)
-    assert len(texts) == bool(message)
+    assert len(texts) == bool(message)  # and nothing else is found
 
 
 def test_findings_of_subjects_follow_those_of_the_study():
-    subjects = [make_subject(GRID, 10, "b"), make_subject([(0.0, 0.3)], 4, "B")]
+    # b always responds 'equal'; B has 10 trials of one pair.
+    subjects = [make_subject(GRID, n_equal=10, name="b"), make_subject([(0.0, 0.3)], name="B")]
     findings = bt.check(Study(subjects))
     assert findings[0] == Finding(
         "",

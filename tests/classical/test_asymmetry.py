@@ -18,12 +18,13 @@ from bayes_toe.errors import InputError
 
 
 def both_orders(name="S", weak=(12, 50), strong=(25, 50)):
+    """A subject with one pair; 'equal' of trials with the weaker and with the stronger first."""
     return bt.Subject(name, [0.0, 0.3], [0.3, 0.0], [weak[0], strong[0]], [weak[1], strong[1]])
 
 
 def test_one_comparison_by_hand():
     row = bt.asymmetry(bt.Study([both_orders(strong=(25, 40))]))["S"].maximal
-    # Posteriors of P(equal) under a uniform prior, of 12 of 50 and of 25 of 40 trials.
+    # Posteriors of P(equal) after 12 'equal' in 50 trials and 25 in 40, from a uniform prior.
     weak, strong = stats.beta(13, 39), stats.beta(26, 16)
     assert (row.s_weak, row.s_strong) == (0.0, 0.3)
     assert (row.n_equal_weak_first, row.n_trials_weak_first) == (12, 50)
@@ -42,6 +43,8 @@ def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, nam
 
 
 def test_maxima_correction_and_counts_over_subjects(tmp_path):
+    # s1, s2, 'equal', trials: the first is significant among one comparison but not among three,
+    # and the second has two maxima.
     corrected = "0 0.3 15 50, 0.3 0 26 50, 0 0.6 20 50, 0.6 0 20 50, 0 0.9 20 50, 0.9 0 20 50"
     two_alike = "0 0.3 10 30, 0.3 0 20 30, 0 0.6 10 30, 0.6 0 20 30"
     subjects = [
@@ -59,10 +62,12 @@ def test_maxima_correction_and_counts_over_subjects(tmp_path):
         "correction. 1 of 6 subjects gave more 'equal' responses with the weaker stimulus first"
     ) in table.describe()
     assert sum(comparison.is_maximal for comparison in table["two alike"].comparisons) == 1
+
     for row in table:
         comparisons = table.frame(full=True).query("subject == @row.subject")
         assert abs(row.maximal.asymmetry) == comparisons.asymmetry.abs().max()
         assert comparisons.p_adjusted.tolist() == holm(comparisons.p_value).tolist()
+
     read = pd.read_csv(table.save(tmp_path / "asymmetry.csv"), dtype={"subject": str})
     assert tuple(read.columns) == ASYMMETRY_COLUMNS
     pd.testing.assert_frame_equal(read, table.frame(full=True), check_exact=True)
@@ -81,12 +86,14 @@ def test_pairs_in_one_order_are_left_out():
         table["x"]
 
 
+#: k1 'equal' in n1 trials, and k2 in n2.
 tables = st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(
     lambda n: st.tuples(st.integers(0, n[0]), st.just(n[0]), st.integers(0, n[1]), st.just(n[1]))
 )
 
 
 def fisher(k1, n1, k2, n2):
+    """The two-sided p-value of Fisher's test: twice the smaller tail, at most 1."""
     table = [[k1, k2], [n1 - k1, n2 - k2]]
     less, greater = (stats.fisher_exact(table, side).pvalue for side in ("less", "greater"))
     return min(1.0, 2.0 * less, 2.0 * greater)
@@ -95,28 +102,32 @@ def fisher(k1, n1, k2, n2):
 @settings(max_examples=40, deadline=None)
 @given(tables)
 def test_never_above_fisher_and_blind_to_names(table):
+    """The p-value stays the same if the orders, or the two responses, swap their names."""
     k1, n1, k2, n2 = table
     p_value, _ = equality_test(*table)
-    assert 0 < p_value <= fisher(*table) * (1 + 1e-9)
-    for identical in ((k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2)):
+    assert 0 < p_value <= fisher(*table) * (1 + 1e-9)  # equal to rounding
+    other_orders, other_responses = (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2)
+    for identical in (other_orders, other_responses):
+        # To the optimum that SciPy searches for.
         assert equality_test(*identical)[0] == pytest.approx(p_value, rel=1e-6)
 
 
-def test_more_trials_than_boschloos_test_takes_have_fishers_test():
+def test_more_than_150_trials_have_fishers_test_instead_of_boschloos():
     one_too_many = 25, 75, 40, 76  # 151 trials
     for table in (one_too_many, (300, 1200, 380, 1250)):
         assert equality_test(*table) == (pytest.approx(fisher(*table), rel=1e-9), "fisher")
-    assert equality_test(300, 600, 300, 600)[0] == 1.0
+    assert equality_test(300, 600, 300, 600)[0] == 1.0  # equal shares
 
 
 def test_both_tests_are_close_where_one_replaces_the_other():
-    p_value, test = equality_test(30, 75, 45, 75)  # 150 trials
+    table = 30, 75, 45, 75  # 150 trials, the most for Boschloo's test, which is the sharper one
+    p_value, test = equality_test(*table)
     assert test == "boschloo"
-    assert p_value < fisher(30, 75, 45, 75) < 1.5 * p_value
+    assert p_value < fisher(*table) < 1.5 * p_value
 
 
 def test_p_values_are_adjusted_as_holm_says():
-    # The fewer hypotheses are left, the smaller the factor; no value is below an earlier one.
+    # From the smallest on: 4 x .01, 3 x .03, 2 x .04, 1 x .9, and no value below an earlier one.
     assert holm([0.04, 0.01, 0.03, 0.9]) == pytest.approx([0.09, 0.04, 0.09, 0.9])
     assert holm([0.6, 0.7]).tolist() == [1.0, 1.0]
     assert holm([]).shape == (0,)

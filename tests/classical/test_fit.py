@@ -16,18 +16,23 @@ SUBJECTS = hard_and_ordinary_subjects()
 STRONGER = bt.example_study(WHICH_STRONGER)
 PAPER, NARROW = Prior(), Prior(mu1_mean=0.8, mu1_sd=0.3)
 HARD = ("funnel", "perfect observer", "stimuli offset by 100", "one batch", "maximum on gamma = 1")
+#: Subjects and priors of mu1: hard cases, ordinary subjects of both tasks, and a narrow prior.
 FITTED = [(SUBJECTS[name], PAPER) for name in (*HARD, "S01", "S06")]
 FITTED += [(STRONGER[name], PAPER) for name in ("S01", "S08")]
 FITTED += [(SUBJECTS["S07"], NARROW)]
 
 
 def minus_objective(subject, prior):
-    """In natural parameters (mu1, sigma_p, gamma, q0 or lapse rate), without the package."""
+    """The function that fitting minimises: a normal penalty of mu1 minus the log likelihood.
+
+    Its argument is (mu1, sigma_p, gamma, q0 or lapse rate). It is computed without the package.
+    """
 
     def value(theta):
         log_likelihood = paper_log_likelihood(subject, *theta)
         penalty = 0.5 * ((theta[0] - prior.mu1_mean) / prior.mu1_sd) ** 2
         objective = penalty - log_likelihood
+        # Nelder and Mead's method compares values, and cannot compare NaN.
         return objective if np.isfinite(objective) else 1e300
 
     return value
@@ -37,7 +42,7 @@ def best_of_random_starts(subject, prior):
     """The highest value that a general optimiser finds inside the bounds of the model."""
     rng = default_rng(0)
     objective = minus_objective(subject, prior)
-    scale = max(np.ptp(subject.stimuli), 0.1)
+    scale = max(np.ptp(subject.stimuli), 0.1)  # a subject with one pair may have no range
     bounds = [(-200, 200), (1e-6, 1e6), (0, 1), (0, 1)]
     lowest = np.inf
     for _ in range(3):
@@ -55,8 +60,9 @@ def test_the_maximum_is_that_of_a_general_optimiser_and_the_parameters_reach_it(
     likelihood = PenalisedLikelihood(subject, *prior.mu1_normal)
     starts = likelihood.starts(subject.n_yes[None])[0]
     highest = likelihood.search(subject.n_yes, starts).value.max()
-    # Widths and shares have bounds, which cost less than a thousandth of a nat.
+    # The search has bounds of its own for widths and shares, which cost less than 0.001 nat.
     assert highest >= best_of_random_starts(subject, prior) - 1e-3
+    # At a bound, or where the answers leave a parameter open, the parameters are a limit.
     if np.isfinite(fit.parameters).all() and not fit.at_edge:
         theta = (mu1, sigma_p, (sigma_l / sigma_p) ** 2, q0_or_lapse_rate)
         assert highest == pytest.approx(-minus_objective(subject, prior)(theta))
@@ -88,15 +94,20 @@ def test_a_fit_names_its_bounds_and_what_answers_leave_open(subject, edge, undet
     assert undetermined in names
     if undetermined:
         assert f"not determined by these answers: {names}" in fit.notes
-    assert np.isnan(fit.intervals()).any(axis=1).tolist() == is_undetermined.tolist()
+    has_no_interval = np.isnan(fit.intervals()).any(axis=1)  # (parameters, 2 ends)
+    assert has_no_interval.tolist() == is_undetermined.tolist()
 
 
 def test_resampled_counts_are_beta_binomial():
+    """P(equal) of a pair is drawn from its posterior, Beta(a, b), and then a count of n trials."""
     subject = made_subject("0 0 50 50, 0 0.3 20 50, 0.3 0 0 10")
-    counts = resample(subject, default_rng(1), 20_000)
+    counts = resample(subject, default_rng(1), 20_000)  # (replicates, pairs)
     a, b, n = subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0, subject.n_trials
     mean, variance = n * a / (a + b), n * a * b * (a + b + n) / ((a + b) ** 2 * (a + b + 1))
-    assert np.abs((counts.mean(axis=0) - mean) / np.sqrt(variance / 20_000)).max() < 4
+    # Four standard errors of each of three means: a false alarm in 5,000 runs.
+    z = (counts.mean(axis=0) - mean) / np.sqrt(variance / 20_000)
+    assert np.abs(z).max() < 4
+    # A variance of 20,000 normal numbers has an error of 1 %; these counts have longer tails.
     assert counts.var(axis=0) == pytest.approx(variance, rel=0.06)
     assert ((counts >= 0) & (counts <= n)).all()
 
@@ -108,20 +119,25 @@ def test_a_study_of_which_is_stronger_has_a_lapse_rate_and_bands_about_half():
     natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
     assert frame.loc["S08", natural].tolist() == table["S08"].parameters.tolist()
+    # P(second) is below a half if the second stimulus is weaker, and above if it is stronger.
     low, high = table["S08"].bands(s1=0.0, s2=[-0.3, 0.3])
     assert low[0] < high[0] < 0.5 < low[1] < high[1]
 
 
 def test_intervals_bands_and_notes_are_those_of_the_replicates():
+    """mu1, sigma_p, sigma_l and q0 of 400 replicates; the fitted mu1, 9, is far from them."""
     values = np.array([0.1, 0.3, 0.1, 0.9]) + default_rng(2).uniform(-0.1, 0.1, size=(400, 4))
     fitted = np.array([9.0, 0.3, 0.1, 0.9])
-    fit = SubjectFit("x", SAME_DIFFERENT, fitted, -5.0, "", values, 2)
+    fit = SubjectFit("x", SAME_DIFFERENT, fitted, -5.0, at_edge="", replicates=values, n_failed=2)
     low, high = fit.intervals(0.9).T
     is_inside = (values >= low) & (values <= high)
     assert is_inside.mean(axis=0) == pytest.approx(np.full(4, 0.9), abs=0.01)
+
     s1, s2 = np.array([0.0, 0.3]), np.array([0.3, 0.0])
     q = np.array([bt.model.equal_probability(s1, s2, *theta) for theta in values])
+    # A band is from the 20 to the 80 % quantile.
     assert fit.bands(s1, s2) == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
+
     failed, outside = fit.notes
-    assert failed == "2 of 401 searches did not converge"
+    assert failed == "2 of 401 searches did not converge"  # 400 replicates and the fit itself
     assert outside.startswith("outside the 95 % interval: mu1, because")

@@ -19,7 +19,7 @@ from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import MODEL_PRIOR
 
-LEVELS = np.linspace(-0.75, 1.25, 9)
+LEVELS = np.linspace(-0.75, 1.25, 9)  # .25 apart
 PAIRS = list(itertools.product(LEVELS, repeat=2))
 DESIGN = each_once(*np.transpose(PAIRS))
 CONTRACTION = make_observer(
@@ -55,9 +55,9 @@ def test_the_posterior_is_that_of_the_four_models(session):
     assert tuple(session.probabilities) == MODEL_NAMES
     *_, p_contraction, p_both = session.probabilities.values()
     assert sum(session.probabilities.values()) == pytest.approx(1.0)
+    # The tolerance is for the Monte Carlo error of 2,000 draws.
     assert p_contraction + p_both == pytest.approx(expected_contraction + expected_both, abs=0.05)
-    answer = session.order_effect
-    assert answer.words["order_effect"] is Word.YES
+    assert session.order_effect.words["order_effect"] is Word.YES
 
 
 def test_the_next_pair_is_one_that_tells_most(session):
@@ -72,39 +72,45 @@ def entropy(p):
 
 @pytest.mark.parametrize("aim, error", [("model", 0.002), ("parameters", 0.01)])
 def test_information_is_the_expected_fall_of_entropy(aim, error):
-    """By the definition, over 8,000 draws of the prior of each model."""
+    """By the definition, over 8,000 draws of the prior of each model.
+
+    The errors are Monte Carlo errors: probabilities of models are averages of many draws.
+    """
     mean, expected_entropy = 0.0, 0.0
     for number, (name, probability) in enumerate(MODEL_PRIOR.items()):
         posterior = OrderModel(name).posterior(DESIGN.unanswered)
         x = posterior.sample_prior(default_rng(number), 8_000)
-        p_yes = np.exp(posterior.log_answers(x).yes)
-        average = p_yes.mean(axis=0)
-        mean = mean + probability * average
-        entropies = entropy(average) if aim == "model" else entropy(p_yes).mean(axis=0)
+        p_yes = np.exp(posterior.log_answers(x).yes)  # (draws, pairs)
+        model_mean = p_yes.mean(axis=0)
+        mean = mean + probability * model_mean
+        # The entropy that is left if the model is known, or the parameters, too.
+        entropies = entropy(model_mean) if aim == "model" else entropy(p_yes).mean(axis=0)
         expected_entropy = expected_entropy + probability * entropies
     sessions = [Adaptive(PAIRS, seed=seed, about=aim).information() for seed in range(3)]
     information = np.mean(sessions, axis=0)
     assert information == pytest.approx(entropy(mean) - expected_entropy, abs=error)
-    assert information.max() > 0.002
+    assert information.max() > 0.002  # so that it is not 0 to the error
 
 
 def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
     pairs = [(0.0, 0.0), (0.0, 0.2), (0.2, 0.0), (0.4, 0.0)]
     session = Adaptive(pairs, seed=5, draws=512, about="parameters")
-    ways = (
+    # Functions that return a copy of a session.
+    copiers = (
         deepcopy,
         lambda session: pickle.loads(pickle.dumps(session)),
         lambda session: Adaptive.resume(session.save(tmp_path / "session.json")),
     )
     for n_trials in range(1, 7):
         session.answer((0.0, 0.2), n_trials % 2 == 1)
-        copied = ways[n_trials % 3](session)
+        copied = copiers[n_trials % 3](session)
         assert (copied.next(), copied.probabilities) == (session.next(), session.probabilities)
         copied.answer((0.4, 0.0), True)
         assert (copied.trials, session.trials) == (n_trials + 1, n_trials)
 
 
 def test_sessions_of_which_is_stronger_take_true_for_second():
+    """A positive constant error, of which 'second' is the rarer answer, is a positive PSE shift."""
     parameters = {"noise": 0.2, "lapse_rate": 0.02, "constant_error": 0.3}
     observer = make_observer("O", "k", parameters, WHICH_STRONGER)
     session, rng = start_session(task="2afc"), default_rng(1)
@@ -128,8 +134,8 @@ REFUSED = [
 
 
 @pytest.mark.parametrize("call, message", REFUSED)
-def test_what_is_refused(tmp_path, monkeypatch, call, message):
-    monkeypatch.chdir(tmp_path)
+def test_what_a_session_refuses(tmp_path, monkeypatch, call, message):
+    monkeypatch.chdir(tmp_path)  # where old.json is, a file of an earlier version
     (tmp_path / "old.json").write_text('{"format": "bayes-toe adaptive 1"}')
     with pytest.raises(InputError) as caught:
         call()

@@ -23,6 +23,7 @@ from bayes_toe.design.study_design import paper_study_design
 from bayes_toe.errors import InputError
 
 
+# The paper's design, and one whose first stimuli are far apart.
 @pytest.fixture(scope="module")
 def designs():
     steps = np.linspace(-0.3, 0.3, 5)
@@ -30,6 +31,7 @@ def designs():
     return {"paper": paper_study_design(), "wide": wide}
 
 
+# The power of both designs for three observers of each of three kinds.
 @pytest.fixture(scope="module")
 def table(designs):
     observers = []
@@ -46,7 +48,7 @@ def test_a_data_set_is_answered_as_a_subject_is(table, designs):
     assert data_set.answer.probabilities == pytest.approx(expected.probabilities, abs=0.06)
     size = data_set.answer.sizes["contraction_p"]
     assert size.q50 == pytest.approx(expected.sizes["contraction_p"].q50, abs=0.05)
-    assert data_set.cells[-1] == size.q975 - size.q025
+    assert data_set.cells[-1] == size.q975 - size.q025  # contraction_p_width
 
 
 def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not(table):
@@ -60,21 +62,24 @@ def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not
 
 
 def test_words_are_counted(table):
-    base, rows = table.data_sets[0], []
+    """Five data sets of observers without effects, each with one word for all questions."""
+    base, data_sets = table.data_sets[0], []
     for word in ("YES", "PROBABLY", "PROBABLY", "UNDECIDED", "CANNOT_BE_TOLD"):
         words = dict.fromkeys(QUESTIONS, Word[word])
-        rows.append(replace(base, answer=replace(base.answer, words=words)))
-    counted = PowerTable.from_data_sets(rows, 0)
-    expected = {"yes": 0.2, "probably": 0.4, "undecided": 0.2, "no": 0.0, "cannot be told": 0.2}
-    for answer, value in {**expected, DETECTED: 0.6}.items():
-        share_of_answer = counted["paper", 650, "none", "contraction", answer].value
-        assert share_of_answer == pytest.approx(value)
+        data_sets.append(replace(base, answer=replace(base.answer, words=words)))
+    counted = PowerTable.from_data_sets(data_sets, seed=0)
+    shares = {"yes": 0.2, "probably": 0.4, "undecided": 0.2, "no": 0.0, "cannot be told": 0.2}
+    shares[DETECTED] = 0.6  # yes or probably
+    for word, expected in shares.items():
+        share = counted["paper", 650, "none", "contraction", word].value
+        assert share == pytest.approx(expected)
     assert counted.sentences() == ["Paper, 650 trials: false positives 60 % [21, 91]."]
     with pytest.raises(InputError, match="nothing counted for"):
         counted["paper", 650, "none", "contraction", "maybe"]
 
 
 def test_the_effect_that_is_detected_least_comes_first(table):
+    # Intervals are those of a share of six observers, or of three.
     paper, wide = table.sentences()
     assert paper.endswith(" Contraction: cannot be told.")
     assert wide == (
@@ -84,7 +89,10 @@ def test_the_effect_that_is_detected_least_comes_first(table):
 
 
 def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
-    """Without spread between subjects, the false-positive rate of 400 studies is below 10 %."""
+    """Without spread between subjects, the false-positive rate of 400 studies is below 10 %.
+
+    The power is for groups of 10 and of 20 subjects.
+    """
     observers = assume_observers("groups", 12, 1, [designs["wide"]], is_even=True)
     kinds = ("mean 0", "contraction 20 %")
     selected = [observer for observer in observers if observer.kind in kinds]
@@ -93,20 +101,21 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
     rows = groups.select("wide", 650, "contraction")
     assert [row.true_mean for row in rows["mean 0"]] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert all(row.power < 0.1 for row in rows["mean 0"])
-    first, second = rows["contraction 20 %"]
-    assert (first.true_mean, first.true_sd) == pytest.approx((0.2, 0.098), abs=2e-3)
-    assert 0.9 < first.power <= second.power
-    assert first.detected_low < first.detected < second.detected <= 20
+    of_10, of_20 = rows["contraction 20 %"]
+    # Twelve equidistant values from .03 to .37 have an SD of .098.
+    assert (of_10.true_mean, of_10.true_sd) == pytest.approx((0.2, 0.098), abs=2e-3)
+    assert 0.9 < of_10.power <= of_20.power
+    assert of_10.detected_low < of_10.detected < of_20.detected <= 20
     assert groups.sentences()[0].startswith("Wide, 650 trials: studies detect the mean of 'contr")
 
 
-def test_the_command(tmp_path):
+def test_the_command_writes_tables_and_a_figure_and_one_of_groups(tmp_path):
     paper_study_design().with_total(130).save(tmp_path / "short.csv")
     words = "power short.csv --trials 130 --simulated 1 --observers both --seed 1"
-    text = good(words, "-o", "out", cwd=tmp_path)
-    assert "These pairs, 130 trials: both detected in 100 % [15, 100]" in text
-    text = good(words, "-o", "out", "--subjects", "4,8", "--overwrite", cwd=tmp_path)
-    assert "4 subjects  8 subjects" in text
+    screen = good(words, "-o", "out", cwd=tmp_path)
+    assert "These pairs, 130 trials: both detected in 100 % [15, 100]" in screen  # 1 of 1
+    screen = good(words, "-o", "out", "--subjects", "4,8", "--overwrite", cwd=tmp_path)
+    assert "4 subjects  8 subjects" in screen
     names = {path.name for path in (tmp_path / "out").glob("power*")}
     tables = {"power.csv", "power_data_sets.csv", "power_groups.csv"}
     assert names == {*tables, "power.pdf", "power.png"}
@@ -121,12 +130,14 @@ def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
     for effect in ("true_constant_error", "true_contraction"):
         assert two[effect].tolist() == three[effect].tolist()
 
+    # A task has the same numbers whatever else is compared.
     alone = words.replace("2afc,ternary", "ternary")
     good(alone, "-o", "alone", cwd=tmp_path)
     expected = pd.read_csv(tmp_path / "alone" / "power_data_sets.csv").drop(columns="design")
     assert three.drop(columns="design").reset_index(drop=True).equals(expected)
 
 
+#: Options of `power`, and what they are refused with. Two folders have a design d.csv.
 REFUSED = """
     --task 2afc,3afc | --task: found '3afc', allowed: same/different, 2afc
     --trials 0 | --trials is '0'. It must be whole numbers from 1
@@ -138,7 +149,7 @@ REFUSED = """
 
 
 @pytest.mark.parametrize("options, message", text_table(REFUSED))
-def test_what_is_refused_in_one_line(tmp_path, options, message):
+def test_power_that_cannot_be_computed_is_refused_in_one_line(tmp_path, options, message):
     (tmp_path / "other").mkdir()
     for folder in (tmp_path, tmp_path / "other"):
         paper_study_design().with_total(13).save(folder / "d.csv")
@@ -147,8 +158,9 @@ def test_what_is_refused_in_one_line(tmp_path, options, message):
 
 def test_the_figure_has_a_panel_for_each_design_and_question(table):
     figure = bt.plots.power(table)
-    assert len(figure.axes) == 6
+    assert len(figure.axes) == 6  # two designs, three questions
     assert figure.axes[2].get_title() == "contraction: yes or probably"
+    # The last panel is that of the contraction for the wide design, with a bar for each kind.
     for bar, kind in zip(figure.axes[5].containers, table.different("observers"), strict=True):
         expected = table["wide", 650, kind, "contraction", DETECTED].value
         assert bar.lines[0].get_ydata().tolist() == [expected]

@@ -37,10 +37,11 @@ def simulated_study(names):
 
 
 def test_every_batch_holds_every_pair_once_in_random_order():
-    batches = simulated_study("A")["A"].answers.keys.reshape(20, 13, 2)
+    batches = simulated_study("A")["A"].answers.keys.reshape(20, 13, 2)  # (batches, pairs, stimuli)
     orders = {tuple(map(tuple, pairs)) for pairs in batches.tolist()}
     assert len(orders) == 20
-    assert all(len(set(order)) == 13 for order in orders)
+    for order in orders:
+        assert len(set(order)) == 13
 
 
 def test_an_observer_answers_alike_whoever_else_there_is():
@@ -51,9 +52,10 @@ def test_an_observer_answers_alike_whoever_else_there_is():
 @pytest.mark.parametrize("command", read_study.COMMANDS)
 def test_the_bundled_studies_are_what_their_commands_write(tmp_path, command):
     data = Path(read_study.__file__).parent
-    words = command.split()[1:]
-    for name in {"example_pairs.csv", "example_truth.csv"}.intersection(words):
-        shutil.copy(data / name, tmp_path)
+    _, *words = command.split()  # without `bayes-toe`
+    for name in ("example_pairs.csv", "example_truth.csv"):
+        if name in words:  # the command reads this file
+            shutil.copy(data / name, tmp_path)
     good(*words, cwd=tmp_path)
     for written in tmp_path.iterdir():
         assert written.read_text() == (data / written.name).read_text()
@@ -65,22 +67,25 @@ def test_what_is_carried_over_is_in_the_truth():
 
 
 def test_expectations_of_trials_are_those_of_serial_dependence():
+    """The model's probabilities with the simulation's random numbers give the same answers."""
     options = {"task": "2afc", "design": "full", "batches": 20, "seed": 1}
     study, parameters = bt.simulate({"A": OBSERVER_2AFC}, carry_over=0.7, **options)
     assert parameters["A"]["carry_over"] == 0.7
     subject = study["A"]
-    history = TrialHistory(OrderModel("both"), False, True)
+    history = TrialHistory(OrderModel("both"), has_previous_response=False, has_carry_over=True)
     posterior = TrialHistoryPosterior(subject, history)
-    without_history = {name: np.array([value]) for name, value in parameters["A"].items()}
-    x = np.column_stack([posterior.observer.points(without_history), ndtri([0.7])])
-    probability = posterior.trial_probabilities(x)[0]
+    by_name = {name: np.array([value]) for name, value in parameters["A"].items()}
+    # The last coordinate is the probit of the carry-over.
+    x = np.column_stack([posterior.observer.points(by_name), ndtri([0.7])])
+    p_second = posterior.trial_probabilities(x)[0]  # (trials,)
     rng = generator(1, "A", "trials")
     rng.uniform(size=(20, subject.n_pairs))  # the order of the pairs in each batch comes first
-    drawn = rng.uniform(size=len(probability)) < probability
-    assert drawn.tolist() == (subject.answers.n_yes == 1).tolist()
+    is_second = rng.uniform(size=len(p_second)) < p_second
+    assert is_second.tolist() == (subject.answers.n_yes == 1).tolist()
 
 
 def test_conditions_differ_by_what_is_asked():
+    # A difference of the noise is that of its logarithm.
     sizes = {"contraction": 0.2, "noise": np.log(2.0)}
     study, truth = bt.simulate(
         {"A": OBSERVER}, conditions=("left", "right"), differ=sizes, batches=2, seed=1
@@ -92,23 +97,25 @@ def test_conditions_differ_by_what_is_asked():
     assert left["constant_error"] == right["constant_error"] == 0.1
 
 
-def test_named_populations():
+def test_a_named_population_has_contractions_in_its_range():
     _, truth = bt.simulate(3, population="repulsion", batches=2, seed=1)
-    assert all(-0.35 <= values["contraction"] <= -0.2 for values in truth.values())
+    for parameters in truth.values():
+        assert -0.35 <= parameters["contraction"] <= -0.2
 
 
-def test_populations_of_files(tmp_path):
+def test_a_population_of_a_file_has_the_files_observers(tmp_path):
     def only_observer(text):
+        """The only observer in a file with this text, though 99 are asked for."""
         path = tmp_path / "population.csv"
         path.write_text(text)
-        (observer,) = draw_population(str(path), 99, 1, reference_design())
+        (observer,) = draw_population(str(path), 99, seed=1, design=reference_design())
         return observer
 
     paper = only_observer("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
     assert (paper.name, paper.parameters["q0"]) == ("x", 0.9)
     four_models = only_observer("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
     assert four_models.parameters["contraction"] == 0.25
-    assert four_models.parameters["lapse_rate"] == 0.0
+    assert four_models.parameters["lapse_rate"] == 0.0  # the file has none
 
 
 CONDITIONS = {"conditions": ("a", "b")}

@@ -27,20 +27,21 @@ DESIGNS = {
 def test_every_trial_once_blocks_alike_and_three_equal_pairs_in_a_row_at_most(name, blocks):
     design = DESIGNS[name]
     trials = trial_list(design, blocks=blocks, seed=1)
-    pairs = list(zip(design.s1, design.s2, strict=True))
-    counts = Counter(zip(trials.s1, trials.s2, strict=True))
-    assert counts == dict(zip(pairs, design.n_trials.tolist(), strict=True))
+    n_listed = Counter(zip(trials.s1, trials.s2, strict=True))
+    assert n_listed == dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
 
+    # A character for each trial.
     equals = "".join(np.where(trials.s1 == trials.s2, "=", " "))
     assert "====" not in equals
 
+    # Sizes differ by a trial, or by both orders of a pair, which stay together.
     sizes = np.bincount(trials.block)[1:]  # blocks count from 1
     assert len(sizes) == blocks
     assert np.ptp(sizes) <= 2
-    for s1, s2 in pairs:
+    for s1, s2 in design.pairs:
         is_pair = (trials.s1 == s1) & (trials.s2 == s2)
-        counts = np.bincount(trials.block[is_pair], minlength=blocks + 1)[1:]
-        assert np.ptp(counts) <= 2
+        n_in_block = np.bincount(trials.block[is_pair], minlength=blocks + 1)[1:]
+        assert np.ptp(n_in_block) <= 2
 
 
 def test_both_orders_equally_often_in_every_block():
@@ -48,33 +49,32 @@ def test_both_orders_equally_often_in_every_block():
     n_trials = np.where(design.s1 == design.s2, 51, 47)  # no multiples of the blocks
     design = StudyDesign(design.s1, design.s2, n_trials)
     trials = trial_list(design, blocks=10, seed=3)
-    counts = Counter(zip(trials.block, trials.s1, trials.s2, strict=True))
-    for block, s1, s2 in counts:
-        assert counts[block, s1, s2] == counts[block, s2, s1]
+    n_listed = Counter(zip(trials.block, trials.s1, trials.s2, strict=True))
+    for block, s1, s2 in n_listed:
+        assert n_listed[block, s1, s2] == n_listed[block, s2, s1]
 
 
 def test_equal_pairs_are_spread_over_a_block_evenly():
-    design = paper_study_design().with_total(130)
-    is_equal = np.zeros(130)
+    design = paper_study_design().with_total(130)  # 5 of 13 pairs are equal: 50 trials
+    n_equal = np.zeros(130)  # in 100 lists, for each place in the list
     for i in range(100):
         trials = trial_list(design, blocks=1, subject=str(i), seed=1)
-        is_equal += trials.s1 == trials.s2
+        n_equal += trials.s1 == trials.s2
     expected = 50 / 130 * 100
-    quarters = np.array_split(is_equal, 4)
-    # SD of a mean of about 32 places is below 0.9: false alarm 1 in 10,000.
+    quarters = np.array_split(n_equal, 4)
+    # The SD of a mean of about 32 places is below 0.9: false alarm 1 in 10,000.
     assert [quarter.mean() for quarter in quarters] == pytest.approx([expected] * 4, abs=3.6)
 
 
 def test_the_order_of_trials_depends_on_the_subject_and_the_seed():
-    def order_of_trials(subject, seed):
-        return trial_list(
-            paper_study_design().with_total(130), subject=subject, seed=seed
-        ).s1.tolist()
+    def first_stimuli(subject, seed):
+        design = paper_study_design().with_total(130)
+        return trial_list(design, subject=subject, seed=seed).s1.tolist()
 
-    order = order_of_trials("S01", seed=1)
-    assert order_of_trials("S01", seed=1) == order
-    assert order_of_trials("S02", seed=1) != order
-    assert order_of_trials("S01", seed=2) != order
+    stimuli = first_stimuli("S01", seed=1)
+    assert first_stimuli("S01", seed=1) == stimuli
+    assert first_stimuli("S02", seed=1) != stimuli
+    assert first_stimuli("S01", seed=2) != stimuli
 
 
 def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
@@ -96,17 +96,17 @@ def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
 def test_each_condition_has_all_pairs():
     design = DESIGNS["odd"]
     trials = trial_list(design, blocks=2, seed=1, conditions=("left", "right"))
-    counts = Counter(zip(trials.s1, trials.s2, strict=True))
-    assert counts == dict(zip(design.pairs, (2 * design.n_trials).tolist(), strict=True))
+    n_listed = Counter(zip(trials.s1, trials.s2, strict=True))
+    assert n_listed == dict(zip(design.pairs, (2 * design.n_trials).tolist(), strict=True))
     assert set(Counter(trials.condition).values()) == {design.total}
     assert trials.trial.tolist() == list(range(1, 2 * design.total + 1))
 
 
 def test_blocks_are_alike_with_conditions_too():
-    design = StudyDesign(*columns("0 0 7, 0 0.3 7, 0.3 0 7"))
+    design = StudyDesign(*columns("0 0 7, 0 0.3 7, 0.3 0 7"))  # s1, s2, trials
     for seed in range(20):
         trials = trial_list(design, blocks=5, conditions=("a", "b", "c"), seed=seed)
-        assert np.ptp(np.bincount(trials.block)[1:]) <= 2
+        assert np.ptp(np.bincount(trials.block)[1:]) <= 2  # blocks count from 1
 
 
 #: Numbers of trials of an equal pair and of a different one, options, and what is refused.

@@ -14,15 +14,22 @@ from bayes_toe.groups.population import group_posterior, study_scales
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.prior import Hyperprior
 
+#: Two covariates of three subjects.
 X = np.array([[1.0, -0.5], [0.0, 1.2], [1.0, 0.3]])
 
 
 def posterior_of(study, x):
+    """The posterior of a group with covariates x under the default hyperprior."""
     return group_posterior(study, Hyperprior(), x)
 
 
 def log_likelihood(subject, scales, w):
-    """Of 2AFC by the observer; c and noise count in D, other parameters in their own units."""
+    """Log likelihood of a 2AFC subject, by the observer of one subject.
+
+    `w` has the coefficients that the group shares and then the other parameters. c and noise count
+    in D, other parameters in their own units.
+    """
+    # The first stimuli count from their mean in this subject, and the prior is not used.
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
     own_scales = scales._replace(sbar=sbar, first_spread=0.0)
     observer = ObserverPosterior(subject, OrderModel("both"), PLAIN_UNITS, own_scales)
@@ -33,7 +40,11 @@ def log_likelihood(subject, scales, w):
 
 
 def log_joint(study, scales, mean, sd, effects, points):
-    """Log density at one point: means, scores of SDs, effects and parameters of the subjects."""
+    """Log density at one point: means, scores of SDs, effects and parameters of the subjects.
+
+    Coefficients are c/D, p and log noise/D. c has Student's t densities with 3 degrees of freedom,
+    the others normal ones. The numbers are those of the default hyperprior.
+    """
     sd_scales = np.array([0.3, 0.15, 0.4])
     total = stats.t.logpdf(mean[0], 3, scale=0.5)
     total += stats.norm.logpdf(mean[1:], scale=[0.2, 0.6]).sum()
@@ -44,6 +55,7 @@ def log_joint(study, scales, mean, sd, effects, points):
     score = stats.norm.ppf(stats.halfnorm.cdf(u))
     total += (stats.norm.logpdf(score) - stats.halfnorm.logpdf(u)).sum()
     total += stats.norm.logpdf(effects, 0.0, sd_scales).sum()
+    # The lapse rate and the slope of the noise have the prior of a single subject.
     for subject, x, w in zip(study, X, points, strict=True):
         total += stats.norm.logpdf(w[:3], mean + x @ effects, sd).sum()
         total += stats.norm.logpdf(w[3]) + stats.t.logpdf(w[4:], 3).sum()
@@ -52,12 +64,17 @@ def log_joint(study, scales, mean, sd, effects, points):
 
 
 def log_volume(posterior, theta):
-    """Log determinant of what subjects' coordinates are by theirs, by differences."""
+    """Log determinant of the map from coordinates theta to the subjects' coefficients.
+
+    Each coefficient depends on a coordinate of its own and on those that all subjects share, so
+    that the determinant is a product of slopes. These are differences.
+    """
     rows, steps = posterior.rows, 1e-6 * np.eye(theta.shape[1])
     total = np.zeros(len(theta))
     for i in range(rows.n_subjects):
         for j in range(rows.n_coefficients):
             step = steps[posterior.n_shared + i * rows.n_coordinates + j]
+            # The points of subjects are (points, subjects, coordinates).
             rise = posterior.points(theta + step)[3] - posterior.points(theta - step)[3]
             total += np.log(rise[:, i, j] / 2e-6)
     return total
@@ -71,11 +88,13 @@ def study():
 def test_density_is_that_of_the_definition(study):
     scales, posterior = study_scales(study), posterior_of(study, X)
     theta = posterior.start(4, default_rng(2))
+    # Behind three means and three SDs are three effects of each covariate, which start at 0.
     theta[:, 6 : posterior.n_shared] = default_rng(3).normal(0.0, 0.2, (4, 6))
     points = zip(*posterior.points(theta), strict=True)
     expected = np.array([log_joint(study, scales, *point) for point in points])
     log_density = posterior(theta)[0] - log_volume(posterior, theta)
-    # Constants of the coordinates' scores are left out: differences between points count.
+    # Constants of the coordinates' scores are left out: differences between points count. The
+    # tolerance is that of the differences in `log_volume`.
     assert log_density - log_density[0] == pytest.approx(expected - expected[0], abs=1e-5)
 
 
@@ -86,10 +105,12 @@ def test_gradient_is_the_derivative(kind, study):
     posterior = posterior_of(studies.get(kind, study), X if kind == "covariates" else X[:, :0])
     theta = posterior.start(3, default_rng(1))
     slopes = definitions.slopes(lambda theta: posterior(theta)[0], theta)
+    # Differences of a log density of hundreds of nats have few digits.
     assert posterior(theta)[1] == pytest.approx(slopes, rel=1e-4, abs=1e-3)
 
 
 def test_roved_first_stimuli_narrow_the_prior_of_the_contraction():
+    """By 4 D over the SD of the first stimuli, where this is below 1: D is .1 and the SD is 2."""
     subject = made_subject("-2 -2.1 1 3, -2 -1.9 2 3, 2 1.9 1 3, 2 2.1 2 3")
     scales = study_scales(bt.Study([subject]))
     assert scales.roving_share == pytest.approx(4.0 * 0.1 / 2.0)

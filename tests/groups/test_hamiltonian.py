@@ -10,7 +10,7 @@ from bayes_toe.groups.group_sampler import GroupDraws, Hamiltonian, Metric, samp
 from bayes_toe.groups.population import group_posterior
 from bayes_toe.model.prior import Hyperprior
 
-#: Two shared coordinates and two blocks of two, all correlated.
+#: A covariance of two shared coordinates and two blocks of two, all correlated.
 _ROOT = np.tril(default_rng(5).normal(0.0, 0.4, (6, 6)), -1) + np.diag(
     [3.0, 0.05, 1.0, 0.2, 2.0, 0.7]
 )
@@ -19,20 +19,23 @@ PRECISION, CENTRE = np.linalg.inv(COVARIANCE), np.array([1.0, -2.0, 0.0, 3.0, 5.
 
 
 def normal(x):
-    deviation = (x - CENTRE) @ PRECISION
-    return -0.5 * (deviation * (x - CENTRE)).sum(axis=1), -deviation
+    """Log density and gradient of the normal with this covariance, at points x."""
+    weighted = (x - CENTRE) @ PRECISION
+    return -0.5 * (weighted * (x - CENTRE)).sum(axis=1), -weighted
 
 
 def advanced(sampler, shape):
     """More draws, (chains, draws, coordinates), and how often a trajectory diverged."""
     x = np.empty(shape)
-    return x, sampler.advance([x], lambda point: [point])
+    n_divergent = sampler.advance([x], lambda point: [point])  # fills x with the points themselves
+    return x, n_divergent
 
 
 def test_moments_of_a_correlated_normal():
     rng = default_rng(1)
     start = CENTRE + rng.standard_normal((8, 6))
-    sampler = Hamiltonian(normal, start, Metric(2, 2, 2), rng)
+    metric = Metric(n_shared=2, n_blocks=2, block_size=2)
+    sampler = Hamiltonian(normal, start, metric, rng)
     sampler.warm_up()
     x, n_divergent = advanced(sampler, (8, 1500, 6))
     draws = x.reshape(-1, 6)
@@ -47,11 +50,13 @@ def test_moments_of_a_correlated_normal():
 
 def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
     def cliff(x):
+        """A standard normal density, which is next to nothing where the first coordinate is < 0."""
         value, gradient = -0.5 * np.square(x).sum(axis=1), -x
         return np.where(x[:, 0] > 0.0, value, -1e6), gradient
 
     rng = default_rng(2)
-    sampler = Hamiltonian(cliff, np.abs(rng.standard_normal((8, 3))), Metric(1, 1, 2), rng)
+    start = np.abs(rng.standard_normal((8, 3)))  # above the cliff
+    sampler = Hamiltonian(cliff, start, Metric(1, 1, 2), rng)
     x, n_divergent = advanced(sampler, (8, 200, 3))
     assert n_divergent > 0
     assert x[..., 0].min() > 0.0
@@ -63,6 +68,8 @@ def test_last_bits_do_not_change_the_draws_of_a_group():
     rows = posterior.rows
 
     def warm_trace(relative_error):
+        """Draws after the warm-up, from a density with so large an error."""
+
         def density(x):
             value, gradient = posterior(x)
             return value * (1.0 + relative_error), gradient * (1.0 + relative_error)
@@ -73,18 +80,20 @@ def test_last_bits_do_not_change_the_draws_of_a_group():
         sampler.warm_up()
         return advanced(sampler, (4, 50, posterior.n_coordinates))[0]
 
+    # Trajectories of 50 draws multiply the error, but no decision of the warm-up turns on it.
     assert warm_trace(1e-14) == pytest.approx(warm_trace(0.0), abs=1e-5)
 
 
 def test_draws_that_are_not_reliable_say_why():
-    # 4 chains of 300 draws: 2 coefficients without covariates, and 4 of each of 3 subjects.
+    # 4 chains of 300 draws: 2 coefficients without covariates, and 4 coordinates of each of 3
+    # subjects.
     rng = default_rng(3)
     mean, sd = rng.standard_normal((4, 300, 2)), rng.uniform(1.0, 2.0, (4, 300, 2))
     no_effects, subjects = np.empty((4, 300, 0, 2)), rng.standard_normal((4, 300, 3, 4))
     assert GroupDraws(mean, sd, no_effects, subjects).shortfall == ""
     diverged = GroupDraws(mean, sd, no_effects, subjects, n_divergent=2)
     assert "2 of 1200 trajectories diverged" in diverged.shortfall
-    chains_apart = mean + np.arange(4)[:, None, None]
+    chains_apart = mean + np.arange(4)[:, None, None]  # each chain 1 above the one before
     assert "R-hat" in GroupDraws(chains_apart, sd, no_effects, subjects).shortfall
     few = GroupDraws(mean[:, :50], sd[:, :50], no_effects[:, :50], subjects[:, :50])
     assert "effective draws, 300 required" in few.shortfall
@@ -94,15 +103,16 @@ def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     study = simulated_group(1, n_subjects=3, n_each=20)
     posterior = group_posterior(study, Hyperprior(), np.zeros((3, 0)))
 
-    def drawn():
+    def sample():
         return sample_group(posterior, 40, default_rng(1))
 
+    # A short warm-up, and limits that any draws meet.
     monkeypatch.setattr(group_sampler, "_ROUNDS", (10, 10))
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 9.0)
     monkeypatch.setattr(group_sampler, "MIN_EFFECTIVE_DRAWS", 0)
-    first = drawn()
-    assert first.mean.shape == (4, 10, 3)
-    monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)
-    longer = drawn()
+    first = sample()
+    assert first.mean.shape == (4, 10, 3)  # chains, draws, coefficients
+    monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)  # which no draws meet
+    longer = sample()
     assert longer.mean.shape == (4, 20, 3)
     assert (longer.mean[:, :10] == first.mean).all()

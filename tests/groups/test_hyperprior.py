@@ -11,10 +11,12 @@ from bayes_toe.model.prior_file import hyperprior_from
 
 
 def test_a_difference_is_half_as_wide_as_a_mean():
+    # Both scales of q0 are 1. A difference is 0 on average.
     assert Hyperprior().q0.difference == ParameterHyperprior(0.0, 0.5, 0.5)
 
 
 def test_scores_of_a_half_normal_reach_far_into_both_tails():
+    """The probability of a half-normal value below u is Phi(score): 2 Phi(u) - 1 = Phi(score)."""
     low, high = np.array([-30.0, -8.0]), np.array([8.0, 30.0])
     middle = np.array([-1.0, 0.0, 1e-9, 3.0])
     # Phi(u) - 1/2 = Phi(score) / 2 is u / sqrt(2 pi) near 0.
@@ -22,6 +24,7 @@ def test_scores_of_a_half_normal_reach_far_into_both_tails():
     assert from_half_normal_score(low) == pytest.approx(by_slope, rel=1e-12)
     by_quantile = stats.halfnorm.ppf(stats.norm.cdf(middle))
     assert from_half_normal_score(middle) == pytest.approx(by_quantile, rel=1e-12)
+    # Far above, 2 (1 - Phi(u)) = 1 - Phi(score).
     u = from_half_normal_score(high)
     assert stats.norm.logsf(u) + np.log(2.0) == pytest.approx(stats.norm.logsf(high))
     for score in (middle, high):
@@ -30,6 +33,7 @@ def test_scores_of_a_half_normal_reach_far_into_both_tails():
 
 @pytest.mark.parametrize("prefix", ["", "group."])
 def test_a_file_changes_what_it_names(tmp_path, prefix):
+    """All other numbers of the hyperprior keep their defaults."""
     path = tmp_path / "wide.toml"
     text = f"[{prefix}contraction]\nmean_scale = 0.6\n[{prefix}q0]\nmean = 2\n"
     path.write_text(text)
