@@ -1,10 +1,11 @@
-"""A page in a real browser, and what went wrong in it."""
+"""A page in a real browser, and the problems that it had there."""
 
 import shutil
 from contextlib import contextmanager
 
 import pytest
 
+#: Names of Chromium and its relatives on the path.
 BROWSERS = (
     "chromium",
     "chromium-browser",
@@ -16,27 +17,31 @@ BROWSERS = (
 
 
 @contextmanager
-def launched():
-    """Chromium, wherever it is: on the path, or Playwright's own.
+def launched_browser():
+    """A running Chromium, found on the path, or else Playwright's own; it is closed at the end.
 
-    Without one the test is skipped and says so.
+    Without any of them the test is skipped, with the reason.
     """
     sync_api = pytest.importorskip("playwright.sync_api")
-    observed = next(filter(None, map(shutil.which, BROWSERS)), None)
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)  # None is Playwright's own
     with sync_api.sync_playwright() as playwright:
         try:
-            opened = playwright.chromium.launch(executable_path=observed, args=["--no-sandbox"])
+            browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
         except sync_api.Error as error:
             pytest.skip(
                 f"no browser: none of {', '.join(BROWSERS)} on the path, nor Playwright's own "
                 f"({str(error).splitlines()[0]})"
             )
-        yield opened
-        opened.close()
+        yield browser
+        browser.close()
 
 
-class Opened:
-    """A page of a file; what it says on the console and asks of the network are its problems."""
+class BrowserPage:
+    """A page of a file in a browser, in a window of some width in pixels.
+
+    `problems` has errors and warnings on its console, and addresses that it asks for and that are
+    not part of the file.
+    """
 
     def __init__(self, browser, path, width, **options):
         self.problems = []

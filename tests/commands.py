@@ -16,7 +16,7 @@ PROGRAM = [sys.executable, "-m", "bayes_toe"]
 
 
 def call(*args, cwd=None, **environment):
-    """Run the command in its own process, as a user does."""
+    """Run the command in a process of its own, as a user does, with these environment variables."""
     env = {**os.environ, "OMP_NUM_THREADS": "1", **environment}
     return subprocess.run(
         [*PROGRAM, *map(str, args)],
@@ -28,20 +28,21 @@ def call(*args, cwd=None, **environment):
     )
 
 
-def inside(*args, cwd="."):
-    """The same command in this process, which has its libraries already.
+def run_command(*args, cwd="."):
+    """Run the command in this process, which has its libraries already, however it ends.
 
-    The first word may be the beginning of a line as it is typed.
+    The first argument is the beginning of a line as it is typed, such as `check study.csv`, and the
+    others are words that follow. The result has the exit code, stdout and stderr.
     """
     from bayes_toe.cli.app import app
 
     line, *extra = map(str, args)
     words = [*shlex.split(line), *extra]
-    return captured(partial(app, words, prog_name="bayes-toe"), cwd)
+    return run_captured(partial(app, words, prog_name="bayes-toe"), cwd)
 
 
-def captured(program, cwd):
-    """The exit code of a function that ends with one, and what it prints."""
+def run_captured(program, cwd):
+    """Run a function in a folder: its exit code, 0 where it has none, and what it prints."""
     code = 0
     with (
         chdir(cwd),
@@ -55,18 +56,22 @@ def captured(program, cwd):
     return CompletedProcess(program, code, out.getvalue(), errors.getvalue())
 
 
-def good(*words, cwd):
-    """What a command says that ends well."""
-    finished = inside(*words, cwd=cwd)
+def run_ok(*words, cwd):
+    """Run a command that must end with exit code 0 and without errors, and return its stdout."""
+    finished = run_command(*words, cwd=cwd)
     assert (finished.returncode, finished.stderr) == (0, ""), (words, finished.stderr)
     return finished.stdout
 
 
-def refused(*words, cwd, silent=True):
-    """The line of a command that is refused and leaves the folder as it was."""
+def refusal_of(*words, cwd, silent=True):
+    """Run a command that must be refused, and return its stderr.
+
+    It has exit code 2 and one line of an error, with lines of what to type below it. No file of the
+    folder changes. A silent command prints nothing before the error.
+    """
     earlier = content(cwd)
-    finished = inside(*words, cwd=cwd)
-    # What to type comes below the problem.
+    finished = run_command(*words, cwd=cwd)
+    # Below the error: `type:  --equal-code 1` and, further options, `       --second-code 1`.
     problems = [
         line for line in finished.stderr.splitlines() if not line.startswith(("type:", "       -"))
     ]
@@ -77,5 +82,5 @@ def refused(*words, cwd, silent=True):
 
 
 def content(folder):
-    """What is in a folder, and when its files were written."""
+    """The paths in a folder, with the time when each file was written; False for a folder."""
     return {path: path.is_file() and path.stat().st_mtime_ns for path in folder.rglob("*")}

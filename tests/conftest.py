@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsers import launched
+from browsers import launched_browser
 from hypothesis import settings
 from reference.hard_cases import hard_cases
 from scipy.special import ndtr
@@ -53,9 +53,9 @@ def pytest_collection():
 
 
 def pytest_collection_finish():
-    """From here on it is looked for among what tests make."""
+    """Look for garbage from here on, and only among the objects that tests make."""
     gc.freeze()
-    gc.set_threshold(10_000)
+    gc.set_threshold(10_000)  # fewer looks than Python's own: each takes time
     gc.enable()
 
 
@@ -65,15 +65,18 @@ BOTH_TASKS = pytest.mark.parametrize(
 
 
 def text_table(text):
-    """The rows of a text, each with its cells between bars, as parameters of a test."""
+    """The rows of a text, each with its cells between bars, as parameters of a test.
+
+    `a | b c |` has the cells 'a', 'b c' and ''; a bar without spaces belongs to its cell.
+    """
     cell_border = r"(?:^| )\|(?: |$)"
     return [re.split(cell_border, line.strip()) for line in text.strip().splitlines()]
 
 
 def typed_options(line):
-    """The options of reading in a line as it is typed, such as `--unit g --columns i1=w1,i2=w2`."""
+    """ReadOptions from a line as it is typed, such as `--unit g --columns i1=w1,i2=w2`."""
     values = {}
-    for text in re.split("(?:^| )--", line)[1:]:
+    for text in re.split("(?:^| )--", line)[1:]:  # 'unit g', and 'columns i1=w1,i2=w2'
         option, *words = shlex.split(text)
         name, value = option.replace("-", "_").removesuffix("_condition"), " ".join(words)
         if name in ("columns", "where"):
@@ -82,18 +85,21 @@ def typed_options(line):
             value = float(value)
         if name in ("missed", "ignore"):
             value = [*values.get(name, []), value]
-        values[name] = value or True
+        values[name] = value or True  # such as --standard-first, which has no value
     return bt.ReadOptions(**values)
 
 
 def typed_lines(stderr):
-    """The options of each line that a refusal says to type, without what they mean."""
+    """The options of each line that a refusal says to type, without the reasons.
+
+    `type:  --second-code 2  if 2 is 'second'` gives ['--second-code 2'].
+    """
     _, _, lines = stderr.partition("type:  ")
     return [line.strip().partition("  ")[0] for line in lines.splitlines()]
 
 
 def read(text, typed=""):
-    """The study in a text or bytes, read with options as they are typed."""
+    """The study in a file study.csv with this text or these bytes, read with typed options."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "study.csv")
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -101,7 +107,10 @@ def read(text, typed=""):
 
 
 def answers_in_order(subject):
-    """The rows of a subject in their order: block, * where a session begins, pair, yes/trials."""
+    """A text for each row of a subject's answers in their order, such as 'block 2* 0.0 0.3 1/1'.
+
+    It has the block, * where a session begins, both stimuli, and yes/trials.
+    """
     answers, rows = subject.answers, []
     starts = np.where(answers.is_session_start, "*", "")
     for i, (s1, s2) in enumerate(answers.keys.tolist()):
@@ -111,17 +120,23 @@ def answers_in_order(subject):
 
 
 def columns(rows):
-    """The columns of numbers in rows that commas separate."""
+    """The columns of numbers in rows that commas separate: '1 2, 3 4' gives [1, 3] and [2, 4]."""
     return np.array([row.split() for row in rows.split(",")], float).T
 
 
 def made_subject(rows, name="S", task=SAME_DIFFERENT):
-    """A subject by rows of s1, s2, answers that the task counts, trials and perhaps an interval."""
+    """A subject from rows of s1, s2, n_yes, n_trials (and perhaps an interval), such as '0 .3 2 5'.
+
+    n_yes are the answers that the task counts: 'equal', or 'second' of which was stronger.
+    """
     return bt.Subject(name, *columns(rows), task=task)
 
 
 def five_pairs(task=SAME_DIFFERENT, *, name="S", factor=1.0, shift=0.0, n_times=1):
-    """A subject with five pairs of stimuli, in another unit, or with more trials."""
+    """A subject with five pairs of stimuli, which may be in another unit or have more trials.
+
+    Stimuli are multiplied by `factor` and moved by `shift`, and all counts multiplied by `n_times`.
+    """
     s1, s2, n_yes, n_trials = columns(
         "0 0 45 50, 0 0.5 20 50, 0.5 0 15 50, 0.25 0.375 30 40, 0.125 0.75 2 50"
     )
@@ -131,9 +146,13 @@ def five_pairs(task=SAME_DIFFERENT, *, name="S", factor=1.0, shift=0.0, n_times=
 
 @pytest.fixture(scope="session")
 def small_study():
-    """Three ordinary observers of the paper's kinds A, B and C: rounded expected counts of 50."""
-    # mu1, sigma_p, sigma_l, q0
+    """Three ordinary observers of the paper's kinds A, B and C, who judge same or different.
+
+    They have 50 trials of each of the 13 pairs of the reference design, 650 each, with rounded
+    expected counts.
+    """
     kinds = {
+        # mu1, sigma_p, sigma_l, q0
         "A": (-0.7, 0.25, 0.17, 0.92),
         "B": (1.2, 0.25, 0.18, 0.9),
         "C": (0.25, 0.22, 0.15, 0.95),
@@ -146,8 +165,11 @@ def small_study():
     return bt.Study(subjects, source="three kinds")
 
 
-def few_pairs(names):
-    """A study that is quickly analysed: subjects with these names, four pairs and own counts."""
+def quick_study(names):
+    """A study of same or different that is quickly analysed: a subject for each of these names.
+
+    All have the same four pairs with 50 trials each, and different counts.
+    """
     rows = "0 0 45 50, 0 0.3 {} 50, 0.3 0 15 50, 0.3 0.3 46 50"
     return bt.Study([made_subject(rows.format(20 - k), name) for k, name in enumerate(names)])
 
@@ -162,14 +184,15 @@ def hard_and_ordinary_subjects():
 
 @pytest.fixture(scope="session")
 def analysis(small_study):
-    """Draws and evidence of the small study under the paper's prior, in this process."""
+    """The small study (A, B, C) analysed under the paper's prior, with 2,000 draws and more."""
     return bt.run(small_study, draws=2000, seed=5, prior="paper")
 
 
 def expected_counts(name="S", c=0.0, p=0.0, n=100, noise=0.2, step=0.25, level=0.0):
     """Rounded expected counts of an observer of 2AFC with constant error c and contraction p.
 
-    The pairs are neighbours among six levels, in both orders.
+    The ten pairs are neighbours among six levels, in both orders, with n trials each. The lapse
+    rate is .02.
     """
     levels = level + step * np.arange(6.0)
     s1, s2 = np.r_[levels[:-1], levels[1:]], np.r_[levels[1:], levels[:-1]]
@@ -180,13 +203,16 @@ def expected_counts(name="S", c=0.0, p=0.0, n=100, noise=0.2, step=0.25, level=0
 
 @pytest.fixture(scope="session")
 def stronger():
-    """Two observers who were asked which is stronger: one with a contraction, one without."""
+    """An analysis of two observers asked which was stronger: 'pulled' has a contraction of 35 %.
+
+    'plain' has no order effect.
+    """
     subjects = [expected_counts("pulled", p=0.35, n=60), expected_counts("plain", n=60)]
     return bt.run(bt.Study(subjects, source="which is stronger"), draws=500, seed=2)
 
 
-def renamed_rows(table, size, pattern="S{}"):
-    """An evidence table of so many rows: those of a table again and again, under other names."""
+def enlarged_table(table, size, pattern="S{}"):
+    """An evidence table with `size` rows: those of a table again and again, under other names."""
     rows = []
     for i in range(size):
         row, name = table.rows[i % len(table)], pattern.format(i)
@@ -195,30 +221,31 @@ def renamed_rows(table, size, pattern="S{}"):
 
 
 def leave_pictures_blank(patch):
-    """Make the figures of a results folder, and do not draw them."""
+    """Make figures of a results folder, but write 1,000 zero bytes as PNG instead of drawing."""
     for module in ("results_folder", "report"):
         patch.setattr(f"bayes_toe.cli.{module}.png", lambda figure, **_: b"\x89PNG" + bytes(1000))
 
 
 @pytest.fixture
 def blank_pictures(monkeypatch):
-    """Figures of a results folder are made and not drawn: for what stands around them."""
+    """Figures of a results folder are made and not drawn, for tests of all that is around them."""
     leave_pictures_blank(monkeypatch)
 
 
 @pytest.fixture(scope="module")
 def browser():
-    """One browser for the pages of a file.
+    """One browser for all pages of a test file.
 
-    While it is open an event loop runs, in which no other can begin.
+    It has the scope of a module because Playwright's event loop runs while it is open, and no other
+    loop, such as that of asyncio.run, can begin meanwhile.
     """
-    with launched() as opened:
-        yield opened
+    with launched_browser() as running:
+        yield running
 
 
 @pytest.fixture(scope="session")
 def vibrotactile(real_data):
-    """A real study of 'same or different', with the blocks that look swapped as they are."""
+    """A real study of 'same or different'; blocks that look swapped are not swapped."""
     path = real_data / "vibrotactile_rate" / "trials.csv"
     return bt.read_study(path, bt.ReadOptions(equal_code="1"))
 
@@ -232,13 +259,13 @@ def real_data():
 
 
 def counts(subject):
-    """The pairs of a subject: rows of s1, s2, answers that the task counts, and trials."""
+    """The pairs of a subject: tuples of s1, s2, n_yes (answers that the task counts), n_trials."""
     columns = subject.s1, subject.s2, subject.n_yes, subject.n_trials
     return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 def problems(call, *arguments, **options):
-    """The problems of a call that is refused."""
+    """The lines of the InputError with which a call must be refused."""
     with pytest.raises(bt.InputError) as refusal:
         call(*arguments, **options)
     return list(refusal.value.problems)
@@ -257,7 +284,10 @@ WORD_BY_LETTER = {
 
 
 def order_answer(subject, words, **fields):
-    """The answer of a subject in which only the words and these fields say something."""
+    """The answer of a subject with three words, for order effect, constant error and contraction.
+
+    All fields that are not given have neutral values.
+    """
     unknown = dict.fromkeys(MODEL_NAMES, 0.0)
     neutral = {
         "direction": "contraction",
@@ -278,16 +308,16 @@ def order_answer(subject, words, **fields):
     return OrderEffect(subject=subject, words=words, **neutral | fields)
 
 
-def grouped_csv(path, study):
-    """Write a study as counts."""
+def write_counts(path, study):
+    """Write a study as a file of counts, a row for each pair of a subject; return its path."""
     study.frame().drop(columns="synthetic", errors="ignore").to_csv(path, index=False)
     return path
 
 
 @pytest.fixture
 def study_csv(tmp_path, small_study):
-    """The small study as a file."""
-    return grouped_csv(tmp_path / "study.csv", small_study)
+    """The path of study.csv, which has the small study; nothing else is in its folder."""
+    return write_counts(tmp_path / "study.csv", small_study)
 
 
 os.environ.setdefault("COLUMNS", "140")

@@ -23,7 +23,10 @@ def normal(value, mean, sd):
 
 
 def answers(task, z, share):
-    """P of the answer that the task counts, and of the other one."""
+    """P of the answer that the task counts, and of the other one, under the paper's model.
+
+    `share` is q0 of same or different, and the lapse rate of 2AFC.
+    """
     if task == SAME_DIFFERENT:
         yes = share * exp(-log(2) * z**2)
         return yes, 1 - yes
@@ -36,18 +39,21 @@ def log_power(p, n):
 
 
 def beta(x, a, b):
-    """Log density of the logit of a share."""
+    """Log density of x = logit(share), where the share has the distribution Beta(a, b)."""
     return a * log(expit(x)) + b * log(1 - expit(x)) - log(mpmath.beta(a, b))
 
 
 def probit_of_beta(v, a, b):
-    """Log density of the probit of a share."""
+    """Log density of v = probit(share), where the share has the distribution Beta(a, b)."""
     shares = (a - 1) * log(mpmath.ncdf(v)) + (b - 1) * log(mpmath.ncdf(-v))
     return shares + normal(v, 0, 1) - log(mpmath.beta(a, b))
 
 
 def terms(target, x):
-    """Every term of the log posterior of H1: one for each pair, and those of the prior."""
+    """Every term of the log posterior of H1: one for each pair, and those of the prior.
+
+    The coordinates x are those of mu1, sigma_p, gamma and q0 (or the lapse rate).
+    """
     s, prior = target.subject, target.prior
     score, spread, gamma_probit, share_probit = x
     mu1 = mpf(prior.mu1_mean) + mpf(prior.mu1_sd) * score
@@ -75,7 +81,10 @@ def terms(target, x):
 
 
 def gradient(target, x):
-    """The log density of a posterior and its gradient, (points,) and (points, k)."""
+    """The log density of a posterior and its gradient, as the package computes them.
+
+    Their shapes are (points,) and (points, coordinates).
+    """
     points = target.full_points(x)[0]
     array = target.array.part(np.zeros(len(points), np.intp))
     value, slopes, _ = expansion(array, points)
@@ -91,7 +100,7 @@ def slopes(function, x, step=1e-5):
 
 
 def exact_slopes(function, x, step):
-    """The derivative by each coordinate, from central differences."""
+    """The derivative at a point by each coordinate, from central differences of mpmath."""
     derivatives = []
     for i in range(len(x)):
         ahead, backward = list(map(mpf, x)), list(map(mpf, x))
@@ -102,7 +111,10 @@ def exact_slopes(function, x, step):
 
 
 def assert_agrees(target, x, digits=120):
-    """Value and gradient within so much of the sum of their terms' sizes, as rounding is."""
+    """Value and gradient of H1 are those of the definitions, but for rounding.
+
+    The tolerance is relative to the sum of the sizes of all terms.
+    """
 
     def term_array(point):
         return np.array(terms(target, point))
@@ -125,7 +137,7 @@ def assert_sum_of_terms(value, summands, tolerance):
 
 
 def paper_log_likelihood(subject, mu1, sigma_p, gamma, last):
-    """Of the paper's model at natural parameters; the last is q0, or the lapse rate of 2AFC."""
+    """Log likelihood of the paper's model; `last` is q0, or the lapse rate of 2AFC."""
     k, n = subject.n_yes, subject.n_trials
     ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
     z = (subject.s2 - subject.s1 / ratio - (1 - 1 / ratio) * mu1) / sigma_p
@@ -157,7 +169,7 @@ def observer_scales(s1, s2, n):
 
 
 def observer_contraction_sd(scales, prior):
-    """Standard deviation of p."""
+    """Prior standard deviation of the contraction p."""
     _, step, _, first_spread = scales
     sd = mpf(prior.contraction_sd)
     return sd * min(mpf(1), 4 * step / first_spread) if first_spread else sd
@@ -209,7 +221,10 @@ def decision_variable(values, sbar, s1, s2, expectation=0):
 
 
 def three_answers(values, bare_k, sbar, s1, s2):
-    """P of 'equal', 'second' and 'first': the areas between and beyond the criteria."""
+    """P of 'equal', 'second' and 'first': the areas between and beyond the criteria.
+
+    `bare_k` is the criterion at the mean intensity.
+    """
     z, middle = decision_variable(values, sbar, s1, s2)
     k, rate = bare_k * exp(values["criterion_slope"] * middle), values["lapse_rate"]
     equal, _ = observer_answers(values, bare_k, sbar, s1, s2)
@@ -240,7 +255,7 @@ def student(u):
 
 
 def observer_log_prior(u, scales, prior):
-    """Log density of the coordinates."""
+    """Log prior density of the coordinates by name, of one of the four models."""
     total = mpf(0)
     for name, x in u.items():
         if name in ("noise", "lapse_rate"):

@@ -5,12 +5,12 @@ from matplotlib.text import Text
 
 
 def curves_of(ax, n_points):
-    """Lines of so many points."""
+    """The lines of a panel that have `n_points` points: curves, not marks or axes."""
     return [line for line in ax.lines if len(line.get_xdata()) == n_points]
 
 
 def marks_of(ax, marker):
-    """Lines with a marker."""
+    """The lines of a panel whose points have a marker, such as "o"; each has its x and y data."""
     return [line for line in ax.lines if line.get_marker() == marker]
 
 
@@ -23,12 +23,13 @@ def titles_of(axes):
 
 
 def texts_of(figure):
-    """Texts that are drawn: ticks beyond the limits are not."""
+    """The texts of a figure that are drawn; labels of ticks beyond the limits are not."""
     figure.draw_without_rendering()
     labels, visible_labels = set(), set()
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
             labels |= labels_of(axis.majorTicks)
+            # A private method, because no public one knows which ticks lie within the limits.
             visible_labels |= labels_of(axis._update_ticks())
     drawn = []
     for text in figure.findobj(Text):
@@ -47,13 +48,15 @@ def require_legible(figure):
 
     One point of overlap is allowed, because the boxes of texts have margins.
     """
-    texts, page, slack = texts_of(figure), figure.bbox, figure.dpi / 72.0
+    texts, page, slack = texts_of(figure), figure.bbox, figure.dpi / 72.0  # slack is one point
     words = words_of(texts)
     boxes = [text.get_window_extent() for text in texts]
+    # Both have shape (texts, 2): left and lower ends, right and upper ends, in pixels.
     low, high = np.array([box.min for box in boxes]), np.array([box.max for box in boxes])
     is_outside = ((low < page.min - slack) | (high > page.max + slack)).any(axis=1)
     assert [word for word, outside in zip(words, is_outside, strict=True) if outside] == []
 
+    # Width and height of what two boxes share, (texts, texts, 2); below 0 where they share nothing.
     shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
     overlapping = np.argwhere(np.triu((shared > slack).all(axis=2), 1))
     assert [(words[i], words[j]) for i, j in overlapping] == []

@@ -1,4 +1,4 @@
-"""Subjects and groups for tests: by formulas of their own, and results without a sampler."""
+"""Simulated subjects and groups for tests, and results of groups without a sampler."""
 
 from dataclasses import replace
 
@@ -27,7 +27,10 @@ S1, S2 = neighbouring_pairs(WHICH_STRONGER).T
 
 
 def neighbours(name, c, p, sigma, n_each, rng, **fields):
-    """A 2AFC subject: constant error c and contraction p, natural-log intensity."""
+    """A simulated subject of 2AFC with ten pairs of neighbouring levels, which are natural logs.
+
+    It has the constant error c, the contraction p, the noise sigma, and n_each trials of a pair.
+    """
     p_second = ndtr((S2 - S1 - c + p * (S1 - S1.mean())) / sigma)
     n_trials = np.full(len(S1), n_each)
     n_second = rng.binomial(n_trials, p_second)
@@ -35,14 +38,17 @@ def neighbours(name, c, p, sigma, n_each, rng, **fields):
 
 
 def some_pairs(subject, selected):
-    """The subject with a slice of the pairs."""
+    """The subject with some of its pairs, which a slice or an index array selects."""
     columns = ("s1", "s2", *subject.task.counts)
     pairs = {name: getattr(subject, name)[selected] for name in columns}
     return replace(subject, answers=None, **pairs)
 
 
 def simulated_group(seed, n_subjects=10, n_each=20, mean_c=0.0, sd_c=0.0, mean_p=0.0):
-    """A study of neighbours who differ in c, in units of D, and not in p."""
+    """A study of simulated subjects who differ in c, in units of D, and in the noise, but not in p.
+
+    Their names are P000, P001, and so on.
+    """
     rng = default_rng(seed)
     subjects = []
     for i in range(n_subjects):
@@ -53,14 +59,17 @@ def simulated_group(seed, n_subjects=10, n_each=20, mean_c=0.0, sd_c=0.0, mean_p
 
 
 def with_ages():
-    """A study of six subjects, and their ages as a regressor."""
+    """A study of six simulated subjects, and their ages as a regressor."""
     study = simulated_group(1, n_subjects=6)
     ages = dict(zip(study.names, (20.0, 30.0, 25.0, 33.0, 28.0, 41.0), strict=True))
     return study, regressors({"age": ages}, study.names)
 
 
 def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
-    """A study of neighbours at left and right, whose constant errors differ by so many D."""
+    """A study of simulated subjects whose constant errors at left and right differ.
+
+    The difference is in units of D. The units are P000@left, P000@right, and so on.
+    """
     rng = default_rng(seed)
     units = []
     for i in range(n_subjects):
@@ -74,13 +83,16 @@ def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
 
 def independent_draws(posterior, n_draws=DRAWS, rng=0):
     """Draws in the place of the sampler's: independent points about the separate fits."""
-    lead = 8, -(-n_draws // 8)
+    lead = 8, -(-n_draws // 8)  # chains, and draws of each, rounded up
     parts = posterior.points(posterior.start(lead[0] * lead[1], default_rng(rng)))
     return GroupDraws(*(part.reshape(*lead, *part.shape[1:]) for part in parts))
 
 
 def made_result(study, columns=None, n_divergent=0, n_draws=1600):
-    """The result of a group without its sampler; with divergences it is not reliable."""
+    """The result of a group, with independent draws in the place of a sampler's.
+
+    If it has divergent trajectories, it is not reliable.
+    """
     settings = GroupSettings(1, Hyperprior(), n_draws)
     persons = dict.fromkeys(subject.subject_name for subject in study)
     columns = columns or regressors({}, tuple(persons))
@@ -90,6 +102,6 @@ def made_result(study, columns=None, n_divergent=0, n_draws=1600):
 
 
 def grid_design(first, steps, trials):
-    """A design of every first stimulus with second ones at these distances."""
+    """A design of every first stimulus with second ones at these steps from it."""
     s1 = np.repeat(first, len(steps))
     return each_once(s1, s1 + np.tile(steps, len(first))).with_total(trials)

@@ -18,8 +18,8 @@ needs_proc = pytest.mark.skipif(
 )
 
 
-def start(*args, cwd, **options):
-    """The command as a user starts it, still running."""
+def start_command(*args, cwd, **options):
+    """Start the command as a user does, in a session of its own; the process is still running."""
     env = {**os.environ, "OMP_NUM_THREADS": "1"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(
@@ -28,7 +28,7 @@ def start(*args, cwd, **options):
 
 
 def workers_of(parent):
-    """Worker processes that a process has begun."""
+    """The ids of worker processes that a process has begun, by the command line of joblib's."""
     return [
         pid
         for pid, line in members(os.getsid(parent)).items()
@@ -37,38 +37,44 @@ def workers_of(parent):
 
 
 def parent_of(pid):
-    """The parent of a process; none where it has ended."""
+    """The id of a process's parent; None where the process has ended.
+
+    /proc/7/stat is `7 (name) S 3 ...`: the state and the parent follow the name in brackets.
+    """
     with suppress(OSError):
         return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 def members(session):
-    """Every process of a session that has not ended, with its command line."""
-    observed = {}
+    """The processes of a session that have not ended: command lines by id.
+
+    The state Z is that of a process that has ended and that nobody has waited for.
+    """
+    line_by_pid = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if (
                 os.getsid(int(folder.name)) == session
                 and (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
             ):
-                observed[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
-    return observed
+                line_by_pid[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
+    return line_by_pid
 
 
 # --- jobs; in this file because a worker that begins loads the file of its job, and with that of a
 # test all libraries of all tests ---
 
 
-def slow(value, seconds):
+def return_slowly(value, seconds):
     time.sleep(seconds)
     return value
 
 
-def interrupted():
+def raise_interrupt():
     raise KeyboardInterrupt
 
 
-def refuse():
+def raise_input_error():
     raise InputError("no")
 
 
@@ -82,18 +88,18 @@ def blas_threads():
     ]
 
 
-def die(main):
-    """A job that kills its worker, and never the main process."""
+def kill_this_worker(main):
+    """A job that kills the worker that runs it, and never the main process with this id."""
     assert os.getpid() != main
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def save_on_a_full_disk(source, target, room):
-    """Save draws again where no file may have more bytes than `room`.
+    """Load the draws in `source` and save them as `target`, where a file has at most `room` bytes.
 
-    An error, and no other end of the process.
-
-    With -B: Python would leave libraries half compiled, in which nobody could load them any more.
+    This happens in a process of its own, which must end in an OutputError and in no other way. It
+    has the option -B, without which Python would leave libraries compiled by half on the full disk,
+    and nobody could import them later.
     """
     saves = (
         "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); room = "
@@ -110,16 +116,17 @@ def save_on_a_full_disk(source, target, room):
     assert f"{target.name}: cannot be written (File too large)" in ended.stderr.splitlines()[-1]
 
 
-def until(true, running=None):
+def wait_until(is_true, running=None):
     """Wait for something to become true, or for the command to end that would make it so."""
-    # counted, not timed: only what hangs is looked at so often, and a slow machine looks less often
+    # Counted, not timed: on a slow machine each look takes longer, and only what hangs is looked at
+    # 30,000 times, ten minutes with these pauses.
     looks = 0
-    while not true() and (running is None or running.poll() is None):
+    while not is_true() and (running is None or running.poll() is None):
         looks += 1
         assert running is not None or looks < 30_000
         time.sleep(0.02)
 
 
-def until_gone(session):
+def wait_until_gone(session):
     """Wait until no process of a session is left."""
-    until(lambda: not members(session))
+    wait_until(lambda: not members(session))

@@ -7,11 +7,15 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
+#: The distance of neighbouring levels, and parameters of all observers.
 STEP, NOISE, LAPSE_RATE, Q0 = 0.25, 0.2, 0.05, 0.9
 
 
 def neighbouring_pairs(task, repeats=1):
-    """Six levels, each beside the next in both orders; of same or different the equal pairs too."""
+    """Pairs of neighbours among six levels in both orders, (pairs, 2), and again `repeats` times.
+
+    In the task same or different, the equal pairs follow.
+    """
     low = STEP * np.arange(5.0)
     first, second = np.concatenate([low, low + STEP]), np.concatenate([low + STEP, low])
     if task == SAME_DIFFERENT:
@@ -21,7 +25,7 @@ def neighbouring_pairs(task, repeats=1):
 
 
 def in_order(keys, n_yes, position, task=WHICH_STRONGER, name="S"):
-    """A subject of trials at these positions."""
+    """A subject with single trials in an order, of which gaps in the positions begin a session."""
     answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, place=position)
     return Subject.from_answers(name, answers, task)
 
@@ -48,7 +52,7 @@ def answered(
     n_trials = len(keys)
     session = np.arange(n_trials) * sessions // n_trials
     centre = keys[:, 0].mean()
-    walk = drift * np.sin(2.0 * np.pi * np.arange(n_trials) / 80.0)
+    walk = drift * np.sin(2.0 * np.pi * np.arange(n_trials) / 80.0)  # a wave of 80 trials
     criterion = ndtri(0.5 + 0.5 * Q0)
     n_yes = np.zeros(n_trials, int)
     expectation = 0.0
@@ -66,6 +70,7 @@ def answered(
         if not is_first and rng.random() < abs(share_repeated):
             is_the_same = share_repeated > 0.0
             n_yes[t] = n_yes[t - 1] == is_the_same
+        # The expectation of the next trial is rho times a mean of this trial's stimuli and its own.
         weight = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
         expectation = carry_over * (weight + p**2 * expectation)
     return in_order(keys, n_yes, np.arange(n_trials) + session, task, f"observer {seed}")

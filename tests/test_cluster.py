@@ -10,9 +10,9 @@ from threading import Timer
 
 import pytest
 import xarray as xr
-from commands import good, refused
-from conftest import few_pairs, grouped_csv
-from processes import blas_threads, die, refuse, slow, until
+from commands import refusal_of, run_ok
+from conftest import quick_study, write_counts
+from processes import blas_threads, kill_this_worker, raise_input_error, return_slowly, wait_until
 
 import bayes_toe as bt
 from bayes_toe import cluster
@@ -24,7 +24,7 @@ distributed = pytest.importorskip("distributed")
 
 @pytest.fixture(scope="module")
 def dask():
-    """A cluster that tries a job once more whose worker died."""
+    """A cluster of two workers on this machine, which tries a job again once if its worker died."""
     from dask import config
 
     with config.set({"distributed.scheduler.allowed-failures": 1}):
@@ -40,33 +40,39 @@ def dask():
 
 @pytest.fixture
 def client(dask):
+    # A client of the cluster, when both workers are there.
     with distributed.Client(dask) as built:
         built.wait_for_workers(2, timeout=120)  # a cluster gives up a worker that starts too slowly
         yield built
 
 
-TWO = few_pairs("AB")
+TWO_SUBJECTS = quick_study("AB")
 
 
-def tasks_of(client):
+def n_tasks_on(client):
+    # The number of jobs that the scheduler still knows: results that nobody needs are tasks, too.
     return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
 
 
-def test_numbers_are_those_of_this_process(dask, tmp_path):
-    grouped_csv(tmp_path / "study.csv", TWO)
+def test_draws_of_a_cluster_are_those_of_this_process(dask, tmp_path):
+    # The cluster's draws are the same to the bit as those that this process samples.
+    write_counts(tmp_path / "study.csv", TWO_SUBJECTS)
     line = "sample study.csv --model none --draws 100 --seed 1"
-    screen = good(f"{line} -o remote.nc --dask {dask.scheduler_address}", cwd=tmp_path)
+    screen = run_ok(f"{line} -o remote.nc --dask {dask.scheduler_address}", cwd=tmp_path)
     assert f"Workers: 2 at {dask.scheduler_address}" in screen
 
-    good(f"{line} -o local.nc", cwd=tmp_path)
+    run_ok(f"{line} -o local.nc", cwd=tmp_path)
     remote, local = (bt.load(tmp_path / name) for name in ("remote.nc", "local.nc"))
     for group in ("posterior", "sample_stats"):
         xr.testing.assert_identical(remote.group(group), local.group(group))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.05])
-def test_an_interrupt_cancels_what_is_there(client, delay):
-    """Wherever it comes: while jobs are handed over, waited for or fetched."""
+def test_an_interrupt_cancels_all_jobs(client, delay):
+    """It comes after 0 or 0.05 s of the first result: while jobs are sent, waited for or fetched.
+
+    The 500 jobs would need longer, and none is left on the cluster.
+    """
     press, heard = Timer(delay, interrupt_main), []
 
     def progress(name):
@@ -74,40 +80,46 @@ def test_an_interrupt_cancels_what_is_there(client, delay):
         if len(heard) == 1:
             press.start()
 
-    # The traceback keeps what was under way, as a session does.
+    # The traceback refers to the jobs under way, as in a session, where they must end, too.
     with pytest.raises(KeyboardInterrupt) as error:
-        run_in_order([partial(slow, k, 0.05) for k in range(500)], client, progress, [("",)] * 500)
-    until(lambda: tasks_of(client) == 0)
+        run_in_order(
+            [partial(return_slowly, k, 0.05) for k in range(500)], client, progress, [("",)] * 500
+        )
+    wait_until(lambda: n_tasks_on(client) == 0)
     assert error.tb is not None
 
 
 def test_workers_have_one_blas_thread_take_large_jobs_and_keep_no_results(client):
+    # Dask warns of jobs of more than 10 MiB, such as the third one. The jobs have no names.
     jobs = [blas_threads, blas_threads, partial(len, bytes(11_000_000))]
     first, second, size = run_in_order(jobs, client, None, [()] * 3)
-    assert ({*first, *second}, size) == ({1}, 11_000_000)
-    until(lambda: tasks_of(client) == 0)
+    assert {*first, *second} == {1}
+    assert size == 11_000_000
+    wait_until(lambda: n_tasks_on(client) == 0)
 
 
 def test_a_worker_refuses_work_of_another_version(client, monkeypatch):
+    # As if this process had another version than the workers.
     other = {**cluster.versions(), "bayes_toe": "9.9"}
     monkeypatch.setattr(cluster, "versions", lambda: other)
     message = (
         r"^the worker on \S+ has bayes_toe [\d.]+, this process 9\.9: they have to be the same$"
     )
     with pytest.raises(InputError, match=message):
-        run_in_order([partial(slow, 1, 0.1)], client, None, [()])
+        run_in_order([partial(return_slowly, 1, 0.1)], client, None, [()])
 
 
 def test_errors_of_a_job_are_those_of_this_process(client):
+    # The job raises InputError('no') in a worker.
     with pytest.raises(InputError, match=r"^no$"):
-        run_in_order([partial(refuse)], client, None, [()])
+        run_in_order([partial(raise_input_error)], client, None, [()])
 
 
 def test_a_closed_client_is_refused(dask):
     with distributed.Client(dask, set_as_default=False) as closed:
-        pass
+        pass  # it is closed at the end of the block
     with pytest.raises(WorkerError, match=r"^the Dask client is closed$"):
-        bt.sample(TWO, workers=closed)
+        bt.sample(TWO_SUBJECTS, workers=closed)
 
 
 # --- commands -------------------------------------------------------------------------------------
@@ -124,14 +136,17 @@ def test_a_closed_client_is_refused(dask):
         ),
     ],
 )
-def test_an_engine_that_cannot_be_had_is_one_line(tmp_path, options, message, monkeypatch):
-    monkeypatch.setattr(cluster, "PATIENCE", 0.5)
+def test_a_cluster_that_cannot_be_used_is_refused_in_one_line(
+    tmp_path, options, message, monkeypatch
+):
+    monkeypatch.setattr(cluster, "PATIENCE", 0.5)  # seconds
     line = f"fit --example -o fit.csv --dask {options}"
-    assert refused(line, cwd=tmp_path, silent=False) == f"error: {message}\n"
+    assert refusal_of(line, cwd=tmp_path, silent=False) == f"error: {message}\n"
 
 
-def test_what_listens_and_is_no_scheduler_is_refused(client, monkeypatch):
+def test_an_address_that_is_no_scheduler_is_refused(client, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
+    # A socket that accepts and never answers, and a worker of the cluster.
     with (
         closing(socket.create_server(("127.0.0.1", 0))) as silent,
         pytest.raises(WorkerError, match=r"no answer within 0\.5 s$"),
@@ -142,7 +157,7 @@ def test_what_listens_and_is_no_scheduler_is_refused(client, monkeypatch):
         cluster.connect(worker)
 
 
-def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
+def test_a_client_connects_where_an_event_loop_runs_already_as_in_a_notebook(client):
     async def cell():
         return cluster.connect(client.scheduler.address)
 
@@ -153,7 +168,8 @@ def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
 
 
 def test_a_job_whose_workers_die_ends_the_work_in_one_line(client):
-    jobs = [partial(die, os.getpid()), *[partial(slow, 1, 0.1)] * 8]
+    # The first of nine jobs kills each worker that runs it.
+    jobs = [partial(kill_this_worker, os.getpid()), *[partial(return_slowly, 1, 0.1)] * 8]
     with pytest.raises(WorkerError, match=r"^a worker died \(killed, or out of memory\)"):
         run_in_order(jobs, client, None, [()] * 9)
-    until(lambda: tasks_of(client) == 0)
+    wait_until(lambda: n_tasks_on(client) == 0)

@@ -16,33 +16,39 @@ PYTHONS = [
 ]
 
 
-def _required(extra):
-    """The requirements of an extra, those of the extras that it names in their place."""
+def requirements_of_extra(extra):
+    """The requirements of an extra, with those of extras that it names, such as bayes_toe[app]."""
     for words in SETTINGS["project"]["optional-dependencies"][extra]:
         requirement = Requirement(words)
         if requirement.name == "bayes_toe":
             for other in requirement.extras:
-                yield from _required(other)
+                yield from requirements_of_extra(other)
         else:
             yield requirement
 
 
 @pytest.mark.parametrize("python", PYTHONS)
 def test_constraints_are_versions_of_all_that_is_required(python):
+    # A line of the file is such as `numpy==2.1.0`. Each requirement for this Python has a version
+    # there.
     lines = (ROOT / "constraints" / f"python{python}.txt").read_text(encoding="utf-8").splitlines()
     pinned = dict(
         line.replace("_", "-").lower().split("==") for line in lines if not line.startswith("#")
     )
-    for requirement in [*map(Requirement, SETTINGS["project"]["dependencies"]), *_required("test")]:
+    for requirement in [
+        *map(Requirement, SETTINGS["project"]["dependencies"]),
+        *requirements_of_extra("test"),
+    ]:
         if requirement.marker is None or requirement.marker.evaluate({"python_version": python}):
             name = requirement.name.replace("_", "-").lower()
             assert requirement.specifier.contains(pinned[name]), requirement
 
 
 def test_the_citation_is_that_of_this_version():
-    """By lines: PyYAML is no requirement."""
+    # Lines such as `version: 0.1.0`. No library that reads YAML is required.
     lines = (ROOT / "CITATION.cff").read_text(encoding="utf-8").splitlines()
-    message = dict(line.split(": ", 1) for line in lines if re.match(r"[a-z-]+: .", line))
+    fields = dict(line.split(": ", 1) for line in lines if re.match(r"[a-z-]+: .", line))
     project = SETTINGS["project"]
-    assert (message["version"], message["license"]) == (project["version"], project["license"])
+    assert fields["version"] == project["version"]
+    assert fields["license"] == project["license"]
     assert "CITATION.cff" in SETTINGS["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]

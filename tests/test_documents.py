@@ -1,4 +1,4 @@
-"""README, docs and their site: what they name is there, every page and name has its place."""
+"""README, docs and their site: all that they name exists, and every page is in the contents."""
 
 import json
 import re
@@ -28,6 +28,7 @@ OTHER_PAGES = [
     ROOT / "tests" / "reference" / "README.md",
 ]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+#: Folders of the checkout that documents name.
 OURS = ("bayes_toe", "constraints", "docs", "notebooks", "scripts", "tests")
 
 
@@ -41,8 +42,8 @@ EACH_TEXT = pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
 
 
 @cache
-def options():
-    """By command, the names of its options."""
+def options_by_command():
+    """The names of the options of each command, such as {'run': {'-o', '--output', ...}}."""
     names = {}
     for name, command in typer.main.get_command(app).commands.items():
         spellings = [[*option.opts, *option.secondary_opts] for option in command.params]
@@ -50,36 +51,42 @@ def options():
     return names
 
 
-def fenced(text, language):
-    """The blocks of a language in a text."""
+def blocks_in(text, language):
+    """The contents of the blocks of a language in a text: of ```sh, those of the shell."""
     return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
 
 
-def commands(text):
-    """Words of every command in a text, in its blocks and between backticks."""
-    lines = "".join(fenced(text, "sh")).replace("\\\n", " ").splitlines()
+def command_words(text):
+    """The words of every command in a text, without `bayes-toe`, such as ['run', '-o', 'out'].
+
+    They are in blocks of the shell, and between backticks. A line that ends with a backslash goes
+    on in the next line.
+    """
+    lines = "".join(blocks_in(text, "sh")).replace("\\\n", " ").splitlines()
     lines += [" ".join(line.split()) for line in re.findall(r"(?<!`)`(bayes-toe [^`]+)`", text)]
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("bayes-toe ")]
 
 
 @EACH_TEXT
 def test_commands_and_options_are_there(path):
-    for command, *words in commands(path.read_text(encoding="utf-8")):
-        if command != "...":  # any
+    for command, *words in command_words(path.read_text(encoding="utf-8")):
+        if command != "...":  # which stands for any command
             options_used = {word.split("=")[0] for word in words if re.match("--?[a-z]", word)}
-            assert options_used - options()[command] == set(), command
+            assert options_used - options_by_command()[command] == set(), command
 
 
 @EACH_TEXT
 def test_public_names_are_there(path):
     text = path.read_text(encoding="utf-8")
-    for part, name in re.findall(r"\bbt\.(?:(plots|model)\.)?(\w+)", text):  # bt.plots.corner
+    for part, name in re.findall(
+        r"\bbt\.(?:(plots|model)\.)?(\w+)", text
+    ):  # 'plots', 'corner' of bt.plots.corner
         module = getattr(bt, part) if part else bt
         assert hasattr(module, name), name
 
 
-def words(path):
-    """The text of a document; of a notebook that of its cells in words."""
+def text_of(path):
+    """The text of a document, or of the cells of a notebook that are no code."""
     text = path.read_text(encoding="utf-8")
     if path.suffix != ".ipynb":
         return text
@@ -87,36 +94,38 @@ def words(path):
     return "\n\n".join("".join(cell["source"]) for cell in cells)
 
 
-def anchors(path):
-    """The anchors of the headings of a page."""
-    headings = re.findall("^#+ (.+)$", words(path).lower(), flags=re.MULTILINE)
+def anchors_of(path):
+    """The anchors of the headings of a page: '## Check the data' has check-the-data."""
+    headings = re.findall("^#+ (.+)$", text_of(path).lower(), flags=re.MULTILINE)
     return [re.sub(r"[^\w -]", "", heading).replace(" ", "-") for heading in headings]
 
 
 @EACH_PAGE
 def test_links_lead_to_files_of_the_sdist_and_to_headings(path):
-    for link in re.findall(r"\]\(([^)\s]+)", words(path)):
+    # The target of a link such as [text](file.md#anchor); others begin with https: or similar.
+    for link in re.findall(r"\]\(([^)\s]+)", text_of(path)):
         if not re.match("[a-z]+:", link):
             file, _, anchor = link.partition("#")
             target = (path.parent / file).resolve() if file else path
             assert target.exists(), link
             assert any(target.is_relative_to(included) for included in IN_SDIST), link
-            assert not anchor or anchor in anchors(target), link
+            assert not anchor or anchor in anchors_of(target), link
             assert target != README or path == README, "it is no page of the site"
 
 
 @EACH_PAGE
 def test_modules_and_places_in_the_checkout_are_there(path):
-    """What a paragraph says of an earlier commit is that commit's."""
-    labelled = rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)"
-    for paragraph in re.split(r"\n\s*\n", words(path)):
+    """A paragraph that names a commit is about the files of that commit, and is not checked."""
+    # Such as docs/index.md or test_documents.py.
+    file_name = rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)"
+    for paragraph in re.split(r"\n\s*\n", text_of(path)):
         if not re.search(r"commit `?[0-9a-f]{7}", paragraph):
-            for name in re.findall(labelled, paragraph):
-                assert (ROOT / name).exists() or f"/{name}\n" in our_files(), paragraph
+            for name in re.findall(file_name, paragraph):
+                assert (ROOT / name).exists() or f"/{name}\n" in names_of_files(), paragraph
 
 
 @cache
-def our_files():
+def names_of_files():
     """The files of the checkout, a line each."""
     paths = chain.from_iterable((ROOT / folder).rglob("*.*") for folder in OURS)
     return "".join(f"/{path.relative_to(ROOT).as_posix()}\n" for path in paths)
@@ -132,33 +141,36 @@ def test_documents_are_short():
 
 @pytest.mark.parametrize("path, limit", [(README, 600), (DOCS / "tutorial.md", 2000)])
 def test_readme_and_tutorial_are_short(path, limit):
-    """Words of prose and code; printed text does not count."""
+    """The limit counts words of prose and code, and no printed text."""
     text = path.read_text(encoding="utf-8")
     prose = re.sub(r"^```text\n.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
     assert len(prose.split()) <= limit
 
 
-def contents():
-    """The documents that the site's contents list, by their place in the checkout."""
-    trees = fenced((DOCS / "index.md").read_text(encoding="utf-8"), r"\{toctree\}")
+def pages_in_contents():
+    """The documents in the contents of the site, by their paths in the checkout without suffix."""
+    trees = blocks_in((DOCS / "index.md").read_text(encoding="utf-8"), r"\{toctree\}")
+    # A toctree has options such as `:hidden:` and then a document in each line.
     lines = [line for line in "".join(trees).splitlines() if line and not line.startswith(":")]
     return [(DOCS / line).resolve().relative_to(ROOT).as_posix() for line in lines]
 
 
-def test_every_document_is_reached_from_the_contents_and_no_other():
+def test_the_contents_have_every_document_once_and_no_other():
+    # The page index.md has the contents.
     documents = {*DOCS.glob("*.md"), *NOTEBOOKS, *OTHER_PAGES} - {DOCS / "index.md"}
-    places = [path.relative_to(ROOT).with_suffix("").as_posix() for path in documents]
-    assert sorted(contents()) == sorted(places)
+    names = [path.relative_to(ROOT).with_suffix("").as_posix() for path in documents]
+    assert sorted(pages_in_contents()) == sorted(names)
 
 
 @pytest.mark.parametrize("name", reference_pages.PAGES)
 def test_reference_pages_are_as_the_code_has_them(name):
-    """Otherwise: python scripts/reference_pages.py."""
+    """If one is not, run python scripts/reference_pages.py."""
     text = (DOCS / name).read_text(encoding="utf-8")
     assert reference_pages.updated(name, text) == text
 
 
 def test_every_figure_is_in_the_gallery():
+    # Each function of bt.plots is called on the page Report it.
     page = (DOCS / "report_it.md").read_text(encoding="utf-8")
     names = import_module("bayes_toe.plots").__all__
     assert [name for name in names if f"bt.plots.{name}(" not in page] == []

@@ -1,4 +1,4 @@
-"""What a person sees at a prompt and in a notebook: short, escaped, with what to do next."""
+"""Values at a prompt and in a notebook: short, escaped, and errors with what to do next."""
 
 from dataclasses import replace
 
@@ -8,11 +8,11 @@ from conftest import made_subject, text_table
 import bayes_toe as bt
 
 
-def test_everything_fits_on_a_line(analysis):
+def test_the_text_of_a_value_at_a_prompt_is_one_line(analysis):
     table = bt.asymmetry(analysis.study)
     subject = analysis.study["A"]
-    visible = (analysis, analysis.study, subject, analysis.draws, analysis.evidence)
-    for value in (*visible, table):
+    values = analysis, analysis.study, subject, analysis.draws, analysis.evidence, table
+    for value in values:
         assert len(repr(value)) < 220
         assert "\n" not in repr(value)
     names = "3 subjects ('A', 'B', 'C'), "
@@ -27,26 +27,33 @@ def test_the_short_frame_of_an_evidence_table_is_the_answer(analysis):
     frame = table.frame()
     assert list(frame) == ["subject", "order effect", "constant error", "contraction"]
     assert max(map(len, str(frame).splitlines())) <= 80
+    # A mark ' ?' may follow the word of a subject whose answer depends on the prior.
     words = [str(answer.words["order_effect"]) for answer in table.answers]
     assert [text.partition(" ?")[0] for text in frame["order effect"]] == words
 
 
-def test_notebooks_show_small_tables_and_run_nothing():
-    wild = bt.Study([made_subject("0 0.3 3 5, 0.3 0 1 5", "<script>")], source="<b>")
-    draws = bt.sample(wild, draws=100, seed=1)
-    for value in (wild, draws, bt.asymmetry(wild)):
+def test_notebooks_run_no_markup_in_names():
+    study_with_markup = bt.Study([made_subject("0 0.3 3 5, 0.3 0 1 5", "<script>")], source="<b>")
+    draws = bt.sample(study_with_markup, draws=100, seed=1)
+    # Notebooks call a private method of each value.
+    for value in (study_with_markup, draws, bt.asymmetry(study_with_markup)):
         html = value._repr_html_()
         assert "<table" in html
         assert "<script>" not in html
         assert "&lt;script&gt;" in html
-    numerous = bt.Study([made_subject("0 0.3 3 5", f"S{i}") for i in range(50)])
-    assert numerous._repr_html_().count("<tr") == 21
-    assert "and 30 more rows" in numerous._repr_html_()
+
+
+def test_notebooks_show_20_rows_of_a_table_at_most():
+    study_of_50 = bt.Study([made_subject("0 0.3 3 5", f"S{i}") for i in range(50)])
+    html = study_of_50._repr_html_()  # a private method that notebooks call
+    assert html.count("<tr") == 21  # a header and 20 of 50 rows
+    assert "and 30 more rows" in html
 
 
 def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
     first, second, _ = small_study
     study = bt.Study([replace(first, name="1008"), replace(second, name="01")])
+    # The subjects are '1008' and '01'.
     draws = bt.sample(study, draws=100, seed=1)
     assert draws[1008].names == study.select(1008).names == study.select([1008]).names == ("1008",)
     assert draws.subject(1008).name == bt.asymmetry(study)[1008].subject == "1008"
@@ -57,6 +64,7 @@ def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
 
 @pytest.mark.parametrize("argument", ["x.csv", made_subject("0 0.3 1 2"), [], 3])
 def test_every_verb_says_what_a_study_is(argument):
+    # The name of a file, a subject, an empty list and a number are no study.
     verbs = (bt.run, bt.sample, bt.evidence, bt.fit, bt.asymmetry, bt.population, bt.check)
     for verb in verbs:
         with pytest.raises(bt.InputError, match=r"study: found .*, allowed: a Study, such as bt"):
@@ -94,6 +102,7 @@ REFUSED = """
 
 @pytest.mark.parametrize("call, message", text_table(REFUSED))
 def test_an_argument_of_a_wrong_kind_is_refused(small_study, call, message):
+    # Such as 'bt.run(study, keep=3)', with the message that the path of a folder is allowed.
     with pytest.raises(bt.BayesToeError) as refusal:
         eval(call, {"bt": bt, "study": small_study})
     assert message in str(refusal.value)

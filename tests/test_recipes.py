@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import good
+from commands import run_ok
 from scipy.io import savemat
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "how_to.md"
@@ -123,7 +123,7 @@ STUDIES = {
 }
 
 
-def write(folder, files):
+def write_files(folder, files):
     for name, text in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -144,8 +144,11 @@ def write_matlab(folder):
     )
 
 
-def sections():
-    """The sections about files of other programs, and that about leave-one-out."""
+def recipe_by_heading():
+    """The recipes of the page by their headings: those for files of other programs, and one more.
+
+    That is leave-one-out, a section of its own.
+    """
     page = PAGE.read_text(encoding="utf-8")
     files = page[: page.index("## Check the data")]
     _, *parts = re.split(r"^### (.*)$", files, flags=re.MULTILINE)
@@ -154,20 +157,24 @@ def sections():
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
-def blocks(section):
-    """The blocks of a section, each with its language."""
+def blocks_of(section):
+    """The language and the content of each block in a section."""
     return re.findall(r"^```(\w+)\n(.*?)^```", section, flags=re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # by ArviZ, and said
+@pytest.mark.filterwarnings(
+    "ignore:Estimated shape parameter of Pareto"
+)  # ArviZ warns, and the page says why
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_works_as_it_stands(name, tmp_path):
+    # RECIPES has the files of a recipe, and what the screen of its commands says of them.
     files, *sentences = RECIPES[name]
-    write(tmp_path, files)
+    write_files(tmp_path, files)
     if name == "MATLAB":
         write_matlab(tmp_path)
-    for language, block in blocks(sections()[name]):
+    for language, block in blocks_of(recipe_by_heading()[name]):
         if language == "python":
+            # The block makes a study, with the subjects and the trials that STUDIES has.
             names = {}
             with chdir(tmp_path):
                 exec(block, names)
@@ -178,9 +185,10 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
         for line in block.replace("\\\n", " ").splitlines():
             program, _, words = line.partition(" ")
             assert program == "bayes-toe"
-            screen = " ".join(good(words, cwd=tmp_path).split())
+            screen = " ".join(run_ok(words, cwd=tmp_path).split())
             assert [sentence for sentence in sentences if sentence not in screen] == []
 
 
 def test_every_recipe_is_run():
-    assert list(sections()) == list(RECIPES)
+    # The headings of the page are the keys of RECIPES, in the same order.
+    assert list(recipe_by_heading()) == list(RECIPES)

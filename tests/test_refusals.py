@@ -1,6 +1,6 @@
-"""Unsuitable files are refused in one line a problem, with no other exception.
+"""Unsuitable files are refused with a line for each problem, and with no other exception.
 
-HYPOTHESIS_PROFILE=night looks at 20,000 of each kind.
+With HYPOTHESIS_PROFILE=night, each kind has 20,000 files.
 """
 
 import os
@@ -56,8 +56,8 @@ PIECES = st.sampled_from([b'"', *_MARKS, *_LONG, *_WORDS.split()])
 
 
 @st.composite
-def damaged(draw, complete):
-    """Some places of a file cut out, and something else put there."""
+def damaged_texts(draw, complete):
+    """The bytes of a file, with something else in the place of up to 12 bytes, up to 4 times."""
     data = complete
     for _ in range(draw(st.integers(0, 4))):
         first = draw(st.integers(0, len(data)))
@@ -69,8 +69,8 @@ def damaged(draw, complete):
     return data
 
 
-def only_lines(read, path):
-    """The result of reading, or None where it was refused as it should be."""
+def result_or_none(read, path):
+    """The result of reading, or None where an InputError has 1 to 11 short, printable lines."""
     try:
         return read(path)
     except InputError as error:
@@ -84,14 +84,16 @@ def only_lines(read, path):
 
 @pytest.mark.parametrize("kind", TEXTS)
 def test_small_files_are_read_or_refused_in_lines(kind, tmp_path):
+    # First files that are damaged or are no such file at all, and then the whole file, which is
+    # read.
     path = tmp_path / "file"
 
     @FUZZ
-    @given(damaged(TEXTS[kind].encode()) | st.binary(max_size=60))
-    def look(data):
+    @given(damaged_texts(TEXTS[kind].encode()) | st.binary(max_size=60))
+    def require_read_or_refused(data):
         path.write_bytes(data)
-        only_lines(READERS[kind], path)
+        result_or_none(READERS[kind], path)
 
-    look()
+    require_read_or_refused()
     path.write_text(TEXTS[kind], encoding="utf-8")
-    assert only_lines(READERS[kind], path) is not None
+    assert result_or_none(READERS[kind], path) is not None

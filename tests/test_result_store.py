@@ -1,4 +1,4 @@
-"""Results that are stored: taken to the bit, and computed again where anything is not the same."""
+"""Stored results: used to the bit, and computed again where anything is not the same."""
 
 import pickle
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import few_pairs
+from conftest import quick_study
 
 import bayes_toe as bt
 from bayes_toe import result_store
@@ -18,7 +18,8 @@ from bayes_toe.workers import run_jobs
 
 
 @pytest.mark.parametrize("seed", [-1, 2**63, 1.5, "1", np.float64(3.0)])
-def test_what_is_no_seed_is_refused_in_one_line(small_study, seed, tmp_path):
+def test_a_wrong_seed_is_refused_in_one_line(small_study, seed, tmp_path):
+    # A seed is a whole number from 0 to 2^63 - 1. Nothing is stored before the refusal.
     for call in (
         lambda: bt.sample(small_study, seed=seed, keep=tmp_path / "kept"),
         lambda: bt.evidence(small_study, seed=seed),
@@ -30,38 +31,41 @@ def test_what_is_no_seed_is_refused_in_one_line(small_study, seed, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def interrupted(jobs, workers):
-    """The work ends as by a signal after one batch."""
+def run_one_job(jobs, workers):
+    """In the place of run_jobs: one job is done, and then the work ends as by Ctrl+C."""
     yield next(run_jobs(jobs, workers))
     raise KeyboardInterrupt
 
 
 def test_an_interrupted_call_goes_on_to_the_same_bits(tmp_path, monkeypatch):
-    few = few_pairs("AB")
-    calm = bt.run(few, seed=3, draws=100)
+    study = quick_study("AB")
+    uninterrupted = bt.run(study, seed=3, draws=100)
+    # Two subjects make two batches, of which one is done.
     with monkeypatch.context() as patch:
-        patch.setattr(result_store, "run_jobs", interrupted)
+        patch.setattr(result_store, "run_jobs", run_one_job)
         patch.setattr("bayes_toe.analysis.BATCH", 1)
         with pytest.raises(KeyboardInterrupt):
-            bt.run(few, seed=3, keep=tmp_path, draws=100)
+            bt.run(study, seed=3, keep=tmp_path, draws=100)
     assert len(stored_files(tmp_path)) == 1
-    names = []
-    # Without a seed: it is that of the stored results.
-    resumed = bt.run(few, keep=tmp_path, progress=names.append, draws=100)
-    assert sorted(names) == ["A", "B"]
-    for analysis in (resumed, calm):
+    reported = []
+
+    # Without a seed, the call has that of the stored results. A comparison needs no times.
+    resumed = bt.run(study, keep=tmp_path, progress=reported.append, draws=100)
+    assert sorted(reported) == ["A", "B"]
+    for analysis in (resumed, uninterrupted):
         del analysis.draws.tree.attrs["created_at"]
-    xr.testing.assert_identical(resumed.draws.tree, calm.draws.tree)
-    assert resumed.evidence.frame(full=True).equals(calm.evidence.frame(full=True))
-    assert resumed.summary().equals(calm.summary())
+    xr.testing.assert_identical(resumed.draws.tree, uninterrupted.draws.tree)
+    assert resumed.evidence.frame(full=True).equals(uninterrupted.evidence.frame(full=True))
+    assert resumed.summary().equals(uninterrupted.summary())
 
 
 def test_a_call_computes_the_subjects_whose_results_are_not_stored(tmp_path, monkeypatch):
-    few = few_pairs("AB")
-    bt.run(few, seed=3, keep=tmp_path, draws=100)
+    study = quick_study("AB")
+    bt.run(study, seed=3, keep=tmp_path, draws=100)
     counts = []
 
     def count_subjects(jobs, workers):
+        # The last argument of a job is its batch of subjects.
         counts.append(sum(len(job.args[-1]) for job in jobs))
         raise KeyboardInterrupt  # before the work
 
@@ -72,13 +76,16 @@ def test_a_call_computes_the_subjects_whose_results_are_not_stored(tmp_path, mon
             bt.run(study, keep=tmp_path, draws=100, **options)
         return counts.pop()
 
-    assert n_computed(few) == 0
-    assert n_computed(few, seed=4) == 2
-    assert n_computed(few, prior="paper") == 2
-    fewer_yes = replace(few["B"], n_yes=few["B"].n_yes // 2)
-    assert n_computed(replace(few, subjects=(few["A"], fewer_yes))) == 1
+    # Without a change no subject is computed again; with another seed or prior both are, and one if
+    # only its counts change.
+    assert n_computed(study) == 0
+    assert n_computed(study, seed=4) == 2
+    assert n_computed(study, prior="paper") == 2
+    fewer_yes = replace(study["B"], n_yes=study["B"].n_yes // 2)
+    assert n_computed(replace(study, subjects=(study["A"], fewer_yes))) == 1
+    # As if the results were stored by another version of the program.
     monkeypatch.setattr(result_store, "versions", lambda: ("other",))
-    assert n_computed(few, seed=3) == 2
+    assert n_computed(study, seed=3) == 2
 
 
 class Call:
@@ -91,20 +98,21 @@ class Call:
         return self.call
 
 
-FAILURE = NumericalError("too large")
+ERROR_OF_9 = NumericalError("too large")
 
 
-def cubes(numbers):
+def cube_numbers(numbers):
     """The cube of each number; 9 fails."""
     results = (np.array(numbers, dtype=object) ** 3).tolist()
     if 9 in numbers:
-        results[numbers.index(9)] = FAILURE
+        results[numbers.index(9)] = ERROR_OF_9
     return results
 
 
 def stored_cubes(numbers, folder, **options):
+    # The cubes of the numbers, each a job; those that the folder has are not computed again.
     settings = {"seed": 1, "folder": folder, "workers": 1, "progress": None}
-    return run_stored(cubes, numbers, list(map(str, numbers)), **settings | options)
+    return run_stored(cube_numbers, numbers, list(map(str, numbers)), **settings | options)
 
 
 def test_a_damaged_or_foreign_file_is_computed_again(tmp_path):
@@ -112,6 +120,7 @@ def test_a_damaged_or_foreign_file_is_computed_again(tmp_path):
 
     first, second = stored_files(tmp_path)
     original = first.read_bytes()
+    # The file is empty, cut, of another kind, of another job, or calls a function when it is read.
     contents = [b"", original[:-9], pickle.dumps(3), second.read_bytes()]
     for call in (Call(print), Call(run_jobs, [], 1)):
         contents.append(pickle.dumps({"job": first.stem, "seed": 3, "result": call}))
@@ -122,15 +131,20 @@ def test_a_damaged_or_foreign_file_is_computed_again(tmp_path):
 
 
 def test_each_result_of_a_batch_is_stored_but_that_of_a_failed_job(tmp_path):
-    heard = []
-    assert stored_cubes([9, 2], tmp_path, batch=8, progress=heard.append) == [FAILURE, 8]
-    assert heard == ["9", "2"]
+    # The number 9 fails, in a batch with others; jobs are named after their numbers.
+    reported_names = []
+    assert stored_cubes([9, 2], tmp_path, batch=8, progress=reported_names.append) == [
+        ERROR_OF_9,
+        8,
+    ]
+    assert reported_names == ["9", "2"]
     assert len(stored_files(tmp_path)) == 1
-    assert stored_cubes([3, 2, 9], tmp_path, batch=2) == [27, 8, FAILURE]
+    assert stored_cubes([3, 2, 9], tmp_path, batch=2) == [27, 8, ERROR_OF_9]
     assert len(stored_files(tmp_path)) == 2
 
 
 def test_files_of_others_stay_and_links_are_refused(tmp_path):
+    # A file of the user has the suffix of stored results, and then their own name leads to it.
     folder = tmp_path / "kept"
     stored_cubes([2], folder)
     (folder / "note.result").write_text("mine")
@@ -142,11 +156,13 @@ def test_files_of_others_stay_and_links_are_refused(tmp_path):
     with pytest.raises(OutputError, match="is a link"):
         stored_cubes([2], folder)
     assert (folder / "note.result").read_text() == "mine"
+    # A file is no folder in which results could be stored.
     with pytest.raises(OutputError, match="cannot be written"):
         stored_cubes([2], folder / "note.result")
 
 
-def test_what_a_kill_during_writing_has_left_is_removed(tmp_path):
+def test_files_that_a_killed_process_left_are_removed(tmp_path):
+    # A process was killed when it had written half a file into its temporary folder.
     folder = tmp_path / "kept"
     stored_cubes([2], folder)
     with unfinished(folder) as temporary:

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good
+from commands import run_ok
 from conftest import columns, expected_counts, text_table, typed_options
 from legible import texts_of, words_of
 
@@ -14,21 +14,26 @@ from bayes_toe.answers.order_effect import Size, format_difference
 from bayes_toe.checks.answer_checks import check_answers
 from bayes_toe.data.stimulus_unit import StimulusUnit
 
+#: Decibels of a factor of e: a natural log of 1.
 DECIBELS_OF_E = 20.0 / np.log(10.0)
 
 
 @pytest.fixture(scope="module")
-def logs():
+def study_in_logs():
+    # S01 and S06 of the example, whose stimuli are natural logs.
     return bt.example_study().select(["S01", "S06"])
 
 
 @pytest.fixture(scope="module")
-def decibels(logs):
-    return as_read(logs, 60.0 + DECIBELS_OF_E * logs.frame()[["s1", "s2"]], "dB")
+def study_in_decibels(study_in_logs):
+    # The same study in decibels, of which 60 are the reference.
+    return study_read_in_unit(
+        study_in_logs, 60.0 + DECIBELS_OF_E * study_in_logs.frame()[["s1", "s2"]], "dB"
+    )
 
 
-def as_read(study, stimuli, unit, reference=None):
-    """The study as it is read from stimuli in a unit."""
+def study_read_in_unit(study, stimuli, unit, reference=None):
+    """The study as it is read from a table with these stimuli in a unit."""
     table = study.frame().drop(columns=["s1", "s2", "synthetic"])
     names = ["s1", "s2"] if unit == "dB" else ["i1", "i2"]
     table[names] = stimuli
@@ -36,44 +41,51 @@ def as_read(study, stimuli, unit, reference=None):
 
 
 @pytest.fixture(scope="module")
-def evidence(decibels):
-    return bt.evidence(decibels, seed=1)
+def evidence_in_decibels(study_in_decibels):
+    return bt.evidence(study_in_decibels, seed=1)
 
 
-def test_decibels_change_what_is_shown_and_no_number(logs, decibels, evidence):
+def test_decibels_change_what_is_shown_and_no_number(
+    study_in_logs, study_in_decibels, evidence_in_decibels
+):
     for in_decibels, in_logs in zip(
-        evidence.answers, bt.evidence(logs, seed=1).answers, strict=True
+        evidence_in_decibels.answers, bt.evidence(study_in_logs, seed=1).answers, strict=True
     ):
         percent = in_logs.sizes["pse_shift_percent"].q50
         assert in_decibels.sizes["pse_shift_percent"].q50 == pytest.approx(percent, rel=1e-5)
+        # A shift of 26 % is a factor of 1.26, which is 2 dB.
         shift = DECIBELS_OF_E * np.log1p(percent / 100.0)
         low_median_high = in_decibels.unit.from_percent(in_decibels.sizes["pse_shift_percent"])
         assert low_median_high[1] == pytest.approx(shift, rel=1e-5)
-    assert " dB [" in evidence.answers[0].describe()
-    assert "%" not in evidence.answers[0].format_size("jnd_percent")
+    assert " dB [" in evidence_in_decibels.answers[0].describe()
+    assert "%" not in evidence_in_decibels.answers[0].format_size("jnd_percent")
 
 
-def test_a_file_of_draws_has_the_unit(decibels, tmp_path):
-    bt.sample(decibels.select("S01"), draws=100, seed=1).save(tmp_path / "posterior.nc")
+def test_a_file_of_draws_has_the_unit(study_in_decibels, tmp_path):
+    # The axes of figures from a loaded file are in dB, and a first stimulus is the reference, 60
+    # dB.
+    bt.sample(study_in_decibels.select("S01"), draws=100, seed=1).save(tmp_path / "posterior.nc")
     draws = bt.load(tmp_path / "posterior.nc")
-    assert draws.study.unit == decibels.unit
+    assert draws.study.unit == study_in_decibels.unit
     corner = bt.plots.corner(draws, "S01", coordinates=["pse_shift"])
     assert "PSE shift, dB" in words_of(texts_of(corner))
     words = words_of(texts_of(bt.plots.curves(draws, "S01")))
     assert {"second minus first\nstimulus, dB", "first stimulus 60 dB"}.issubset(words)
 
 
-def test_figures_and_tables_name_the_unit(decibels, evidence):
-    words = words_of(texts_of(bt.plots.order_effect(evidence)))
+def test_figures_and_tables_name_the_unit(study_in_decibels, evidence_in_decibels):
+    # A natural log of 0 is a difference of 0 dB.
+    words = words_of(texts_of(bt.plots.order_effect(evidence_in_decibels)))
     assert "PSE shift (dB)\nabove 0: first stimulus overestimated" in words
-    assert bt.asymmetry(decibels).unit.describe(0.0) == "0 dB"
+    assert bt.asymmetry(study_in_decibels).unit.describe(0.0) == "0 dB"
 
 
-def test_screens_have_the_unit(decibels, tmp_path):
-    table = decibels.frame()
+def test_screens_have_the_unit(study_in_decibels, tmp_path):
+    # A frame has natural logs, of which the file has decibels.
+    table = study_in_decibels.frame()
     table[["s1", "s2"]] *= DECIBELS_OF_E
     table.to_csv(tmp_path / "levels.csv", index=False)
-    screen = good("evidence levels.csv --unit dB -o evidence.csv --seed 1", cwd=tmp_path)
+    screen = run_ok("evidence levels.csv --unit dB -o evidence.csv --seed 1", cwd=tmp_path)
     assert "PSE shift, dB" in screen
     assert "PSE shift, %" not in screen
 
@@ -82,14 +94,19 @@ def test_screens_have_the_unit(decibels, tmp_path):
 @pytest.mark.parametrize("task", ["which is stronger", "same/different"])
 def test_rounded_intensities_are_judged_as_exact_ones(task, digits):
     study = bt.example_study(task)
+    # Stimuli in grams with so many significant digits. Rounding must not look as if the task were
+    # another one, or as if the answers were reversed.
     grams = 10.0 * np.exp(study.frame()[["s1", "s2"]])
-    rounded = as_read(study, grams.map(lambda value: float(f"{value:.{digits}g}")), "g", 10.0)
+    rounded = study_read_in_unit(
+        study, grams.map(lambda value: float(f"{value:.{digits}g}")), "g", 10.0
+    )
     codes = {finding.code for finding in check_answers(rounded)}
     assert codes.isdisjoint({"other_task", "reversed_answers"})
 
 
 @pytest.mark.parametrize("mean", [850.0, -850.0])
 def test_a_mean_beyond_all_exponentials_has_per_cent(mean):
+    # exp(850) is no float, and exp(-850) is 0. Stimuli are in per cent of the mean.
     unit = bt.example_study().unit.or_percent_of(mean)
     assert unit.stimuli([mean, mean + np.log(1.2)]) == pytest.approx([100.0, 120.0])
 
@@ -97,8 +114,11 @@ def test_a_mean_beyond_all_exponentials_has_per_cent(mean):
 GRAMS = "740 905, 905 740, 1105 1350, 1350 1105"
 
 
-def trials(pairs, names="s1,s2"):
-    """A table of trials with pairs such as `740 905, 905 740`."""
+def table_of_trials(pairs, names="s1,s2"):
+    """A table of trials with pairs such as `740 905, 905 740`.
+
+    The responses are 'second' and 'first' by turns.
+    """
     rows = [pair.split() for pair in pairs.split(", ")]
     table = pd.DataFrame(rows, columns=names.split(","))
     return table.assign(subject="A", response=["second", "first"] * (len(rows) // 2))
@@ -107,13 +127,16 @@ def trials(pairs, names="s1,s2"):
 @pytest.mark.parametrize("scale", [1.0, 0.01])
 @pytest.mark.parametrize("shift", [0.0, 5.0, 20.72])
 def test_natural_logs_need_no_unit_whatever_their_reference(scale, shift):
+    # Natural logs of grams relative to 740 g, and to smaller references; a scale of .01 is for
+    # stimuli that differ little.
     logs = scale * np.log(columns(GRAMS) / 740) + shift
-    table = trials(GRAMS).assign(s1=logs[0], s2=logs[1])
+    table = table_of_trials(GRAMS).assign(s1=logs[0], s2=logs[1])
     assert bt.read_study(table).unit.name == ""
 
 
 def test_natural_logs_may_differ_by_three():
-    assert bt.read_study(trials("0 3, 3 0")).unit.name == ""
+    # A factor of 20, which is large for a study.
+    assert bt.read_study(table_of_trials("0 3, 3 0")).unit.name == ""
 
 
 #: Pairs of which some differ by rounding, options, and the end of the doubt.
@@ -125,7 +148,8 @@ ROUNDED = """
 
 @pytest.mark.parametrize("pairs, options, end", text_table(ROUNDED))
 def test_stimuli_that_differ_by_rounding_are_merged_and_said(pairs, options, end):
-    study = bt.read_study(trials(pairs), typed_options(options))
+    # Such as '.3 .30000001, .3 .5, .5 .3': two stimuli make three pairs.
+    study = bt.read_study(table_of_trials(pairs), typed_options(options))
     assert len(np.unique(study["A"].stimuli)) == 2
     assert study["A"].n_pairs == 3, "an equal pair is one"
     (doubt,) = study.reading.doubts
@@ -134,7 +158,8 @@ def test_stimuli_that_differ_by_rounding_are_merged_and_said(pairs, options, end
 
 
 def test_one_mistyped_stimulus_merges_no_others():
-    study = bt.read_study(trials("0 1e-4, 1e-4 0, " * 30 + "0 2.9, 2.9 0"))
+    # Beside 2.9 the difference of 1e-4 is small, but all other trials have it.
+    study = bt.read_study(table_of_trials("0 1e-4, 1e-4 0, " * 30 + "0 2.9, 2.9 0"))
     assert study["A"].n_pairs == 4
     assert "rounding" not in " ".join(study.reading.doubts)
 
@@ -158,12 +183,16 @@ SIZES = """
 def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(
     quantiles, unit, expected
 ):
+    # Such as the quantiles '2 5 9': '+5.0 % [+2.0, +9.0]'. In decibels 900 % is 20 dB.
     size = Size(*map(float, quantiles.split()))
     assert format_difference(size, StimulusUnit(unit)) == expected
 
 
-def made_up(step, level):
-    """Observers of neighbouring levels who overestimate or underestimate the first stimulus."""
+def observers_with_errors(step, level):
+    """A study of 'up', who overestimates the first stimulus, and 'down', who underestimates it.
+
+    Their pairs are neighbouring levels, `step` apart, above the lowest one.
+    """
     options = {"n": 60, "noise": step, "step": step, "level": level}
     error = 0.9 * step
     up, down = expected_counts("up", error, **options), expected_counts("down", -error, **options)
@@ -184,14 +213,15 @@ WIDE_STEPS, FINE_STEPS = {"step": 6.0, "level": 0.0}, {"step": 2e-5, "level": 20
     ids=["wide", "fine"],
 )
 def test_nothing_shows_an_infinite_a_huge_or_an_empty_size(levels, unit, is_in_logs, tmp_path):
-    study = made_up(**levels)
+    study = observers_with_errors(**levels)
     study.frame().to_csv(tmp_path / "study.csv", index=False)
     line = f"run study.csv {unit} -o results --seed 1 --draws 100 --figures none"
-    screen = good(line, cwd=tmp_path)
+    screen = run_ok(line, cwd=tmp_path)
     assert (" ln [" in screen) == is_in_logs
 
     results = tmp_path / "results"
     report = (results / "report.html").read_text(encoding="utf-8")
+    # The texts of the screen, of the report without figures and tags, and of the methods.
     report_without_figures = re.sub("base64,[^\"']+", "", report)
     texts = [screen, re.sub("<[^>]+>", " ", report_without_figures)]
     texts += [path.read_text(encoding="utf-8") for path in results.glob("*.md")]

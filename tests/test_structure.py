@@ -17,6 +17,7 @@ import bayes_toe
 PACKAGE = Path(bayes_toe.__file__).parent
 #: An import leads to something further left, or stays in its subpackage.
 ORDER = __doc__.partition("\n\n")[2].replace("<", " ").split()
+#: The modules or subpackages that may import a library.
 OWNERS = {
     "arviz_stats": {"inference.diagnostics"},
     "emcee": {"inference", "groups"},
@@ -38,17 +39,18 @@ OWNERS = {
 }
 
 
-def _modules():
-    """Every module but the package's own face, as its dotted name inside the package."""
-    observed = (path.relative_to(PACKAGE).with_suffix("").parts for path in PACKAGE.rglob("*.py"))
-    return sorted(
-        ".".join(parts) for parts in observed if parts not in {("__init__",), ("__main__",)}
-    )
+def module_names():
+    """The dotted names of all modules in the package, such as data.study, but not of its own."""
+    paths = (path.relative_to(PACKAGE).with_suffix("").parts for path in PACKAGE.rglob("*.py"))
+    return sorted(".".join(parts) for parts in paths if parts not in {("__init__",), ("__main__",)})
 
 
 @cache
-def _imported(name):
-    """Dotted names of everything that a module imports, also inside functions."""
+def imported_names(name):
+    """Dotted names of all that a module imports, such as bayes_toe.data.study.Study.
+
+    Imports in functions count, too.
+    """
     path = PACKAGE / f"{name.replace('.', '/')}.py"
     imported = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -60,23 +62,24 @@ def _imported(name):
     return imported
 
 
-def _rank(name):
+def rank_of(name):
+    # The position of a module's subpackage in ORDER.
     return ORDER.index(name.split(".")[0])
 
 
-@pytest.mark.parametrize("name", _modules())
+@pytest.mark.parametrize("name", module_names())
 def test_every_file_is_in_a_subpackage_and_imports_point_one_way(name):
     assert name.count(".") <= 1, "one level of subpackages"
-    for imported in _imported(name):
-        package, _, other = imported.partition(".")
+    for imported in imported_names(name):
+        package, _, other = imported.partition(".")  # 'bayes_toe', 'data.study.Study'
         if package == "bayes_toe" and other.split(".")[0] in ORDER:
-            assert _rank(other) <= _rank(name), other
+            assert rank_of(other) <= rank_of(name), other
 
 
 def test_no_modules_import_each_other():
     graph = {}
-    for name in _modules():
-        imported = {other.removeprefix("bayes_toe.") for other in _imported(name)}
+    for name in module_names():
+        imported = {other.removeprefix("bayes_toe.") for other in imported_names(name)}
         # `from bayes_toe.a.b import name` gives a.b.name, whose module is a.b.
         graph[name] = imported | {other.rpartition(".")[0] for other in imported}
     TopologicalSorter(graph).prepare()  # raises CycleError where modules import each other
@@ -85,8 +88,8 @@ def test_no_modules_import_each_other():
 @pytest.mark.parametrize("library", OWNERS)
 def test_a_library_has_one_owner(library):
     importers = []
-    for name in _modules():
-        if any(other.split(".")[0] == library for other in _imported(name)):
+    for name in module_names():
+        if any(other.split(".")[0] == library for other in imported_names(name)):
             importers.append(name)
             assert OWNERS[library] & {name, name.split(".")[0]}, name
-    assert importers
+    assert importers  # otherwise OWNERS has a library that nobody uses

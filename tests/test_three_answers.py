@@ -8,8 +8,9 @@ from itertools import product
 
 import numpy as np
 import pytest
-from commands import refused
+from commands import refusal_of
 from conftest import read
+from legible import words_of
 from numpy.random import default_rng
 
 import bayes_toe as bt
@@ -28,6 +29,7 @@ COUNTS = "subject,s1,s2,n_first,n_equal,n_second"
 
 @pytest.fixture(scope="module")
 def study():
+    """Simulated A, B and C with 40 trials of each pair; only B has a contraction, of .4."""
     observers = {}
     for name, contraction in (("A", 0.0), ("B", 0.4), ("C", 0.0)):
         observers[name] = {"noise": 0.15, "q0": 0.6, "contraction": contraction}
@@ -35,7 +37,7 @@ def study():
 
 
 def csv(*lines):
-    """The text of a file."""
+    """The text of a file with these lines."""
     return "\n".join(lines)
 
 
@@ -54,6 +56,8 @@ def csv(*lines):
     ],
 )
 def test_trials_codes_and_counts_say_the_same(text, options):
+    # Of four responses to (0, 1), two are 'equal', one is 'second' and one 'first'; that to (1, 0)
+    # is 'second'.
     (subject,) = read(text, options)
     assert subject.task == THREE_ANSWERS
     assert subject.n_yes.tolist() == [2, 0]
@@ -63,12 +67,14 @@ def test_trials_codes_and_counts_say_the_same(text, options):
 
 
 def test_a_stray_word_in_a_study_of_two_answers_is_doubted():
+    # 60 and 60 responses are of two answers, and one is of another task.
     rows = ["a,0,1,second"] * 60 + ["a,1,0,first"] * 60 + ["a,0,1,equal"]
     (doubt,) = read(csv(TRIALS, *rows)).reading.doubts
     assert "only 1 of 121 responses are 'equal'" in doubt
 
 
 def test_a_study_is_its_table_and_its_draws_file(study, tmp_path):
+    # Both have the three counts of each pair.
     draws = bt.sample(study, draws=200, seed=1)
     draws.save(tmp_path / "posterior.nc")
     loaded = load_draws(tmp_path / "posterior.nc").study
@@ -88,6 +94,8 @@ def test_a_study_is_its_table_and_its_draws_file(study, tmp_path):
     ],
 )
 def test_counts_that_do_not_add_up_are_refused(counts, message):
+    # Four pairs with 5 trials each, of which 4, 3, 3 and 4 are 'equal'. n_second is missing, too
+    # large, too short, or not of this task.
     with pytest.raises(bt.InputError, match=message):
         bt.Subject("a", S1, S2, [4, 3, 3, 4], [5] * 4, **{"task": THREE_ANSWERS, **counts})
 
@@ -99,17 +107,19 @@ def test_counts_that_do_not_add_up_are_refused(counts, message):
         ("simulate -o s.csv --task ternary", "of which it predicts only 'equal'"),
     ],
 )
-def test_what_has_two_answers_only_says_so(command, message, tmp_path):
-    assert message in refused(command, cwd=tmp_path, silent=False)
+def test_commands_for_two_answers_refuse_three(command, message, tmp_path):
+    # The example and the paper's model have no third answer.
+    assert message in refusal_of(command, cwd=tmp_path, silent=False)
 
 
 def test_a_session_takes_three_answers_and_is_resumed(tmp_path):
     pairs = list(product((0.0, 0.2, 0.4), repeat=2))
     session = bt.design.Adaptive(pairs, task="ternary", seed=1, draws=600)
-    expected = session.information()
-    assert (expected > 0.0).all()
+    information = session.information()  # that each pair is expected to give
+    assert (information > 0.0).all()
     for word in ("second", "equal", "first"):
         session.answer(session.next(), word)
+    # True is an answer to one question only.
     with pytest.raises(bt.InputError, match="allowed answers are equal, second, first"):
         session.answer(pairs[0], True)
     session.save(tmp_path / "session.json")
@@ -120,6 +130,8 @@ def test_a_session_takes_three_answers_and_is_resumed(tmp_path):
 
 
 def test_a_wrong_direction_is_no_correct_answer():
+    # 8 of 10 answers to the equal pair are 'equal'. Of those to (0, 0.3), 3 are 'equal', 5 'second'
+    # and two 'first'.
     subject = bt.Subject(
         "a", [0.0, 0.0], [0.0, 0.3], [8, 3], [10, 10], n_second=[1, 5], task=THREE_ANSWERS
     )
@@ -130,11 +142,13 @@ def test_a_wrong_direction_is_no_correct_answer():
 
 
 def test_swapped_keys_exchange_first_and_second(study):
+    # The key of 'equal' stays. The swap is found and undone by the same option.
     swapped = study.swap("A")
     assert np.array_equal(swapped["A"].n_second, study["A"].n_first)
     assert np.array_equal(swapped["A"].n_yes, study["A"].n_yes)
     (finding,) = check_answers(swapped)
-    assert (finding.code, finding.option) == ("reversed_answers", "--swap A")
+    assert finding.code == "reversed_answers"
+    assert finding.option == "--swap A"
     assert "'second'" in finding.message
     assert check_answers(study) == ()
 
@@ -143,6 +157,7 @@ def test_swapped_keys_exchange_first_and_second(study):
     "n_equal, n_second, answer", [(10, 0, "equal"), (0, 10, "second"), (0, 4, "")]
 )
 def test_only_one_answer_of_three_is_a_fault(n_equal, n_second, answer):
+    # All 10 responses to each pair are one answer. In the last case, 4 are 'second' and 6 'first'.
     counts = {"n_second": [n_second] * 2, "task": THREE_ANSWERS}
     subject = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [n_equal] * 2, [10] * 2, **counts)
     messages = [finding.message for finding in check_answers(bt.Study([subject]))]
@@ -150,6 +165,7 @@ def test_only_one_answer_of_three_is_a_fault(n_equal, n_second, answer):
 
 
 def test_a_study_whose_directions_are_all_reversed_is_refused(study):
+    # The counts of 'first' and 'second' are exchanged in all subjects.
     frame = study.frame().rename(columns={"n_first": "n_second", "n_second": "n_first"})
     with pytest.raises(bt.InputError, match="'second' less often the larger s2 - s1 is"):
         bt.read_study(frame)
@@ -159,48 +175,58 @@ def test_a_study_whose_directions_are_all_reversed_is_refused(study):
 
 
 def test_the_second_question_leaves_h1_against_h0_and_the_scales_alone(study):
+    # Three answers are two questions: 'equal' or not, and then 'second' or 'first'. The same study
+    # without the second question is one of same or different.
     subjects = [
         replace(subject, task=SAME_DIFFERENT, n_second=None, answers=None) for subject in study
     ]
     same_different = bt.Study(subjects)
-    of_three = bt.evidence(study, seed=1)
-    of_two = bt.evidence(same_different, seed=1)
-    for three, two, subject in zip(of_three.rows, of_two.rows, study, strict=True):
+    evidence_of_three = bt.evidence(study, seed=1)
+    evidence_of_two = bt.evidence(same_different, seed=1)
+    for three, two, subject in zip(
+        evidence_of_three.rows, evidence_of_two.rows, study, strict=True
+    ):
         assert three.log_bayes_factor == pytest.approx(two.log_bayes_factor, abs=1e-9)
+        # The likelihood under H0 is the product of those of both questions.
         which_stronger = subject.two_answers
         assert which_stronger.task == WHICH_STRONGER
         questions = same_different[subject.name], which_stronger
         by_question = [frequency_evidence(question) for question in questions]
         assert three.log_evidence_h0 == pytest.approx(sum(by_question), rel=1e-12)
     assert [subject.scales for subject in study] == [subject.scales for subject in subjects]
-    assert of_three.answers[1].words["contraction"] == "yes"
+    # The contraction of B is found.
+    assert evidence_of_three.answers[1].words["contraction"] == "yes"
 
 
 def test_log_likelihoods_of_pairs_add_up_to_the_trinomial(study):
     draws = bt.sample(study, model="both", draws=100, seed=1)
-    of_pairs = draws.to_arviz()["log_likelihood"]["n_equal"].values[0]
-    of_subject = of_pairs[:, : study["A"].n_pairs].sum(axis=1)
+    by_pair = draws.to_arviz()["log_likelihood"]["n_equal"].values[0]
+    # (draws, pairs) of all subjects; A is the first.
+    by_draw = by_pair[:, : study["A"].n_pairs].sum(axis=1)
     expected = draws.posterior("A").log_likelihood(draws.points("A")[0])
-    assert of_subject == pytest.approx(expected, rel=1e-12)
+    assert by_draw == pytest.approx(expected, rel=1e-12)
 
 
 def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_same_answer(study):
     order, subject = OrderModel("both"), study["B"]
+    # A history with carry-over rho and the previous response kappa, of which both are present.
     with_history = TrialHistoryPosterior(subject, TrialHistory(order, True, True))
     x = order.posterior(subject).sample_prior(default_rng(1), 20)
-    no_history = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa and rho are 0
+    no_history = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa is 0, and so is rho
     expected = order.posterior(subject).log_likelihood(x)
     computed = with_history.array.likelihood.plain_value(no_history[None])[0]
     assert computed == pytest.approx(expected, rel=1e-10)
 
     # With a kappa above 0, the answer before becomes more probable.
+    # kappa is the last coordinate but one, and becomes 1.
     repeating = no_history + np.eye(len(no_history[0]))[-2]
     trials = with_history.rows.trials
     previous = trials.answer[trials.previous]
     change = with_history.trial_probabilities(repeating) - with_history.trial_probabilities(
         no_history
     )
-    for sign in (-1.0, 0.0, 1.0):  # after 'first', 'equal' and 'second'
+    # P('second') falls after 'first', stays after 'equal' and rises after 'second'.
+    for sign in (-1.0, 0.0, 1.0):
         assert (np.sign(change[:, 1:][:, previous[1:] == sign]) == sign).all()
 
 
@@ -209,10 +235,11 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
 
 def test_a_panel_has_a_curve_of_each_answer(study):
     analysis = bt.run(study, draws=200, seed=1)
+    # P of each answer, (draws, 2), to the pairs (0, 0.15) and (0.15, 0).
     shares = analysis.curve("B").answers(*np.transpose([(0.0, 0.15), (0.15, 0.0)]))
     assert list(shares) == ["equal", "second", "first"]
     assert sum(shares.values()) == pytest.approx(np.ones_like(shares["equal"]))
     assert shares["second"][:, 0].mean() > shares["second"][:, 1].mean()
     figure = bt.plots.curves(analysis, "B")
-    legend = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
+    legend = words_of(figure.subfigs[0].legends[0].get_texts())
     assert {"'first'", "'equal'", "'second'"} <= set(legend)

@@ -1,4 +1,4 @@
-"""Words that must not come back: texts that users read speak the language of the field."""
+"""Words that must not come back, because texts that users read have the words of the field."""
 
 import importlib
 import inspect
@@ -20,8 +20,8 @@ FORBIDDEN = re.compile(
 ALLOWED_WORDS = re.compile(r"cannot be told|`[^`]*`|\bpull\(|^\|.*\|$", re.MULTILINE)
 
 
-def texts():
-    """What users read, by name: documents, templates of the report, help and docstrings."""
+def texts_of_users():
+    """The texts that users read, by name: documents, the report, help and public docstrings."""
     text_by_name = {}
     for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
         text_by_name[path.name] = path.read_text(encoding="utf-8")
@@ -29,20 +29,21 @@ def texts():
         template = path.read_text(encoding="utf-8")
         text_by_name[path.name] = re.sub(r"\{%.*?%\}|\{\{.*?\}\}", "", template, flags=re.DOTALL)
     for command in typer.main.get_command(app).commands.values():
-        helps = [command.help, *(parameter.help for parameter in command.params)]
-        text_by_name[f"bayes-toe {command.name}"] = "\n".join(filter(None, helps))
-    for face in ("bayes_toe", "bayes_toe.model", "bayes_toe.design", "bayes_toe.plots"):
-        module = importlib.import_module(face)
+        help_texts = [command.help, *(parameter.help for parameter in command.params)]
+        text_by_name[f"bayes-toe {command.name}"] = "\n".join(filter(None, help_texts))
+    for package in ("bayes_toe", "bayes_toe.model", "bayes_toe.design", "bayes_toe.plots"):
+        module = importlib.import_module(package)
         for name in module.__all__:
-            text_by_name[f"{face}.{name}"] = inspect.getdoc(getattr(module, name)) or ""
+            text_by_name[f"{package}.{name}"] = inspect.getdoc(getattr(module, name)) or ""
     return text_by_name
 
 
-TEXTS = texts()
+TEXTS = texts_of_users()
 
 
 @pytest.mark.parametrize("name", TEXTS)
 def test_no_forbidden_word(name):
+    # Code in blocks, code between backticks and tables of numbers are no prose.
     prose = re.sub(r"^```.*?^```", "", TEXTS[name], flags=re.MULTILINE | re.DOTALL)
     prose = ALLOWED_WORDS.sub("", prose)
     assert [match.group() for match in FORBIDDEN.finditer(prose)] == []

@@ -7,8 +7,15 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from conftest import few_pairs
-from processes import die, interrupted, needs_proc, slow, until, workers_of
+from conftest import quick_study
+from processes import (
+    kill_this_worker,
+    needs_proc,
+    raise_interrupt,
+    return_slowly,
+    wait_until,
+    workers_of,
+)
 
 import bayes_toe as bt
 from bayes_toe.errors import NumericalError, WorkerError
@@ -16,7 +23,9 @@ from bayes_toe.workers import run_in_order, run_jobs, without_failed
 
 
 def test_a_worker_that_dies_ends_the_work_in_one_line_and_the_next_call_has_others():
-    jobs = [partial(die, os.getpid()), *[partial(slow, 1, 0.3)] * 6]
+    # One job of seven kills its worker. The jobs of the next call run in two new workers, and none
+    # in this process. Jobs have no names here, nor is progress reported.
+    jobs = [partial(kill_this_worker, os.getpid()), *[partial(return_slowly, 1, 0.3)] * 6]
     message = r"^a worker died \(killed, or out of memory\): use fewer workers$"
     with pytest.raises(WorkerError, match=message):
         run_in_order(jobs, 2, None, [()] * 7)
@@ -24,6 +33,7 @@ def test_a_worker_that_dies_ends_the_work_in_one_line_and_the_next_call_has_othe
 
 
 def test_jobs_that_failed_are_named_and_an_error_if_all_did():
+    # The subjects a and b have the results 1 and an error.
     assert without_failed("ab", [1, NumericalError("no maximum")]) == ([1], {"b": "no maximum"})
     with pytest.raises(WorkerError, match=r"^a: no maximum$"):
         without_failed("a", [NumericalError("no maximum")])
@@ -33,44 +43,49 @@ def test_jobs_that_failed_are_named_and_an_error_if_all_did():
 @pytest.mark.parametrize(
     "second_job, progress",
     [
-        pytest.param(interrupted, None, id="in a job"),
-        pytest.param(partial(slow, 2, 0.3), lambda _: interrupted(), id="in progress"),
+        pytest.param(raise_interrupt, None, id="in a job"),
+        pytest.param(partial(return_slowly, 2, 0.3), lambda _: raise_interrupt(), id="in progress"),
     ],
 )
 def test_an_interrupt_in_a_job_or_in_its_progress_leaves_no_worker_at_work(second_job, progress):
-    jobs = [partial(slow, 1, 0.3), second_job, *[partial(slow, 3, 0.3)] * 50]
-    # Python's prompt keeps the last traceback, and with it the generator of the results. So the
-    # workers must end although `error` still refers to it.
+    jobs = [partial(return_slowly, 1, 0.3), second_job, *[partial(return_slowly, 3, 0.3)] * 50]
+    # The second of 52 jobs is interrupted, or the report of the first result. Python's prompt keeps
+    # the last traceback, and with it the generator of the results. So the workers must end although
+    # `error` still refers to it.
     with pytest.raises(KeyboardInterrupt) as error:
         run_in_order(jobs, 2, progress, [("a subject",)] * len(jobs))
-    until(lambda: not workers_of(os.getpid()))
+    wait_until(lambda: not workers_of(os.getpid()))
     assert error.tb is not None
 
 
 def test_a_caller_that_stops_after_one_result_is_not_warned(recwarn):
-    assert next(run_jobs([partial(slow, k, 0.3) for k in range(9)], 2)) in {(0, 0), (1, 1)}
+    # Whichever of the first two jobs is done first: results have the index of the job, and its
+    # value.
+    assert next(run_jobs([partial(return_slowly, k, 0.3) for k in range(9)], 2)) in {(0, 0), (1, 1)}
     assert not recwarn.list
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(workers):
-    heard, names = [], [("a",), (), ("b", "c"), ("d",)]
+    # A job has one name, none or several, such as a batch of subjects.
+    reported, names = [], [("a",), (), ("b", "c"), ("d",)]
     jobs = [partial(pow, 2, k) for k in range(4)]
-    assert run_in_order(jobs, workers, heard.append, names) == [1, 2, 4, 8]
-    assert sorted(heard) == ["a", "b", "c", "d"]
+    assert run_in_order(jobs, workers, reported.append, names) == [1, 2, 4, 8]
+    assert sorted(reported) == ["a", "b", "c", "d"]
 
 
 def put_modules(folder):
-    """Put files into a data folder that have the names of modules of Python."""
+    """Put files into a folder that have the names of Python's modules, and end what runs them."""
     for name in ("random", "json", "queue", "select"):
         (folder / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
 
 
 def test_a_command_runs_no_file_of_a_data_folder_and_takes_no_settings_from_there(tmp_path):
+    # The working folder has modules, and settings of matplotlib and ArviZ that end in errors.
     put_modules(tmp_path)
     (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: True\n\xff\xfe")
     (tmp_path / "arvizrc").write_bytes(b"plot.backend : evil\n")
-    draws = bt.sample(few_pairs("AB"), model="none", draws=20, seed=1)
+    draws = bt.sample(quick_study("AB"), model="none", draws=20, seed=1)
     draws.save(tmp_path / "draws.nc")
     program = Path(sys.executable).parent / "bayes-toe"
     words = [program, "corner", "draws.nc", "-o", "corner", "--workers", "2"]
@@ -79,6 +94,7 @@ def test_a_command_runs_no_file_of_a_data_folder_and_takes_no_settings_from_ther
     assert {file.name for file in (tmp_path / "corner").iterdir()} == {"A.png", "B.png"}
 
 
+#: A script that works with two workers.
 SCRIPT = """
 import bayes_toe as bt
 from functools import partial
@@ -94,12 +110,14 @@ def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
     data.mkdir()
     (code / "script.py").write_text(SCRIPT)
     put_modules(data)
+    # The variable would keep the working directory out of Python's path by itself.
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
     words = [sys.executable, str(code / "script.py")]
     finished = subprocess.run(words, cwd=data, capture_output=True, text=True, env=environment)
     assert (finished.stdout, finished.stderr, finished.returncode) == ("[1, 2, 4]\n", "", 0)
 
 
+#: A process works with two workers, and then its copy (os.fork) does the same.
 WORK_IN_A_COPY = """
 import os, signal
 from functools import partial

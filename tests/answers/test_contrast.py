@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, refused
+from commands import refusal_of, run_ok
 from legible import words_of
 from numpy.random import default_rng
 from scipy.special import ndtr
@@ -155,13 +155,13 @@ def two_hands(tmp_path):
 
 def test_contrast_compares_with_the_reference_that_is_typed(two_hands):
     line = "contrast study.csv --condition hand --reference right --seed 1"
-    assert "left - right" in good(line, cwd=two_hands)
+    assert "left - right" in run_ok(line, cwd=two_hands)
     assert set(pd.read_csv(two_hands / "contrast.csv").comparison) == {"left - right"}
     assert (two_hands / "contrast.png").exists()
 
 
 def test_the_asymmetry_of_fit_has_rows_for_each_condition(two_hands):
-    good("fit study.csv --condition hand --asymmetry asymmetry.csv --replicates 2", cwd=two_hands)
+    run_ok("fit study.csv --condition hand --asymmetry asymmetry.csv --replicates 2", cwd=two_hands)
     table = pd.read_csv(two_hands / "asymmetry.csv")
     # Two pairs have both orders. A third one does not, because 0.6 + 0.3 is not 0.9 to the bit.
     n_rows = table.groupby(["subject", "condition"]).size()
@@ -181,10 +181,10 @@ def test_tasks_agree_but_for_what_differs(tmp_path):
         study, _ = bt.simulate(observers, design=str(design), batches=60, seed=1, task=task)
         tables.append(study.frame().drop(columns="synthetic").assign(task=task))
     pd.concat(tables).to_csv(tmp_path / "study.csv", index=False)
-    assert "bayes-toe contrast" in good("check study.csv --condition task", cwd=tmp_path)
-    assert "--where task=2afc" in refused("run study.csv --condition task", cwd=tmp_path)
+    assert "bayes-toe contrast" in run_ok("check study.csv --condition task", cwd=tmp_path)
+    assert "--where task=2afc" in refusal_of("run study.csv --condition task", cwd=tmp_path)
 
-    screen = good("contrast study.csv --condition task --seed 1", cwd=tmp_path)
+    screen = run_ok("contrast study.csv --condition task --seed 1", cwd=tmp_path)
     assert "same/different - 2AFC" in screen
     assert "This does not test whether one observer fits." in screen
     words = pd.read_csv(tmp_path / "contrast.csv").set_index("quantity").word

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, inside
+from commands import run_command, run_ok
 from legible import marks_of, titles_of
 from scipy.stats import norm
 from serial_observers import answered
@@ -118,8 +118,8 @@ def test_an_unknown_order_is_refused_in_a_line(study):
 
 def test_the_command_writes_the_table_and_the_figure(tmp_path):
     trials = "-o trials.csv --task 2afc --observers contraction --subjects 1 --batches 50"
-    good(f"simulate {trials} --carry-over 0.9 --seed 1", cwd=tmp_path)
-    screen = good("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
+    run_ok(f"simulate {trials} --carry-over 0.9 --seed 1", cwd=tmp_path)
+    screen = run_ok("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
     assert "Previous response: " in screen
     (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
     assert 0.0 < row.rho_q025 < row.rho_q50 < row.rho_q975
@@ -134,8 +134,8 @@ def test_the_command_ends_with_code_3_if_a_subject_has_no_result(tmp_path, monke
         return evidence
 
     monkeypatch.setattr("bayes_toe.inference.order_evidence.OrderEvidence.checked", checked)
-    good("simulate -o trials.csv --task 2afc --subjects 2 --batches 5 --seed 1", cwd=tmp_path)
-    completed = inside("history trials.csv --seed 1 --workers 1", cwd=tmp_path)
+    run_ok("simulate -o trials.csv --task 2afc --subjects 2 --batches 5 --seed 1", cwd=tmp_path)
+    completed = run_command("history trials.csv --seed 1 --workers 1", cwd=tmp_path)
     assert completed.returncode == 3
     assert "S01  No result: no maximum" in completed.stdout
 

@@ -20,8 +20,8 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import pytest
-from browsers import Opened
-from commands import good, inside
+from browsers import BrowserPage
+from commands import run_command, run_ok
 
 pytest.importorskip("tornado")
 from bayes_toe.app.job import end_group, home_lock, job_of, list_jobs, named_files, running_job
@@ -34,20 +34,24 @@ RIGHT = "{0},0.0,0.3,2\n{0},0.3,0.0,1\n{0},0.3,0.6,2\n{0},0.6,0.3,1\n"
 WRONG = "{0},0.0,0.3,1\n{0},0.3,0.0,2\n{0},0.3,0.6,1\n{0},0.6,0.3,2\n"
 
 
-def trials(path, subjects=("A", "B")):
-    """Write trials of subjects, with codes and column names that need an answer."""
+def write_trials(path, subjects=("A", "B")):
+    """Write trials of subjects, with codes and column names that need an answer.
+
+    Each subject has 20 trials of each of four pairs, of which 16 are right.
+    """
     rows = "".join(map((16 * RIGHT + 4 * WRONG).format, subjects))
     path.write_text(f"participant,stim1,stim2,answer\n{rows}")
     return path
 
 
 class Answer(NamedTuple):
+    # Of a server to a request.
     code: int
     headers: Message
     body: bytes
 
 
-def content(answer):
+def json_of(answer):
     """The JSON of an answer to a request that is granted."""
     assert answer.code == 200, answer.body
     return json.loads(answer.body)
@@ -76,7 +80,10 @@ class Server:
         self.cookie = f"bayes_toe_{parts.port}={self.token}"
 
     def ask(self, path, body=None, **headers):
-        """The answer to a request that the page could have sent, with some headers changed."""
+        """The answer to a request that the page could have sent, with some headers changed.
+
+        Without a body it is a GET request. A header that is None is not sent.
+        """
         sent = {"Cookie": self.cookie, "X-Bayes-Toe": "1", **headers}
         sent = {name: value for name, value in sent.items() if value is not None}
         with closing(HTTPConnection(self.host, timeout=60)) as connection:
@@ -84,13 +91,13 @@ class Server:
             answer = connection.getresponse()
             return Answer(answer.status, answer.headers, answer.read())
 
-    def study(self, job, action="", body=None, **headers):
+    def study(self, study_id, action="", body=None, **headers):
         """The answer to a request about a study."""
-        return self.ask(f"/api/jobs/{job}{action}", body, **headers)
+        return self.ask(f"/api/jobs/{study_id}{action}", body, **headers)
 
-    def state(self, job, action="", body=None):
+    def state(self, study_id, action="", body=None):
         """The state of a study, after an action."""
-        return content(self.study(job, action, body))
+        return json_of(self.study(study_id, action, body))
 
     def upload(self, *files):
         """The answer to new files, each a name and its content."""
@@ -103,19 +110,19 @@ class Server:
 
     def add(self, name, data):
         """The state of a new study of one file."""
-        return content(self.upload((name, data)))
+        return json_of(self.upload((name, data)))
 
-    def add_trials(self, file, options=CODES):
-        """The name of a new study of a file with trials, with options."""
-        job = self.add(file.name, file.read_bytes())["id"]
-        self.state(job, "/options", json.dumps(options))
-        return job
+    def add_trials(self, study_file, options=CODES):
+        """Upload a file of trials with options, and return the id of the new study."""
+        study_id = self.add(study_file.name, study_file.read_bytes())["id"]
+        self.state(study_id, "/options", json.dumps(options))
+        return study_id
 
-    def wait(self, job, until):
-        """The state of a study when this is true of it."""
+    def wait(self, study_id, is_reached):
+        """Wait until something is true of the state of a study, and return the state."""
         for _ in range(3000):
-            state = self.state(job)
-            if until(state):
+            state = self.state(study_id)
+            if is_reached(state):
                 return state
             time.sleep(0.2)
         raise AssertionError(state)
@@ -138,20 +145,22 @@ def serving(folder, port=0):
 
 
 @pytest.fixture(scope="module")
-def home(tmp_path_factory):
+def home_folder(tmp_path_factory):
+    # The folder of the server, which makes it.
     return tmp_path_factory.mktemp("app") / "home"
 
 
 @pytest.fixture(scope="module")
-def server(home):
-    with serving(home) as running:
+def server(home_folder):
+    with serving(home_folder) as running:
         yield running
 
 
 @pytest.fixture(scope="module")
-def job(server, tmp_path_factory):
-    file = trials(tmp_path_factory.mktemp("study") / "study.csv")
-    return server.add_trials(file, {})
+def study_id(server, tmp_path_factory):
+    # The id of a study of two subjects, which lacks options and was never run.
+    study_file = write_trials(tmp_path_factory.mktemp("study") / "study.csv")
+    return server.add_trials(study_file, {})
 
 
 # --- the folder -----------------------------------------------------------------------------------
@@ -161,10 +170,12 @@ TWO_FILES = {"u.csv": b"subject,s1\n1,2\n", "v.csv": b"subject,s1\n3,4\n"}
 
 def test_files_get_different_names_of_bounded_length_and_others_are_refused():
     names = [f"{'a' * 60}1.csv", f"{'a' * 60}2.csv", f"{'ä' * 200}1.csv", f"{'ä' * 200}2.csv"]
+    # The names differ in their last characters alone, and are shortened to 130 bytes at most.
     files = named_files([(name, b"x") for name in names])
     assert set(names[:2]) < set(files)
     assert len(files) == 4
     assert max(len(name.encode()) for name in files) < 130
+    # Files that are no tables, names that are equal where capitals or signs do not count, and none.
     for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], ["a?.csv", "A*.csv"], []):
         with pytest.raises(InputError) as refusal:
             named_files([(name, b"x") for name in names])
@@ -172,6 +183,7 @@ def test_files_get_different_names_of_bounded_length_and_others_are_refused():
 
 
 def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again(tmp_path):
+    # Three damaged studies with names as the program makes them, and folders of other programs.
     records = {"0" * 16: "", "1" * 16: "[]", "2" * 16: '{"files": ["../x.csv"]}', "exp": "{}"}
     for name, record in records.items():
         (tmp_path / name).mkdir()
@@ -182,35 +194,40 @@ def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again
         job.store(TWO_FILES)
         for name in ("command", "study"):
             (job.folder / name).write_text("")  # as after a loss of power
+        # No study is whole, and all folders are named.
         assert list_jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
         job.store(TWO_FILES)
         assert list_jobs(tmp_path) == ([job], sorted([*records, "mine"]))
         assert job.run_state() == "new"
+    # Nobody but the user may read it.
     assert stat.S_IMODE(job.folder.stat().st_mode) == 0o700
 
 
 @pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
 def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
-    home, mine = tmp_path / "home", tmp_path / "mine"
-    with home_lock(home), pytest.raises(InputError, match="in use by another bayes-toe app"):
-        home_lock(home).__enter__()
+    # The folder of locks, or one of two locks in it, is replaced by a link to a folder or file of
+    # the user, who also has a folder of this name elsewhere.
+    home_folder, mine = tmp_path / "home", tmp_path / "mine"
+    with home_lock(home_folder), pytest.raises(InputError, match="in use by another bayes-toe app"):
+        home_lock(home_folder).__enter__()
     (mine / ".bayes_toe_app").mkdir(parents=True)
     notes = mine / ".bayes_toe_app" / "notes"
     notes.write_text("of the user")
     target = notes
     if link.endswith("app"):
-        shutil.rmtree(home / link)
+        shutil.rmtree(home_folder / link)
         target = mine
     else:
-        (home / link).unlink()
-    (home / link).symlink_to(target)
-    for folder in (home, mine):
+        (home_folder / link).unlink()
+    (home_folder / link).symlink_to(target)
+    for folder in (home_folder, mine):
         with pytest.raises(OutputError, match=str(folder)):
             home_lock(folder).__enter__()
     assert [path.read_text() for path in notes.parent.iterdir()] == ["of the user"]
 
 
-def one_line(refusal, text):
+def require_error_line(refusal, text):
+    # The command ended with exit code 2, and its only line is an error with this text.
     assert (refusal.returncode, refusal.stdout) == (2, "")
     assert len(refusal.stderr.splitlines()) == 1
     assert text in refusal.stderr
@@ -218,17 +235,23 @@ def one_line(refusal, text):
 
 def test_a_folder_or_port_that_cannot_be_used_is_one_line(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
-    one_line(inside("app --folder", tmp_path / "file"), "cannot be written (File exists)")
+    require_error_line(
+        run_command("app --folder", tmp_path / "file"), "cannot be written (File exists)"
+    )
     with closing(socket.create_server(("127.0.0.1", 0))) as other:
         port = other.getsockname()[1]
-        one_line(inside("app --folder", tmp_path / "home", "--port", port), "cannot be used")
+        require_error_line(
+            run_command("app --folder", tmp_path / "home", "--port", port), "cannot be used"
+        )
+    # A home folder of nobody, and of a user whose HOME is empty or relative; None is the default.
     for folder, users_home in (("~nobody_x/y", "/"), ("~/x", ""), ("~", "x"), (None, "")):
         monkeypatch.setenv("HOME", users_home)
         words = ["app"] if folder is None else ["app", "--folder", folder]
-        one_line(inside(*words), "there is no such home folder")
+        require_error_line(run_command(*words), "there is no such home folder")
 
 
 def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
+    # Files are read in another process, which needs longer than 0.01 seconds to start.
     monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
     job = job_of(tmp_path, TWO_FILES)
     job.store(TWO_FILES)
@@ -252,13 +275,15 @@ def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
     ],
     ids=str,
 )
-def test_requests_of_others_are_refused(server, job, headers):
-    for path in (f"/api/jobs/{job}/run", f"/api/jobs/{job}/delete", "/api/jobs"):
+def test_requests_of_others_are_refused(server, study_id, headers):
+    # A page of another site can send requests to this server, but not with its host and cookie, its
+    # origin, and the header of its own. Requests that change nothing (GET) need no such header.
+    for path in (f"/api/jobs/{study_id}/run", f"/api/jobs/{study_id}/delete", "/api/jobs"):
         assert server.ask(path, "", **headers).code == 403
     if "X-Bayes-Toe" not in headers:
-        for path in ("/", "/page.js", "/api/jobs", f"/api/jobs/{job}", "/nothing"):
+        for path in ("/", "/page.js", "/api/jobs", f"/api/jobs/{study_id}", "/nothing"):
             assert server.ask(path, **headers).code == 403
-    assert server.state(job)["run"] == "new"
+    assert server.state(study_id)["run"] == "new"
 
 
 @pytest.mark.parametrize(
@@ -268,13 +293,16 @@ def test_requests_of_others_are_refused(server, job, headers):
         *("/./report.html", "/report.html%00.png"),
     ],
 )
-def test_only_files_of_the_results_are_sent(server, job, path):
-    results = server.state(job)["results"]
+def test_only_files_of_the_results_are_sent(server, study_id, path):
+    # Paths that lead out of the folder of results, and an address with a wrong key in place of the
+    # results'.
+    results = server.state(study_id)["results"]
     assert server.ask(f"/{results}{path[1:]}").code in (403, 404)
-    assert server.ask(f"/results/0123/{job}{path}").code == 403
+    assert server.ask(f"/results/0123/{study_id}{path}").code == 403
 
 
 def test_the_token_in_the_address_sets_a_cookie_that_replaces_an_old_one(server):
+    # The cookie bayes_toe_PORT=TOKEN is that with which the page makes all later requests.
     name, _, _ = server.cookie.partition("=")
     answer = server.ask(f"/?token={server.token}", Cookie=f"{name}=old")
     assert answer.code == 200
@@ -297,23 +325,29 @@ def test_the_page_runs_no_scripts_of_others(server):
     ],
     ids=lambda body: body[:20],
 )
-def test_what_is_no_record_of_options_is_a_bad_request(server, job, body):
-    assert server.study(job, "/options", body).code == 400
+def test_options_of_a_wrong_form_are_a_bad_request(server, study_id, body):
+    # What is no JSON, or no object, has a wrong name or a value of a wrong type, or is too deep.
+    assert server.study(study_id, "/options", body).code == 400
 
 
-def test_unknown_names_of_studies_and_actions_are_not_found(server, job):
-    for name in ("0" * 16, "..", f"{job.upper()}x"):
+def test_unknown_names_of_studies_and_actions_are_not_found(server, study_id):
+    # An id that no study has, the folder above, and the id of a study in capitals with a letter
+    # more.
+    for name in ("0" * 16, "..", f"{study_id.upper()}x"):
         assert server.study(name).code in (404, 405)
 
 
-def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home):
+def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home_folder):
+    # The name of the file is that of a path, with signs that a shell or a page could obey.
     state = server.add("../../-a<b>.csv", b"subject,s1\n")
-    folder = home / state["id"]
+    folder = home_folder / state["id"]
     assert {path.name for path in folder.iterdir()} == {"a_b_.csv", "study"}
-    assert stat.S_IMODE(home.stat().st_mode) == 0o700
+    assert stat.S_IMODE(home_folder.stat().st_mode) == 0o700
+
+    # The record is damaged, as after a loss of power, and restored.
     record = (folder / "study").read_bytes()
     (folder / "study").write_text("")
-    assert folder.name in content(server.ask("/api/jobs"))["damaged"]
+    assert folder.name in json_of(server.ask("/api/jobs"))["damaged"]
     assert server.study(folder.name).code == 400
     assert server.study(folder.name, "/delete", "").code == 400
     (folder / "study").write_bytes(record)
@@ -321,29 +355,32 @@ def test_a_damaged_study_is_a_bad_request_and_a_deleted_one_is_gone(server, home
     assert not folder.exists()
 
 
-def test_a_large_upload_is_refused(server, home):
-    folders = set(home.iterdir())
+def test_a_large_upload_is_refused(server, home_folder):
+    # An upload may have 64 MiB.
+    folders = set(home_folder.iterdir())
     with suppress(OSError):  # The server may close the connection before it has read all.
         assert server.upload(("x.csv", bytes(65 * 2**20))).code in (400, 413)
     assert server.ask("/api/jobs").code == 200
-    assert set(home.iterdir()) == folders
+    assert set(home_folder.iterdir()) == folders
 
 
 @pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of a process need Linux")
-def test_a_full_disk_is_a_line_on_the_page(server, home, job):
-    folders = set(home.iterdir())
-    earlier = server.state(job)
+def test_a_full_disk_is_a_line_on_the_page(server, home_folder, study_id):
+    # For a while the server may write files of 0 bytes. A new file and new options are refused with
+    # the HTTP code 507, insufficient storage.
+    folders = set(home_folder.iterdir())
+    earlier = server.state(study_id)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     no_bytes = (0, limits[1])
     resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, no_bytes)
     answers = [server.upload(("new.csv", b"subject,s1,s2\nA,0,1\n"))]
-    answers.append(server.study(job, "/options", "{}"))
+    answers.append(server.study(study_id, "/options", "{}"))
     resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, limits)
     for answer in answers:
         assert answer.code == 507
         assert "File too large" in json.loads(answer.body)["problem"]
-    assert set(home.iterdir()) == folders
-    assert server.state(job) == earlier
+    assert set(home_folder.iterdir()) == folders
+    assert server.state(study_id) == earlier
 
 
 @pytest.mark.parametrize(
@@ -355,63 +392,67 @@ def test_a_full_disk_is_a_line_on_the_page(server, home, job):
     ],
 )
 def test_a_damaged_file_has_no_table_and_a_problem(server, name, content):
+    # A MATLAB file that ends too early, bytes that are no text, and an empty file.
     reading = server.add(name, content)["reading"]
     assert reading["table"] is None
     assert reading["problems"]
 
 
 def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
+    # --columns separates its names by commas and =, which this name of a column has.
     header = b'subject,s1,s2,"response (1, a=2)"\nA,0,0.3,1\n'
-    job = server.add("x.csv", header)["id"]
+    study_id = server.add("x.csv", header)["id"]
     for options in ({"columns": {"response": "response (1, a=2)"}}, {"intensity": "x"}):
-        state = server.state(job, "/options", json.dumps(options))
+        state = server.state(study_id, "/options", json.dumps(options))
         assert len(state["reading"]["problems"]) == 1
         assert state["reading"]["table"]["names"][0] == "subject"
-        assert server.study(job, "/run", "").code == 400
+        assert server.study(study_id, "/run", "").code == 400
 
 
 # --- the run --------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    return trials(tmp_path_factory.mktemp("trials") / "my study.csv", ("A", "B", "C"))
+def study_file(tmp_path_factory):
+    return write_trials(tmp_path_factory.mktemp("trials") / "my study.csv", ("A", "B", "C"))
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory, file):
-    """A server and the folder of its study.
+def finished(tmp_path_factory, study_file):
+    """A server and the folder of its study, of three subjects, whose run has ended.
 
     The run outlived its first server, was stopped under the next one, and went on to the end.
     """
-    home = tmp_path_factory.mktemp("finished")
-    with serving(home) as first:
-        job = first.add_trials(file)
-        first.state(job, "/run", "")
-        first.wait(job, lambda state: state["done"] > 0)
-        _, group = running_job(home)
+    home_folder = tmp_path_factory.mktemp("finished")
+    with serving(home_folder) as first:
+        study_id = first.add_trials(study_file)
+        first.state(study_id, "/run", "")
+        first.wait(study_id, lambda state: state["done"] > 0)
+        _, group = running_job(home_folder)
         end_group(group, signal.SIGSTOP)  # the run waits until the next server is there
         first.process.kill()
         assert first.process.communicate()[1] == ""
 
-    with serving(home, urlsplit(first.address).port) as second:
-        assert second.state(job)["run"] == "running"
+    with serving(home_folder, urlsplit(first.address).port) as second:
+        assert second.state(study_id)["run"] == "running"
         end_group(group, signal.SIGCONT)
-        stopped = second.state(job, "/stop", "")
-        assert (stopped["run"], stopped["done"] > 0) == ("stopped", True)
+        stopped = second.state(study_id, "/stop", "")
+        assert stopped["run"] == "stopped"
+        assert stopped["done"] > 0
         assert "stopped by SIGTERM" in stopped["log"]
 
-        second.state(job, "/run", "")
-        finished_state = second.wait(job, lambda state: state["run"] == "done")
+        second.state(study_id, "/run", "")
+        finished_state = second.wait(study_id, lambda state: state["run"] == "done")
         assert "taken from results.partial" in finished_state["log"]
-        yield second, home / job
+        yield second, home_folder / study_id
 
 
-def test_results_equal_those_of_the_command_to_the_bit(finished, file, tmp_path):
+def test_results_equal_those_of_the_command_to_the_bit(finished, study_file, tmp_path):
     server, folder = finished
     command = server.state(folder.name)["command"]
-    shutil.copy(file, tmp_path)
-    good(*shlex.split(command)[1:], "--figures", "none", cwd=tmp_path)
+    shutil.copy(study_file, tmp_path)
+    run_ok(*shlex.split(command)[1:], "--figures", "none", cwd=tmp_path)
+    # The command that the page shows, typed in another folder, gives the same tables.
     tables = {path.name: path.read_bytes() for path in (tmp_path / "results").glob("*.csv")}
     _header, *subject_rows = tables["evidence.csv"].decode().splitlines()
     assert [row.partition(",")[0] for row in subject_rows] == ["A", "B", "C"]
@@ -420,6 +461,8 @@ def test_results_equal_those_of_the_command_to_the_bit(finished, file, tmp_path)
 
 
 def test_the_report_has_an_origin_of_its_own_and_the_page_names_its_folder(finished):
+    # The report is sent without a cookie, from an address that only the page knows, and in a
+    # sandbox: its scripts cannot act for the page.
     server, folder = finished
     results = server.state(folder.name)["results"]
     assert server.ask(f"/{results}methods.md", Cookie=None).code == 200
@@ -430,25 +473,28 @@ def test_the_report_has_an_origin_of_its_own_and_the_page_names_its_folder(finis
     assert server.state(folder.name)["folder"] == str(folder / "results")
 
 
-def test_a_run_is_the_only_one_and_ends_with_its_server_alone(tmp_path, file):
+def test_a_run_is_the_only_one_and_ends_with_its_server_alone(tmp_path, study_file):
     with serving(tmp_path) as server:
-        job, other = server.add_trials(file), server.add_trials(trials(tmp_path / "other.csv"))
-        server.state(job, "/run", "")
+        study_id = server.add_trials(study_file)
+        other = server.add_trials(write_trials(tmp_path / "other.csv"))
+        server.state(study_id, "/run", "")
         assert server.study(other, "/run", "").code == 400
-        assert server.study(job, "/options", "{}").code == 400
-        one_line(inside("app --folder", tmp_path, "--port", "0"), "in use by another bayes-toe app")
-        assert server.state(job)["run"] == "running"
-        _, group = running_job(tmp_path)
+        assert server.study(study_id, "/options", "{}").code == 400
+        require_error_line(
+            run_command("app --folder", tmp_path, "--port", "0"), "in use by another bayes-toe app"
+        )
+        assert server.state(study_id)["run"] == "running"
+        _, group = running_job(tmp_path)  # the process group of the run
         assert server.end() == (128 + signal.SIGINT, "")
     with pytest.raises(ProcessLookupError):
-        os.killpg(group, 0)
+        os.killpg(group, 0)  # a signal that only asks whether somebody is there
 
 
 # --- in a browser ---------------------------------------------------------------------------------
 
 
-class Page(Opened):
-    """The page of a server in a browser."""
+class AppPage(BrowserPage):
+    """The page of a server in a browser, with actions as a user does them."""
 
     def __init__(self, browser, server, width=1200, **options):
         self.server = server
@@ -466,7 +512,7 @@ class Page(Opened):
         self.page.locator("main[aria-busy=false]").wait_for()
 
     def study(self):
-        """The study that is shown, as the server has it."""
+        """The state of the study that is shown, from the server."""
         return self.server.state(self.page.url.partition("#")[2])
 
     def enter(self, fields):
@@ -481,7 +527,7 @@ class Page(Opened):
 
     def press(self, selector, *keys):
         """Press Tab until an element has the focus, as somebody without a mouse does; then keys."""
-        for _ in range(60):
+        for _ in range(60):  # more than the page has elements
             if self.page.locator(selector).first.evaluate("e => e === document.activeElement"):
                 break
             self.page.keyboard.press("Tab")
@@ -503,42 +549,47 @@ class Page(Opened):
 
 
 @pytest.fixture
-def opened(browser, server):
-    page = Page(browser, server)
+def app_page(browser, server):
+    page = AppPage(browser, server)
     yield page
     page.close()
 
 
-def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(opened, tmp_path):
-    opened.add(trials(tmp_path / "study.csv", ("<b>A</b>", "<script>alert(1)</script>")))
-    page = opened.page
+def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(app_page, tmp_path):
+    # The names of the subjects are no markup.
+    app_page.add(write_trials(tmp_path / "study.csv", ("<b>A</b>", "<script>alert(1)</script>")))
+    page = app_page.page
     assert "token" not in page.url
     assert page.locator("#go").is_disabled()
     assert "Choose the column of: first stimulus" in page.inner_text("[data-field=stimuli]")
-    opened.press("[data-field=stimuli] button", "Enter")
+    # The answer to each question is one button, the second one for what the codes mean.
+    app_page.press("[data-field=stimuli] button", "Enter")
     assert "does not know what they mean" in page.inner_text("[data-field=meaning]")
-    opened.press("[data-field=meaning] button", "Tab", "Enter")
+    app_page.press("[data-field=meaning] button", "Tab", "Enter")
     assert page.locator(".question, #rows td b").count() == 0
-    assert "+35 %" in page.inner_text("#pairs")
-    opened.press("#go", "Enter")
-    opened.press("#stop", "Enter")
-    opened.wait("stopped")
+    assert "+35 %" in page.inner_text("#pairs")  # the pair (0.0, 0.3): exp(0.3) is 1.35
+    # The run stops at once, stays stopped when the page is loaded again, goes on, and stops.
+    app_page.press("#go", "Enter")
+    app_page.press("#stop", "Enter")
+    app_page.wait("stopped")
     page.reload()
-    opened.wait("stopped")
-    opened.press("#go", "Enter")
-    opened.wait("running")
-    opened.press("#stop", "Enter")
-    opened.wait("stopped")
+    app_page.wait("stopped")
+    app_page.press("#go", "Enter")
+    app_page.wait("running")
+    app_page.press("#stop", "Enter")
+    app_page.wait("stopped")
 
 
 def test_all_four_parts_are_there_in_another_tab_and_other_options_hide_the_results(
     browser, finished
 ):
+    # The study's run has ended. With another decimal sign the results are not those of the options,
+    # until the old choice is back.
     server, folder = finished
-    opened = Page(browser, server)
-    page = opened.page
+    app_page = AppPage(browser, server)
+    page = app_page.page
     page.locator(f"#studies a[href='#{folder.name}']").click()
-    opened.wait("done")
+    app_page.wait("done")
     report = page.frame_locator("#report")
     report.get_by_role("link", name="methods.md").first.click()
     report.get_by_text("For each").first.wait_for()
@@ -550,27 +601,31 @@ def test_all_four_parts_are_there_in_another_tab_and_other_options_hide_the_resu
     page.locator("#go").wait_for()
     assert page.locator("#results").is_hidden()
     page.select_option("#decimal", "")
-    opened.wait("done")
+    app_page.wait("done")
     assert page.inner_text("#folder").endswith("results")
-    opened.close()
+    app_page.close()
 
 
 def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure_is_shown(
     browser, server, tmp_path
 ):
-    opened, sent, held = Page(browser, server), [], []
-    page = opened.page
+    app_page, sent, held = AppPage(browser, server), [], []
+    page = app_page.page
 
-    def hold(route):  # the first answer, until it is released
+    def hold(route):
+        # Record the options that the page sends; the first request waits until it is released.
         sent.append(json.loads(route.request.post_data))
         held.append(route)
         if len(sent) > 1:
             route.continue_()
 
     for name in ("one.csv", "two.csv"):
-        opened.add(trials(tmp_path / name))
+        app_page.add(write_trials(tmp_path / name))
         page.get_by_text(f"{name}: first of").wait_for()
-    two = page.url.partition("#")[2]
+    id_of_two = page.url.partition("#")[2]
+
+    # While the first choice of two.csv is on its way, the user makes a second one, shows one.csv
+    # and makes a choice there.
     page.route("**/options", hold)
     page.select_option("#decimal", ",")
     page.select_option("select[data-role=subject]", "answer")
@@ -580,31 +635,38 @@ def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure
     page.get_by_role("link", name="one.csv").click()
     page.get_by_text("one.csv: first of").wait_for()
     page.select_option("#decimal", ".")
-    assert sent == [{"decimal": ","}]
+    assert sent == [{"decimal": ","}]  # the others wait behind it
+
     held[0].continue_()
-    opened.settle()
+    app_page.settle()
     answers = {"decimal": ",", "columns": {"subject": "answer"}}
-    assert server.state(two)["options"] == answers
-    assert (len(sent), opened.study()["options"]) == (3, {"decimal": "."})
+    assert server.state(id_of_two)["options"] == answers
+    assert len(sent) == 3
+    assert app_page.study()["options"] == {"decimal": "."}
+
+    # A server with a full disk refuses: the page says so, and shows the earlier choice.
     page.route("**/options", lambda route: route.fulfill(status=507, body='{"problem": "full"}'))
     page.select_option("#decimal", ",")
-    opened.settle()
+    app_page.settle()
     page.locator("#message", has_text="full.").wait_for()
     page.wait_for_function("document.querySelector('#decimal').value === '.'")
     page.close()
 
 
-def test_a_column_is_one_question_with_its_values(opened, tmp_path):
+def test_a_column_is_one_question_with_its_values(app_page, tmp_path):
+    # Responses are yes, no, later and never. Two of them get a meaning, and the page asks about the
+    # others together, naming each once.
     lines = [f"A,0,.3,{word}\n" for word in ("yes", "no", "yes", "later", "never", "later")]
     (tmp_path / "words.csv").write_text("subject,s1,s2,response\n" + "".join(lines))
-    opened.add(tmp_path / "words.csv")
-    opened.enter({"[data-text=yes]": "second", "[data-text=no]": "first"})
-    (question,) = opened.page.locator(".question").all_inner_texts()
+    app_page.add(tmp_path / "words.csv")
+    app_page.enter({"[data-text=yes]": "second", "[data-text=no]": "first"})
+    (question,) = app_page.page.locator(".question").all_inner_texts()
     assert [question.count(word) for word in ("'later'", "'never'", "allowed")] == [1, 1, 1]
 
 
-def test_all_studies_that_are_not_analysed_are_deleted_together(opened):
-    questions, deleted, page = [], [], opened.page
+def test_all_studies_that_are_not_analysed_are_deleted_together(app_page):
+    # The page gets a list of three studies, of which a and b were never run.
+    questions, deleted, page = [], [], app_page.page
     listed = []
     for name, run in (("a.csv", "new"), ("b.csv", "new"), ("c.csv", "changed")):
         listed.append({"id": name[0], "files": [name], "run": run, "created": "2026-01-01"})
@@ -623,10 +685,11 @@ def test_all_studies_that_are_not_analysed_are_deleted_together(opened):
     assert deleted == ["/api/jobs/a/delete", "/api/jobs/b/delete"]
 
 
+#: Pairs of neighbours in both orders.
 RATIOS = (1.0, 1.3), (1.3, 1.0), (1.3, 1.69), (1.69, 1.3)
 
 
-def rows(header, line, pairs=RATIOS, words=("first", "second")):
+def text_of_trials(header, line, pairs=RATIOS, words=("first", "second")):
     """A file with 20 trials of each pair, four of five of them right.
 
     `line` is a row: {a} and {b} are the stimuli, {answer} is the word for the stronger one.
@@ -640,39 +703,39 @@ def rows(header, line, pairs=RATIOS, words=("first", "second")):
     return "\n".join(lines) + "\n"
 
 
-OWN_FILE = rows("s1,s2,response", "{a},{b},{answer}")
+OWN_FILE = text_of_trials("s1,s2,response", "{a},{b},{answer}")
 LEVELS_DB = (70, 73), (73, 70), (73, 77), (77, 73)
 STANDARD = (100, 130), (100, 77)
 #: The files of each case below.
-FILES = {
+FILES_BY_TITLE = {
     "decibels in an encoding": [
-        rows("subject,s1,s2,Antwort,Gerät", "1,{a},{b},{answer},ä", pairs=LEVELS_DB)
+        text_of_trials("subject,s1,s2,Antwort,Gerät", "1,{a},{b},{answer},ä", pairs=LEVELS_DB)
     ],
-    "intensities": [rows("vp,A (g),B (g),key", "1,{a},{b},{answer}", words="fj")],
-    "unit in the names": [rows("subject,w1_g,w2_g,response", "1,{a},{b},{answer}")],
+    "intensities": [text_of_trials("vp,A (g),B (g),key", "1,{a},{b},{answer}", words="fj")],
+    "unit in the names": [text_of_trials("subject,w1_g,w2_g,response", "1,{a},{b},{answer}")],
     "standard in a unit": [
-        rows(
+        text_of_trials(
             "subject,rate,standard,comparison,came,response",
             "1,{b},{a},{b},1,{answer}",
             pairs=STANDARD,
             words=("standard", "comparison"),
         )
     ],
-    "right or wrong": [rows("subject,s1,s2,acc", "1,{a},{b},{correct}")],
+    "right or wrong": [text_of_trials("subject,s1,s2,acc", "1,{a},{b},{correct}")],
     "names of files": [OWN_FILE, OWN_FILE],
     "counts": ["subject,s1,s2,alike,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"],
     "pairs in names of columns": [
         "subject,hand,100_112,112_100\nA,left,second,first\nA,right,second,second\n"
     ],
     "blocks": [
-        rows(
+        text_of_trials(
             "subject,block,condition,s1,s2,response",
             "1,1,left,{a},{b},{answer}\n1,2,right,{a},{b},{other}",
         )
     ],
 }
 #: Each case: what is chosen or typed in fields of the page, and the options that follow.
-CASES = """
+FIELDS_AND_OPTIONS = """
 decibels in an encoding
     #encoding = mac_roman
     #scale = dB
@@ -729,39 +792,45 @@ blocks
 
 
 @pytest.mark.parametrize(
-    "case", CASES.strip().split("\n\n"), ids=lambda case: case.partition("\n")[0]
+    "case", FIELDS_AND_OPTIONS.strip().split("\n\n"), ids=lambda case: case.partition("\n")[0]
 )
-def test_fields_become_the_options_of_the_command(opened, tmp_path, case):
+def test_fields_become_the_options_of_the_command(app_page, tmp_path, case):
+    # A case is a title, lines such as '#unit = g' (a field of the page, and what is chosen or
+    # typed there), and the options of the command. FILES_BY_TITLE has the texts of its files.
     title, *lines, options = case.splitlines()
-    for i, text in enumerate(FILES[title]):
+    for i, text in enumerate(FILES_BY_TITLE[title]):
         (tmp_path / f"{i}.csv").write_text(text, encoding="mac_roman")
     fields = {}
     for line in lines:
         selector, value = line.split(" =")
         fields[selector.strip()] = value.strip()
 
-    opened.add(*tmp_path.iterdir())
-    page = opened.page
+    app_page.add(*tmp_path.iterdir())
+    page = app_page.page
     page.click("#others summary")
-    opened.enter(fields)
+    app_page.enter(fields)
     assert page.locator(".question:not(.decision)").all_inner_texts() == []
-    _, _, typed = opened.study()["command"].partition("--seed")
+    # The options follow the seed, in any order.
+    _, _, typed = app_page.study()["command"].partition("--seed")
     assert sorted(shlex.split(typed)[1:]) == sorted(shlex.split(options))
+    # When the page is loaded again, its fields have the same values.
     page.reload()
     page.locator("#go:enabled").wait_for()
     assert {name: page.input_value(name) for name in fields} == fields
 
 
 @pytest.mark.parametrize("width, scheme", [(1200, "light"), (400, "dark")])
-def test_no_screen_is_pushed_sideways(browser, server, tmp_path, width, scheme):
-    opened = Page(browser, server, width, color_scheme=scheme)
-    opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}.csv"))
-    assert opened.page_width() <= width
+def test_the_page_is_never_wider_than_its_window(browser, server, tmp_path, width, scheme):
+    # The name of the file is long. The page is no wider than its window, at first and with all
+    # parts open.
+    app_page = AppPage(browser, server, width, color_scheme=scheme)
+    app_page.add(write_trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}.csv"))
+    assert app_page.page_width() <= width
     for button in ("[data-field=stimuli] button", "[data-field=meaning] button"):
-        opened.page.locator(button, has_text="second").click()
-        opened.settle()
-    opened.page.locator("#others summary").click()
-    assert opened.page_width() <= width
-    colour = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
+        app_page.page.locator(button, has_text="second").click()
+        app_page.settle()
+    app_page.page.locator("#others summary").click()
+    assert app_page.page_width() <= width
+    colour = app_page.page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert colour == {"light": "rgb(255, 255, 255)", "dark": "rgb(23, 24, 27)"}[scheme]
-    opened.close()
+    app_page.close()

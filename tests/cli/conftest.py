@@ -12,10 +12,13 @@ SWAPPED = "responses look swapped"
 
 
 @pytest.fixture(scope="session")
-def marked(analysis):
-    """The analysis of three subjects: the first does not fit, the last is not interpreted."""
+def analysis_with_problems(analysis):
+    """The analysis of A, B and C, of whom A does not fit (90 % 'equal' instead of 40 % in a pair).
+
+    B has no problem. C is not interpreted, because responses look swapped in block 2.
+    """
     first, second, third = analysis.evidence
-    bent = replace(
+    misfit = replace(
         first.answer,
         fit_p=0.001,
         problems={MISFIT_FLAG: Problem("The model does not fit.")},
@@ -27,5 +30,5 @@ def marked(analysis):
         is_interpretable=False,
         problems={SWAPPED: Problem("Responses look swapped in block 2.", "--swap C:2")},
     )
-    rows = (replace(first, answer=bent), second, replace(third, answer=swapped))
+    rows = (replace(first, answer=misfit), second, replace(third, answer=swapped))
     return replace(analysis, evidence=replace(analysis.evidence, rows=rows))

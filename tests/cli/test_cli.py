@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from commands import call, good, inside, refused
-from conftest import grouped_csv, text_table
+from commands import call, refusal_of, run_command, run_ok
+from conftest import text_table, write_counts
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
@@ -20,53 +20,57 @@ QUICK = "--draws 300 --figures none --seed 1"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, small_study):
-    folder = tmp_path_factory.mktemp("cli")
-    grouped_csv(folder / "study.csv", small_study.select(["A", "B"]))
-    grouped_csv(folder / "one.csv", small_study.select(["B"]))
-    return folder
+def study_folder(tmp_path_factory, small_study):
+    """A folder with study.csv, of subjects A and B, and one.csv, of B alone."""
+    study_folder = tmp_path_factory.mktemp("cli")
+    write_counts(study_folder / "study.csv", small_study.select(["A", "B"]))
+    write_counts(study_folder / "one.csv", small_study.select(["B"]))
+    return study_folder
 
 
 @pytest.fixture(scope="module")
-def printed(folder):
-    """The screen of `run`, which writes the folder `out`."""
-    return good("run study.csv -o out --draws 1000 --seed 1", cwd=folder)
+def screen_of_run(study_folder):
+    """The screen of `run` on subjects A and B, which writes the folder `out`."""
+    return run_ok("run study.csv -o out --draws 1000 --seed 1", cwd=study_folder)
 
 
 @pytest.fixture(scope="module")
-def out(folder, printed):
-    return folder / "out"
+def results_of_run(study_folder, screen_of_run):
+    """The folder with the results of `run` on subjects A and B."""
+    return study_folder / "out"
 
 
-def read(folder, name="report.html"):
+def text_of(folder, name="report.html"):
     return (folder / name).read_text(encoding="utf-8")
 
 
 # --- run ------------------------------------------------------------------------------------------
 
 
-def test_run_writes_everything(out, printed):
-    files = {path.name for path in out.iterdir() if not path.name.startswith(".")}
+def test_run_writes_all_results_and_prints_the_answer(results_of_run, screen_of_run):
+    # The file names without those of the folder's own record, which begin with a point.
+    files = {path.name for path in results_of_run.iterdir() if not path.name.startswith(".")}
     tables = {"posterior.nc", "summary.csv", "evidence.csv"}
     assert files == tables | {"corner", "report.html", "methods.md", "methods.bib"}
-    corners = {path.name: path.read_bytes()[:4] for path in (out / "corner").iterdir()}
+    # Each subject has a corner plot, a PNG by its first bytes.
+    corners = {path.name: path.read_bytes()[:4] for path in (results_of_run / "corner").iterdir()}
     assert corners == dict.fromkeys(["A.png", "B.png"], b"\x89PNG")
-    summary = pd.read_csv(out / "summary.csv")
+    summary = pd.read_csv(results_of_run / "summary.csv")
     parameters = "mu1 sigma_p sigma_l q0 gamma sigma1 gain width pse_shift jnd"
     assert summary.parameter.unique().tolist() == parameters.split()
-    assert list(pd.read_csv(out / "evidence.csv").subject) == ["A", "B"]
+    assert list(pd.read_csv(results_of_run / "evidence.csv").subject) == ["A", "B"]
     start = "study.csv: 2 subjects, 1,300 trials, same-different task, 13 pairs\n"
-    assert printed.startswith(start)
-    assert "\nOrder effect: 2 of 2 subjects yes.\n" in printed
-    assert printed.endswith("report.html. Seed 1.\n")
-    assert not re.search(r"\d+%", printed)  # no progress bar where nobody looks
+    assert screen_of_run.startswith(start)
+    assert "\nOrder effect: 2 of 2 subjects yes.\n" in screen_of_run
+    assert screen_of_run.endswith("report.html. Seed 1.\n")
+    assert not re.search(r"\d+%", screen_of_run)  # no progress bar where nobody looks
 
 
-def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(out):
-    text = read(out)
+def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(results_of_run):
+    text = text_of(results_of_run)
     sections = "answer overview trust files subject-1 subject-2 order evidence read paper"
-    order = [text.index(f'id="{position}"') for position in sections.split()]
-    assert order == sorted(order)
+    positions = [text.index(f'id="{section}"') for section in sections.split()]
+    assert positions == sorted(positions)
     joined = " ".join(text.split())
     for sentence in (
         "Order effect: 2 of 2 subjects yes.",
@@ -78,11 +82,13 @@ def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(o
         assert sentence in joined, sentence
     for absent in ("synthetic data", "Problems in the responses", 'class="misfit"'):
         assert absent not in text
+    # Pictures are in the file itself, and all other links lead to the files beside it, or to an
+    # anchor of the report.
     assert not re.search(r"""src=["'](?!data:)""", text)
-    neighbours = {path.name for path in out.iterdir() if not path.name.startswith(".")}
+    neighbours = {path.name for path in results_of_run.iterdir() if not path.name.startswith(".")}
     neighbours |= {"corner/A.png", "corner/B.png"}
     assert set(re.findall(r'href="(?!data:|#)([^"]*)"', text)) == neighbours - {"report.html"}
-    assert text.count("data:image/png;base64,") == 2 * 2
+    assert text.count("data:image/png;base64,") == 2 * 2  # two figures of each of two subjects
     assert all(f'id="{anchor}"' in text for anchor in re.findall(r'href="#([^"]+)"', text))
 
 
@@ -98,78 +104,87 @@ x,0.5,0,25,50
 
 
 def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, blank_pictures):
-    # One pass and an R-hat that chance alone exceeds.
+    # The sampler has one pass and a limit of R-hat that chance alone exceeds.
     strict = partial(SamplerSettings, max_r_hat=1.000001, max_thin=1)
     monkeypatch.setattr("bayes_toe.analysis.SamplerSettings", strict)
     (tmp_path / "s.csv").write_text(GUESSES)
-    finished = inside("run s.csv -o out --draws 500 --seed 1", cwd=tmp_path)
+    finished = run_command("run s.csv -o out --draws 500 --seed 1", cwd=tmp_path)
     assert (finished.returncode, finished.stderr) == (3, "")
     assert "! x  The draws did not converge: " in finished.stdout
-    assert "did not converge" in read(tmp_path / "out")
+    assert "did not converge" in text_of(tmp_path / "out")
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
 def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pictures):
+    # A name that would be a path and a script, names that pandas reads as missing, and a name with
+    # signs that a terminal obeys, which begins as a formula of a spreadsheet.
     wild = "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"
     names = ["../../<script>alert(1)</script> a$b_{c}", "na", "NA", wild]
     counts = ["0,0,48", "0,0.2,31", "0.2,0,35", "0.2,0.4,34", "0.4,0,11", "0.4,0.4,47"]
     rows = [f'"{name}",{count},50' for name, count in itertools.product(names, counts)]
     text = "\n".join(["subject,s1,s2,n_equal,n_trials", *rows])
     (tmp_path / "s.csv").write_text(text, encoding="utf-8")
-    printed = good("run s.csv -o out --draws 100 --seed 1", cwd=tmp_path)
-    out = tmp_path / "out"
-    files = {path.name.lower() for path in (out / "corner").iterdir()}
+    screen = run_ok("run s.csv -o out --draws 100 --seed 1", cwd=tmp_path)
+    results = tmp_path / "out"
+    files = {path.name.lower() for path in (results / "corner").iterdir()}
     assert len(files) == len(names)
     assert re.fullmatch(r"([a-z0-9_.-]+\.png )+", " ".join([*files, ""]))
-    report = read(out)
+    report = text_of(results)
     assert "<script>alert" not in report
-    unknown = refused("corner out/posterior.nc -o c --subject", "\x1b\u202e", cwd=tmp_path)
-    checked = good("check s.csv", cwd=tmp_path)
-    for visible in (report, printed, checked, unknown):
+    unknown = refusal_of("corner out/posterior.nc -o c --subject", "\x1b\u202e", cwd=tmp_path)
+    checked = run_ok("check s.csv", cwd=tmp_path)
+    for visible in (report, screen, checked, unknown):
         # Nothing that a terminal or a browser obeys.
         assert "\\x1b" in visible
         assert visible.replace("\n", "").isprintable()
-    assert bt.load(out / "posterior.nc").names == tuple(names)
-    table = pd.read_csv(out / "evidence.csv", dtype=str, keep_default_na=False)
+    assert bt.load(results / "posterior.nc").names == tuple(names)
+    table = pd.read_csv(results / "evidence.csv", dtype=str, keep_default_na=False)
+    # An apostrophe before the formula, and the escape sequence as text.
     assert list(table.subject) == [*names[:-1], "'=S\\x1b[2J\\x9b\u202e\u2066\u200b\nx"]
 
 
 # --- evidence, sample, fit ------------------------------------------------------------------------
 
 
-def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(folder, out):
-    screen = good("evidence one.csv -o evidence.csv --seed 1", cwd=folder)
-    header, _, row_of_b = read(out, "evidence.csv").splitlines()
+def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(study_folder, results_of_run):
+    screen = run_ok("evidence one.csv -o evidence.csv --seed 1", cwd=study_folder)
+    header, _, row_of_b = text_of(results_of_run, "evidence.csv").splitlines()
     # B is alone in one.csv, and has the numbers that it has beside A.
-    assert read(folder, "evidence.csv").splitlines() == [header, row_of_b]
+    assert text_of(study_folder, "evidence.csv").splitlines() == [header, row_of_b]
+    # These texts stand on the screen in this order.
     places = ("Log model evidence.", "contraction, %", "Answer\nB: The order changes the response")
     assert sorted(places, key=screen.index) == list(places)
 
 
-def test_fit_writes_its_table_and_states_its_level(folder):
+def test_fit_writes_its_table_and_states_its_level(study_folder):
+    # Then it refuses to replace the table, and replaces it in silence if it is told to.
     command = "fit study.csv -o fit.csv"
-    screen = good(f"{command} --replicates 50 --level 0.8 --seed 1", cwd=folder)
+    screen = run_ok(f"{command} --replicates 50 --level 0.8 --seed 1", cwd=study_folder)
     assert "[80 % interval of 50 bootstrap replicates]" in screen
-    frame = pd.read_csv(folder / "fit.csv", keep_default_na=False)
-    assert (set(frame.level), list(frame.subject)) == ({0.8}, ["A", "B"])
-    assert "exists" in refused(command, cwd=folder)
-    assert good(f"{command} --replicates 2 --overwrite --quiet", cwd=folder) == ""
+    frame = pd.read_csv(study_folder / "fit.csv", keep_default_na=False)
+    assert set(frame.level) == {0.8}
+    assert list(frame.subject) == ["A", "B"]
+    assert "exists" in refusal_of(command, cwd=study_folder)
+    assert run_ok(f"{command} --replicates 2 --overwrite --quiet", cwd=study_folder) == ""
 
 
 # --- saved draws ----------------------------------------------------------------------------------
 
 
-def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities(folder, out):
-    (folder / "truth.csv").write_text("subject,mu1,gain,q0\nA,-0.7,0.8,\nZ,1,0.5,0.9\n")
+def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities(
+    study_folder, results_of_run
+):
+    # The gain is a quantity that is no parameter. Subject A has no true q0, and Z is not there.
+    (study_folder / "truth.csv").write_text("subject,mu1,gain,q0\nA,-0.7,0.8,\nZ,1,0.5,0.9\n")
     corner = "corner out/posterior.nc --subject B"
-    good(f"{corner} -o single --parameters identified", cwd=folder)
-    assert [path.name for path in (folder / "single").glob("*.png")] == ["B.png"]
+    run_ok(f"{corner} -o single --parameters identified", cwd=study_folder)
+    assert [path.name for path in (study_folder / "single").glob("*.png")] == ["B.png"]
 
     request = "--subject A --parameters 'gain, offset' --show-prior --truth truth.csv"
-    screen = good(f"{corner} -o both {request} --format svg", cwd=folder)
+    screen = run_ok(f"{corner} -o both {request} --format svg", cwd=study_folder)
     assert "1 corner plot in both" in screen
-    assert {path.name for path in (folder / "both").glob("[!.]*")} == {"B+A.svg"}
-    figure = read(folder / "both", "B+A.svg")
+    assert {path.name for path in (study_folder / "both").glob("[!.]*")} == {"B+A.svg"}
+    figure = text_of(study_folder / "both", "B+A.svg")
     for words in ("B, median", "A, median", "prior", "true values", "offset"):
         assert words in figure
 
@@ -193,33 +208,38 @@ REFUSED = """
 
 
 @pytest.mark.parametrize("line, message", text_table(REFUSED))
-def test_what_is_refused_before_the_work_in_one_line(folder, out, line, message):
-    assert message in refused(line, cwd=folder)
+def test_options_that_cannot_be_used_are_refused_before_the_work(
+    study_folder, results_of_run, line, message
+):
+    # The folder has study.csv, one.csv and the results `out`. Such as 'run study.csv -o out', with
+    # the message that overwrite is needed.
+    assert message in refusal_of(line, cwd=study_folder)
 
 
 # --- simulate, check, priors ----------------------------------------------------------------------
 
 
-def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
+def test_a_prior_file_is_used_shown_and_stored(study_folder, blank_pictures):
     text = "[paper]\nmu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n[contraction]\nsd = 0.5\n"
-    (folder / "narrow.toml").write_text(text)
-    screen = good(f"run one.csv -o narrow --prior narrow.toml {QUICK}", cwd=folder)
+    (study_folder / "narrow.toml").write_text(text)
+    screen = run_ok(f"run one.csv -o narrow --prior narrow.toml {QUICK}", cwd=study_folder)
     assert "\nPrior: narrow.toml\n" in screen
-    out = folder / "narrow"
+    results = study_folder / "narrow"
     expected = bt.Prior(mu1_sd=2.0, sigma_p_scale=0.5, observer=ObserverPrior(contraction_sd=0.5))
-    assert bt.load(out / "posterior.nc").prior == expected
+    assert bt.load(results / "posterior.nc").prior == expected
     words = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)"
-    assert words in read(out)
-    assert words in read(out, "evidence.csv")
+    assert words in text_of(results)
+    assert words in text_of(results, "evidence.csv")
+    # The fit has the prior of mu1 alone, as a penalty.
     line = "fit one.csv -o narrow_fit.csv --replicates 20 --prior narrow.toml --seed 1"
-    assert "Prior: narrow.toml" in good(line, cwd=folder)
-    assert set(pd.read_csv(folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
+    assert "Prior: narrow.toml" in run_ok(line, cwd=study_folder)
+    assert set(pd.read_csv(study_folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
 
 
 @pytest.mark.parametrize("command", ["run", "sample", "evidence", "fit", "check"])
 def test_a_bad_prior_file_is_one_line_for_every_command(study_csv, command):
     (study_csv.parent / "bad.toml").write_text("[paper]\nmu1_sd = -1\n")
-    message = refused(f"{command} study.csv --prior bad.toml", cwd=study_csv.parent)
+    message = refusal_of(f"{command} study.csv --prior bad.toml", cwd=study_csv.parent)
     assert message.startswith("error: bad.toml: [paper] mu1_sd: found -1, allowed: a number")
 
 
@@ -231,6 +251,7 @@ def test_the_installed_command_is_there_and_has_the_version():
     assert call("--version").stdout.strip() == f"bayes-toe {bt.__version__}"
 
 
+#: Libraries that take long to load.
 LARGE = {"pandas", "xarray", "arviz", "arviz_stats", "emcee", "joblib", "matplotlib", "scipy.stats"}
 APP = "from bayes_toe.cli.app import app; app({!r}.split(), standalone_mode=False)"
 
@@ -245,6 +266,7 @@ APP = "from bayes_toe.cli.app import app; app({!r}.split(), standalone_mode=Fals
     ],
 )
 def test_a_quick_command_loads_no_large_library(study_csv, code, libraries):
+    # The last line that the script prints has those of the libraries that it has loaded.
     script = f"{code}; import sys; print([*{libraries} & {{*sys.modules}}])"
     words = [sys.executable, "-c", script]
     options = {"capture_output": True, "text": True, "check": True, "cwd": study_csv.parent}

@@ -10,7 +10,7 @@ from itertools import chain
 
 import pytest
 import typer.main
-from commands import inside
+from commands import run_command
 from conftest import text_table
 from rich.text import Text
 
@@ -24,13 +24,14 @@ FUNCTIONS = {function.__name__: function for function in chain.from_iterable(COM
 of_every_command = pytest.mark.parametrize("name", FUNCTIONS)
 
 
-def names(function):
+def parameters_of(function):
+    # The names of the parameters of the command that a function becomes, in their order.
     return list(inspect.signature(as_command(function)).parameters)
 
 
 @pytest.mark.parametrize("command", ["run", "check", "sample", "evidence", "population", "fit"])
 def test_without_a_file_a_command_says_what_to_type(command, tmp_path):
-    finished = inside(command, cwd=tmp_path)
+    finished = run_command(command, cwd=tmp_path)
     assert (finished.returncode, finished.stdout, list(tmp_path.iterdir())) == (2, "", [])
     assert finished.stderr.splitlines() == [
         "error: No file is named.",
@@ -51,49 +52,58 @@ EXAMPLES = """
 @pytest.mark.parametrize("typed, example", text_table(EXAMPLES))
 def test_every_command_has_both_examples(monkeypatch, tmp_path, typed, example):
     def read(study):
+        # Instead of reading, the command ends with an error that says which example was chosen.
         raise bt.InputError(study.example)
 
     monkeypatch.setattr(StudyFile, "read", read)
     for command, function in FUNCTIONS.items():
-        if "example" in names(function):
-            finished = inside(f"{command} {typed}", cwd=tmp_path)
+        if "example" in parameters_of(function):
+            finished = run_command(f"{command} {typed}", cwd=tmp_path)
             assert finished.stderr == f"error: {example}\n", command
-            assert {"swap", "exclude"} <= set(names(function)), command
+            assert {"swap", "exclude"} <= set(parameters_of(function)), command
 
 
-def test_a_bug_shows_itself(monkeypatch):
+def test_an_error_of_the_program_itself_keeps_its_traceback(monkeypatch):
+    # Only expected errors become a line: an error of the program keeps its traceback.
     monkeypatch.setattr("bayes_toe.check", lambda *_: 1 // 0)
     with pytest.raises(ZeroDivisionError):
-        inside("check --example")
+        run_command("check --example")
 
 
 @of_every_command
-def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_every_word(name):
-    options = names(FUNCTIONS[name])
-    separate = {"population": ["draws"]}.get(name, [])  # with another default
+def test_every_command_lists_shared_options_last_in_one_order(name):
+    options = parameters_of(FUNCTIONS[name])
+    # The draws of a population have another default, and stand among its own options.
+    separate = {"population": ["draws"]}.get(name, [])
     shared = [option for option in SHARED if option in options and option not in separate]
     assert options[-len(shared) :] == shared
     assert shared[-1] == "quiet"
-    screen = inside(f"{name} --help").stdout
-    layouts = inside("check --help").stdout.partition(LAYOUT)[2]
+
+
+@of_every_command
+def test_the_help_of_every_command_has_the_text_of_every_option(name):
+    # Without spaces and frames, the help has the text of every option. The text about layouts of
+    # files stands in the help of `check` alone.
+    screen = run_command(f"{name} --help").stdout
+    layouts = run_command("check --help").stdout.partition(LAYOUT)[2]
     text = "".join((screen + layouts).replace("│", " ").split())
-    assert "<" not in screen.replace("<=", "")  # Python's types
+    assert "<" not in screen.replace("<=", "")  # a type of Python, such as <class 'str'>
     assert f"Example:bayes-toe{name}" in text
     for option in typer.main.get_command(app).commands[name].params:
         help_text = Text.from_markup(option.help)
         assert "".join(help_text.plain.split()) in text, option.name
-        assert not help_text.spans, option.name  # a bracket is a bracket
-        assert len(help_text.plain.split()) <= 12, option.name
+        assert not help_text.spans, option.name  # a bracket is no markup for rich
+        assert len(help_text.plain.split()) <= 12, option.name  # words
 
 
 def test_commands_are_listed_in_an_order_and_rare_options_stand_apart():
-    lines = inside("--help").stdout.partition("One study")[2]
-    listed = " ".join(re.findall(r"^│ (\w+)  ", lines, re.MULTILINE))
+    lines = run_command("--help").stdout.partition("One study")[2]
+    listed = " ".join(re.findall(r"^│ (\w+)  ", lines, re.MULTILINE))  # '│ check  Look at ...'
     assert listed == (
         "check run sample evidence corner explore fit app population contrast history "
         "design power simulate"
     )
-    usual, rare = inside("run --help").stdout.split("Advanced")
+    usual, rare = run_command("run --help").stdout.split("Advanced")
     assert all(f"{option} " in usual for option in ("--output", "--swap", "--exclude", "--seed"))
     assert all(f"{option} " in rare for option in ("--workers", "--dask"))
 
@@ -101,10 +111,11 @@ def test_commands_are_listed_in_an_order_and_rare_options_stand_apart():
 @of_every_command
 def test_the_help_of_a_command_fits_on_a_screen(name, monkeypatch):
     monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 80)
-    text = inside(f"{name} --help").stdout
+    text = run_command(f"{name} --help").stdout
     options = text.index("╭─ Options")
+    # Down to the end of the first frame of options, a terminal of 24 lines shows it at once.
     assert text.count("\n", 0, text.index("╰", options)) <= 24
-    assert text.count("\n") <= 46
+    assert text.count("\n") <= 46  # with the rare options
     assert max(map(len, text.splitlines())) <= 80
     title = inspect.getdoc(FUNCTIONS[name]).partition("\n")[0]
     assert len(title) <= 64  # one line in the list of commands

@@ -10,9 +10,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import xarray as xr
-from commands import good, inside, refused
-from conftest import few_pairs, grouped_csv
-from processes import needs_proc, start, until, until_gone
+from commands import refusal_of, run_command, run_ok
+from conftest import quick_study, write_counts
+from processes import needs_proc, start_command, wait_until, wait_until_gone
 
 import bayes_toe as bt
 from bayes_toe.errors import NumericalError
@@ -22,34 +22,36 @@ FAILURE = "no maximum"
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with the study of four subjects."""
-    grouped_csv(tmp_path / "study.csv", few_pairs("ABCD"))
+    """A folder with study.csv, of four subjects A to D, and nothing else."""
+    write_counts(tmp_path / "study.csv", quick_study("ABCD"))
     return tmp_path
 
 
 def test_a_subject_that_fails_is_marked_and_the_study_goes_on(folder, monkeypatch, blank_pictures):
-    def checked(evidence):
+    def failing_for_a(evidence):
         if evidence.subject.name == "A":
             raise NumericalError(FAILURE)
         return evidence
 
-    monkeypatch.setattr("bayes_toe.inference.order_evidence.OrderEvidence.checked", checked)
-    completed = inside("run study.csv -o out --draws 100 --figures none --seed 1", cwd=folder)
+    monkeypatch.setattr("bayes_toe.inference.order_evidence.OrderEvidence.checked", failing_for_a)
+    completed = run_command("run study.csv -o out --draws 100 --figures none --seed 1", cwd=folder)
     assert (completed.returncode, completed.stderr) == (3, "")
     assert f"! A  No result: {FAILURE}" in completed.stdout
     table = pd.read_csv(folder / "out" / "evidence.csv", dtype=str)
     assert table.subject.tolist() == ["B", "C", "D", "A"]
     assert table.n_pairs[0] == "4", "a whole number, beside a missing one"
+    # A has the last row, without any number.
     assert table.iloc[-1].drop(["subject", "prior", "seed"]).isna().all()
     draws = bt.load(folder / "out" / "posterior.nc")
-    assert (draws.names, draws.failed) == (("B", "C", "D"), {"A": FAILURE})
+    assert draws.names == ("B", "C", "D")
+    assert draws.failed == {"A": FAILURE}
     report = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert 'A <span class="badge bad">failed</span>' in report
     assert f"A ({FAILURE})" in report
 
 
-def listening(running):
-    """Whether a command would hear SIGTERM."""
+def is_listening(running):
+    """Whether a process catches SIGTERM: its bit in the mask SigCgt, such as 0000000000004002."""
     status = Path(f"/proc/{running.pid}/status").read_text()
     caught = re.search(r"SigCgt:\s*(\w+)", status)[1]
     return int(caught, 16) >> (signal.SIGTERM - 1) & 1
@@ -57,10 +59,11 @@ def listening(running):
 
 @needs_proc
 def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
-    running = start(*["run", "study.csv", "-o", "out", "--seed", "1"], cwd=folder)
-    until(lambda: listening(running), running)
+    # The signal comes as soon as the command catches it, which is before its work.
+    running = start_command(*["run", "study.csv", "-o", "out", "--seed", "1"], cwd=folder)
+    wait_until(lambda: is_listening(running), running)
     running.terminate()
-    until_gone(running.pid)
+    wait_until_gone(running.pid)
     assert running.communicate()[1] == "stopped by SIGTERM\n"
     assert running.returncode == 128 + signal.SIGTERM
     assert [path.name for path in folder.iterdir()] == ["study.csv"]
@@ -69,54 +72,62 @@ def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
 SAMPLE = "sample study.csv --seed 1 --draws 100 --model none -o"
 
 
-def stopped(folder, send, number):
-    """The exit code and errors of a command that gets a signal when one result is stored."""
-    running = start(*f"{SAMPLE} posterior.nc --workers 2".split(), cwd=folder)
-    until(lambda: list(folder.glob("*.partial/*.result")), running)
+def code_and_errors_after_signal(folder, send, number):
+    """The exit code and stderr of `sample`, which gets a signal when one result is stored.
+
+    `send` is os.kill, or os.killpg for all its processes, as Ctrl+C in a terminal does.
+    """
+    running = start_command(*f"{SAMPLE} posterior.nc --workers 2".split(), cwd=folder)
+    wait_until(lambda: list(folder.glob("*.partial/*.result")), running)
     send(running.pid, number)
-    until_gone(running.pid)
+    wait_until_gone(running.pid)
     _, errors = running.communicate()
     return running.returncode, errors
 
 
 @needs_proc
 def test_an_interrupt_in_a_terminal_says_what_is_saved_and_how_to_go_on(folder):
-    code, errors = stopped(folder, os.killpg, signal.SIGINT)
+    code, errors = code_and_errors_after_signal(folder, os.killpg, signal.SIGINT)
     assert code == 128 + signal.SIGINT
     saved = r"stopped by SIGINT: \d of 4 subjects are saved in posterior.nc.partial; type --resume"
     assert re.match(saved, errors)
-    problem = refused(f"{SAMPLE} posterior.nc", cwd=folder)
+    problem = refusal_of(f"{SAMPLE} posterior.nc", cwd=folder)
     assert "--resume continues it, --overwrite" in problem
 
 
 @needs_proc
 def test_a_command_that_was_killed_and_is_resumed_gives_the_same_draws(folder):
-    code, _ = stopped(folder, os.kill, signal.SIGKILL)
+    code, _ = code_and_errors_after_signal(folder, os.kill, signal.SIGKILL)
     assert code == -signal.SIGKILL
-    screen = good(f"{SAMPLE} posterior.nc --resume", cwd=folder)
+    screen = run_ok(f"{SAMPLE} posterior.nc --resume", cwd=folder)
     assert "of 4 subjects taken from posterior.nc.partial" in screen
     files = sorted(path.name for path in folder.iterdir())
     assert files == ["posterior.nc", "study.csv"]
 
-    good(f"{SAMPLE} without_a_stop.nc", cwd=folder)
+    run_ok(f"{SAMPLE} without_a_stop.nc", cwd=folder)
     names = ("posterior.nc", "without_a_stop.nc")
     resumed, expected = (bt.load(folder / name).tree for name in names)
+    # Only the times of both files differ.
     assert resumed.attrs.pop("created_at") <= expected.attrs.pop("created_at")
     xr.testing.assert_identical(resumed, expected)
 
 
 def test_stored_results_are_thrown_away_with_overwrite(tmp_path):
-    grouped_csv(tmp_path / "study.csv", few_pairs("A"))
+    # The folder of stored results has one of an earlier command, by the name of its file.
+    write_counts(tmp_path / "study.csv", quick_study("A"))
     partial = tmp_path / "evidence.csv.partial"
     partial.mkdir()
     (partial / f"{'0' * 32}.result").write_text("of an earlier command")
     line = "evidence study.csv -o evidence.csv --seed 1"
-    assert "evidence.csv.partial holds 1 result of a stopped command" in refused(line, cwd=tmp_path)
-    good(f"{line} --overwrite", cwd=tmp_path)
+    assert "evidence.csv.partial holds 1 result of a stopped command" in refusal_of(
+        line, cwd=tmp_path
+    )
+    run_ok(f"{line} --overwrite", cwd=tmp_path)
     files = sorted(path.name for path in tmp_path.iterdir())
     assert files == ["evidence.csv", "study.csv"]
 
 
+#: A thread fails after the signal has come and before the program says that it stopped.
 FAILING_THREAD = """
 import signal, threading
 from bayes_toe.cli.entry_point import Stopped, listen, say_stopped
@@ -134,6 +145,7 @@ except Stopped as stop:
     thread.join()
     say_stopped(stop.number)
 """
+#: SIGTERM is ignored before the program listens to signals, and stays so.
 UNDER_NOHUP = """
 import signal
 from bayes_toe.cli.entry_point import listen
@@ -144,10 +156,13 @@ signal.raise_signal(signal.SIGTERM)
 
 
 def test_a_thread_that_fails_after_a_signal_prints_nothing():
+    # The script waits for the thread, which raises KeyError(2), before it prints that it stopped.
     words = [sys.executable, "-c", FAILING_THREAD]
-    stopped = subprocess.run(words, timeout=60, capture_output=True, text=True)
-    assert stopped.stderr == "stopped by SIGTERM\n"
+    finished = subprocess.run(words, timeout=60, capture_output=True, text=True)
+    assert finished.stderr == "stopped by SIGTERM\n"
 
 
 def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
+    # The script ignores SIGTERM, as `nohup` does with another signal, listens, and sends itself
+    # SIGTERM.
     assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0

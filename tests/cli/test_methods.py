@@ -12,13 +12,14 @@ from bayes_toe.answers.words import Word
 from bayes_toe.cli.methods import write_methods
 
 
-def text_of(analysis, folder, group=None):
+def methods_text(analysis, folder, group=None):
+    # The text of methods.md, with one space between two words.
     write_methods(replace(analysis, group=group), folder / "methods.md")
     return " ".join((folder / "methods.md").read_text(encoding="utf-8").split())
 
 
 def with_answers(analysis, *changes):
-    """The analysis with other answers of its first subjects."""
+    """The analysis with changed fields in the answers of its first subjects."""
     rows = list(analysis.evidence.rows)
     for i, change in enumerate(changes):
         rows[i] = replace(rows[i], answer=replace(rows[i].answer, **change))
@@ -26,8 +27,9 @@ def with_answers(analysis, *changes):
 
 
 def test_the_text_has_data_models_criteria_results_and_limits(analysis, tmp_path):
-    text = text_of(analysis, tmp_path)
-    expected_names = [
+    # Parts of the text: data, model, sampler, criteria, results, limits, prior and pairs.
+    text = methods_text(analysis, tmp_path)
+    sentences = [
         "Each of 3 participants reported whether two successive stimuli were equal or different "
         "(1,950 trials, 650 each; 13 ordered pairs of stimuli from 81 to 134 % of the geometric "
         "mean stimulus).",
@@ -42,22 +44,28 @@ def test_the_text_has_data_models_criteria_results_and_limits(analysis, tmp_path
         "The priors were `noise ~ LogNormal(1 D, 0.7)",
         "Pairs (s1, s2), % of the geometric mean stimulus: (81, 81), ",
     ]
-    assert [sentence for sentence in expected_names if sentence not in text] == []
+    assert [sentence for sentence in sentences if sentence not in text] == []
     assert "A contraction was" not in text
-    assert "(3 of 3)" not in text  # of a limit of the design that holds for all
+    assert "(3 of 3)" not in text  # a limit of the design that holds for all needs no number
+    # In the table, no subject has a contraction, of which the design can tell nothing.
     for row in analysis.evidence:
         assert re.search(rf"\| {row.subject} \|[^|]+\|[^|]+\| cannot be told \|[^|]+\| \|", text)
 
 
-@pytest.mark.parametrize("task", ["analysis", "stronger"])
-def test_the_paragraphs_have_the_length_that_a_journal_prints(request, small_study, tmp_path, task):
-    text = text_of(request.getfixturevalue(task), tmp_path, made_result(small_study))
-    paragraphs, *_ = text.partition("| participant")
-    assert 400 < len(paragraphs.split()) <= 760
+@pytest.mark.parametrize("fixture", ["analysis", "stronger"])
+def test_the_paragraphs_have_the_length_that_a_journal_prints(
+    request, small_study, tmp_path, fixture
+):
+    # An analysis of same or different, or of which was stronger, with the result of a group.
+    text = methods_text(request.getfixturevalue(fixture), tmp_path, made_result(small_study))
+    paragraphs, *_ = text.partition("| participant")  # the table begins there
+    assert 400 < len(paragraphs.split()) <= 760  # words
 
 
 def test_citations_are_those_of_the_text(analysis, tmp_path):
-    text = text_of(analysis, tmp_path)
+    # Entries of methods.bib begin with '@article{cornuet2012,', and the text cites with
+    # '@cornuet2012'. All that is cited has an entry, and at least these three are cited.
+    text = methods_text(analysis, tmp_path)
     entries = (tmp_path / "methods.bib").read_text(encoding="utf-8")
     keys = re.findall(r"^@\w+\{(\w+),", entries, flags=re.MULTILINE)
     cited = set(re.findall(r"@(\w+)", text))
@@ -65,33 +73,38 @@ def test_citations_are_those_of_the_text(analysis, tmp_path):
     assert f"Version {bt.__version__}" in entries
 
 
-def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
+def test_poor_fits_and_subjects_that_are_not_interpreted_are_named(analysis, tmp_path):
+    # A has a poor fit, B is not interpreted, and the fit of C cannot be tested.
     words = dict.fromkeys(analysis.answers[0].words, Word.NOT_INTERPRETABLE)
     poor = {"fit_p": 0.001}
     problems = {"keys look swapped": Problem("")}
     excluded = {"words": words, "is_interpretable": False, "problems": problems}
     untestable = {"fit_p": None}
-    text = text_of(with_answers(analysis, poor, excluded, untestable), tmp_path)
+    text = methods_text(with_answers(analysis, poor, excluded, untestable), tmp_path)
     first, second, third = analysis.draws.names
     assert f"The fit was poor for {first} (p = .0010)." in text
     assert f"The fit was not testable for {third}." in text
     assert f"{second} was not interpreted: keys look swapped." in text
     assert "of 2 participants" in text
     assert " ! marks a poor fit." in text
-    text = text_of(with_answers(analysis, {"fit_p": 0.5}, excluded, excluded), tmp_path)
+
+    # One subject remains, whose fit is good.
+    text = methods_text(with_answers(analysis, {"fit_p": 0.5}, excluded, excluded), tmp_path)
     assert "The order changed the response: the first stimulus was" in text
     assert "No fit was poor." in text
     assert " ! marks a poor fit." not in text
 
 
 def test_words_are_counted_by_direction(analysis, tmp_path):
+    # All three effects are present in A, with a contraction, and in B, with a repulsion, but not in
+    # C. A has one more trial of each of the 13 pairs than the others, who have 650 trials.
     present = dict.fromkeys(QUESTIONS, Word.YES)
     absent = dict.fromkeys(QUESTIONS, Word.NO)
     changes = {"words": present}, {"words": present, "direction": "repulsion"}, {"words": absent}
     first, *remaining = analysis.study.subjects
     longer = replace(first, n_trials=first.n_trials + 1)
     study = replace(analysis.study, subjects=(longer, *remaining))
-    text = text_of(replace(with_answers(analysis, *changes), study=study), tmp_path)
+    text = methods_text(replace(with_answers(analysis, *changes), study=study), tmp_path)
     assert "An order effect was present in 2 of 3 participants and absent in 1." in text
     assert "A contraction was present in 1, reversed (repulsion) in 1 and absent in 1." in text
     assert "| yes, repulsion (" in text
@@ -102,8 +115,10 @@ def test_words_are_counted_by_direction(analysis, tmp_path):
 def test_the_group_has_its_prior_and_sampler_and_is_said_to_be_unreliable(
     analysis, small_study, tmp_path, n_divergent
 ):
+    # The group's result is made without a sampler. A million divergent trajectories make it
+    # unreliable.
     group = made_result(small_study, n_divergent=n_divergent)
-    text = text_of(analysis, tmp_path, group)
+    text = methods_text(analysis, tmp_path, group)
     assert "`constant error, D: mean ~ Student t, 3 df, centre 0, scale 0.5; SD between" in text
     assert "gave 1,600 draws in 8 chains" in text
     assert "In the group of 3, the mean PSE shift was " in text
@@ -112,15 +127,17 @@ def test_the_group_has_its_prior_and_sampler_and_is_said_to_be_unreliable(
 
 
 def test_names_are_no_markup(analysis, tmp_path):
+    # The name has signs of Markdown and one that turns text around.
     changed = with_answers(analysis, {"subject": "*[x](y)\u202e"})
-    assert r"| \*\[x\](y)\\u202e |" in text_of(changed, tmp_path)
+    assert r"| \*\[x\](y)\\u202e |" in methods_text(changed, tmp_path)
 
 
 def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_path):
+    # A flag says that another prior scale changes the word 'order effect' of A.
     plain = {"problems": {}}
     dependent = {"problems": {f"{PRIOR_FLAG}: order effect": Problem("")}}
-    unchanged = text_of(with_answers(analysis, plain, plain, plain), tmp_path)
+    unchanged = methods_text(with_answers(analysis, plain, plain, plain), tmp_path)
     assert "no conclusion 'yes' or 'no' became undecided." in unchanged
-    text = text_of(with_answers(analysis, dependent, plain, plain), tmp_path)
+    text = methods_text(with_answers(analysis, dependent, plain, plain), tmp_path)
     assert f"a 'yes' or a 'no' became undecided for {analysis.draws.names[0]}." in text
     assert " ? marks a 'yes' or a 'no' that became undecided with another prior scale." in text

@@ -9,27 +9,28 @@ import resource
 import subprocess
 
 import pytest
-from commands import PROGRAM, call, good, inside
-from conftest import few_pairs, grouped_csv, text_table
+from commands import PROGRAM, call, run_command, run_ok
+from conftest import quick_study, text_table, write_counts
 
 
 @pytest.fixture(scope="module")
 def study_folder(tmp_path_factory):
-    """A folder with a study of one subject."""
+    """A folder with study.csv, a simulated study of one subject, and nothing else."""
     folder = tmp_path_factory.mktemp("study_folder")
-    good("simulate -o study.csv --subjects 1 --seed 1", cwd=folder)
+    run_ok("simulate -o study.csv --subjects 1 --seed 1", cwd=folder)
     return folder
 
 
-def one_line(finished):
+def error_line(finished):
+    # The one line of stderr of a command that must end with exit code 2.
     assert finished.returncode == 2, finished.stderr
     assert finished.stderr.startswith("error: ")
     assert finished.stderr.count("\n") == 1, finished.stderr
     return finished.stderr
 
 
-def shell(ending, line, **options):
-    """A command with some of its streams elsewhere."""
+def run_in_shell(ending, line, **options):
+    """Run a command in a shell, with an ending such as `>/dev/full` for its streams."""
     words = ["sh", "-c", f'"$@" {ending}', "sh", *PROGRAM, *line.split()]
     return subprocess.run(words, capture_output=True, text=True, **options)
 
@@ -38,20 +39,23 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(study_folder, tmp_pat
     file = tmp_path / "out" / "posterior.nc"
     file.parent.mkdir()
     file.write_text("old")
+    # No file may have more than 100,000 bytes, and the draws need more.
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
     try:
         words = "--draws 100 --seed 1 --overwrite -q"
-        finished = inside(f"run {study_folder}/study.csv -o {file.parent} {words}")
+        finished = run_command(f"run {study_folder}/study.csv -o {file.parent} {words}")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert "out.partial: cannot be written (File too large)" in one_line(finished)
-    assert ".bayes_toe" not in finished.stderr
-    assert (file.read_text(), list(file.parent.iterdir())) == ("old", [file])
+    assert "out.partial: cannot be written (File too large)" in error_line(finished)
+    assert ".bayes_toe" not in finished.stderr  # the name of a temporary folder
+    assert file.read_text() == "old"
+    assert list(file.parent.iterdir()) == [file]
 
 
 def test_if_one_of_two_files_cannot_be_written_none_is_replaced(tmp_path, monkeypatch):
-    def full(frame, path):
+    # There is room for the first file, a.csv, and none for the second one.
+    def write_table_on_full_disk(frame, path):
         if path.name == "b.csv":
             raise OSError(errno.ENOSPC, "No space left on device")
         path.write_text("new")
@@ -59,35 +63,40 @@ def test_if_one_of_two_files_cannot_be_written_none_is_replaced(tmp_path, monkey
     files = [tmp_path / "a.csv", tmp_path / "b.csv"]
     for file in files:
         file.write_text("old")
-    monkeypatch.setattr("bayes_toe.data.tables.write_table", full)
-    finished = inside("simulate -o a.csv --truth b.csv --overwrite", cwd=tmp_path)
-    assert "error: b.csv: cannot be written (No space left on device)" in one_line(finished)
+    monkeypatch.setattr("bayes_toe.data.tables.write_table", write_table_on_full_disk)
+    finished = run_command("simulate -o a.csv --truth b.csv --overwrite", cwd=tmp_path)
+    assert "error: b.csv: cannot be written (No space left on device)" in error_line(finished)
     assert [file.read_text() for file in files] == ["old", "old"]
     assert sorted(tmp_path.iterdir()) == files
 
 
 def test_closed_and_full_streams_cost_no_results(tmp_path):
-    """Nor do workers lose theirs."""
-    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+    """Results with streams closed, also those of workers, are the same as with open ones."""
+    write_counts(tmp_path / "study.csv", quick_study("AB"))
     line = "fit study.csv --seed 1 --replicates 5"
-    good(f"{line} -o calm.csv", cwd=tmp_path)
-    closed = shell("<&- >&- 2>&-", f"{line} -o closed.csv --workers 2", cwd=tmp_path)
+    run_ok(f"{line} -o calm.csv", cwd=tmp_path)
+    closed = run_in_shell("<&- >&- 2>&-", f"{line} -o closed.csv --workers 2", cwd=tmp_path)
     assert (closed.returncode, closed.stderr) == (0, "")
     assert (tmp_path / "closed.csv").read_bytes() == (tmp_path / "calm.csv").read_bytes()
-    full = shell(">/dev/full", "simulate -o full.csv --subjects 1 --seed 1", cwd=tmp_path)
-    assert one_line(full).startswith("error: standard output: cannot be written (No space left")
+
+    full = run_in_shell(">/dev/full", "simulate -o full.csv --subjects 1 --seed 1", cwd=tmp_path)
+    assert error_line(full).startswith("error: standard output: cannot be written (No space left")
     assert (tmp_path / "full.csv").exists()
-    piped = shell("| :", "--help")
+
+    piped = run_in_shell("| :", "--help")  # into a program that reads nothing
     assert (piped.returncode, piped.stderr) == (0, "")
 
 
 def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder, tmp_path):
-    """Libraries with a cache at home fail there, or leave a folder ~ in the working folder."""
+    """Libraries with a cache at home fail there, or leave a folder ~ in the working folder.
+
+    The folders for these are below a file, so that nobody can make them, and text is ASCII.
+    """
     plain = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii"}
     plain |= dict.fromkeys(["PYTHONUTF8", "PYTHONCOERCECLOCALE"], "0")
     plain |= dict.fromkeys(["HOME", "TMPDIR"], str(study_folder / "study.csv" / "home"))
-    grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
-    line = "run study.csv -o out --figures none --draws 100 --seed 1"  # which draws figures
+    write_counts(tmp_path / "study.csv", quick_study(["\xe9"]))
+    line = "run study.csv -o out --figures none --draws 100 --seed 1"  # the report has figures
     finished = call(*line.split(), cwd=tmp_path, **plain)
     assert (finished.returncode, finished.stderr) == (0, "")
     assert r"\xe9" in finished.stdout  # a letter that ASCII lacks
@@ -95,24 +104,27 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder,
 
 
 def test_pipes_and_devices_are_refused(study_folder, tmp_path):
+    # Neither as a study nor as a prior file.
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", "/dev/zero"):
         for line in (f"check {path}", f"check {study_folder}/study.csv --prior {path}"):
-            assert "a pipe or device, not a file" in one_line(inside(line))
+            assert "a pipe or device, not a file" in error_line(run_command(line))
 
 
 def test_a_working_folder_that_is_gone_is_refused_in_one_line(tmp_path):
+    # The shell removes its working folder and then starts the command.
     removed = tmp_path / "gone"
     removed.mkdir()
     script = f'cd "{removed}" && rmdir "{removed}" && "$@"'
     words = ["sh", "-c", script, "sh", *PROGRAM, "check", "study.csv"]
     finished = subprocess.run(words, capture_output=True, text=True)
-    assert "the working folder cannot be used" in one_line(finished)
+    assert "the working folder cannot be used" in error_line(finished)
 
 
 def test_python_without_docstrings_is_refused_in_one_line():
+    # Python at the optimisation level 2 has no docstrings, from which the help is made.
     finished = call("check", "study.csv", PYTHONOPTIMIZE="2", PYTHONDONTWRITEBYTECODE="1")
-    assert "unset the variable" in one_line(finished)
+    assert "unset the variable" in error_line(finished)
 
 
 LONG = "y" * 250
@@ -137,7 +149,8 @@ REFUSED_NAMES = f"""
 
 @pytest.mark.parametrize("line, message", text_table(REFUSED_NAMES))
 def test_names_that_no_output_can_have_are_refused(study_folder, line, message):
-    finished = inside(line, cwd=study_folder)
+    # Such as 'fit --example -o new/', with the message that the name of a file is allowed.
+    finished = run_command(line, cwd=study_folder)
     assert (finished.returncode, finished.stdout) == (2, "")
     assert message in " ".join(finished.stderr.split())
     assert [path.name for path in study_folder.iterdir()] == ["study.csv"]

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, inside, refused
-from conftest import few_pairs, grouped_csv, text_table
+from commands import refusal_of, run_command, run_ok
+from conftest import quick_study, text_table, write_counts
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
@@ -29,44 +29,49 @@ P005,1,
 """
 
 
-def unreliable(posterior, n_draws, rng):
+def draws_with_divergences(posterior, n_draws, rng):
+    # In the place of the sampler: draws of which two trajectories diverged.
     draws = independent_draws(posterior, n_draws, rng)
     return replace(draws, n_divergent=2)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def group_folder(tmp_path_factory):
+    # A folder with a study of six subjects, their covariates (P005 has no age), and a hyperprior.
     folder = tmp_path_factory.mktemp("population")
-    grouped_csv(folder / "study.csv", simulated_group(1, n_subjects=6))
+    write_counts(folder / "study.csv", simulated_group(1, n_subjects=6))
     (folder / "people.csv").write_text(PEOPLE)
     (folder / "wide.toml").write_text("[contraction]\nsd_scale = 0.5\n")
     return folder
 
 
 @pytest.fixture(scope="module")
-def finished(folder):
+def screen(group_folder):
+    # The screen of `population`, which writes group.nc and others, with draws that need no sampler.
     extra = "--covariates people.csv --categorical site --hyperprior wide.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.groups.population.sample_group", independent_draws)
-        return good(f"population study.csv -o group.nc {extra} {OPTIONS}", cwd=folder)
+        return run_ok(f"population study.csv -o group.nc {extra} {OPTIONS}", cwd=group_folder)
 
 
-def test_the_command_writes_four_files_and_answers_with_mean_and_sd(finished, folder):
+def test_the_command_writes_four_files_and_answers_with_mean_and_sd(screen, group_folder):
     files = "group.csv group.nc group.png group_subjects.csv"
-    assert sorted(path.name for path in folder.glob("group*")) == files.split()
-    text = " ".join(finished.split())
+    assert sorted(path.name for path in group_folder.glob("group*")) == files.split()
+    text = " ".join(screen.split())
     assert "Answer In the group of 5 (site 0, age mean), the mean PSE shift is " in text
     assert re.search(
         r"and the SD between subjects is .*\. [\w ]+ differs? from 0 \(BF .*\)\.", text
     )
     assert "Effects of covariates" in text
+    # P005 is named once, as the subject that is left out.
     assert text.count("P005") == text.count("! Subjects left out: 'P005' (no age)") == 1
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
 
 
-def test_files_are_those_of_the_group(finished, folder):
-    result = bt.load(folder / "group.nc")
-    text = " ".join(finished.split())
+def test_files_are_those_of_the_group(screen, group_folder):
+    # What the screen says is what the files have, and P005 without an age is left out.
+    result = bt.load(group_folder / "group.nc")
+    text = " ".join(screen.split())
     shift = format_signed(Size(*result.table.row("mean", "pse_shift_percent").interval), "%")
     contraction = format_share(Size(*result.table.row("mean", "contraction").interval))
     assert f"mean PSE shift is {shift}" in text
@@ -75,7 +80,7 @@ def test_files_are_those_of_the_group(finished, folder):
     assert result.subjects == ("P000", "P001", "P002", "P003", "P004")
     assert result.settings.hyperprior.contraction.sd_scale == 0.5
 
-    table = pd.read_csv(folder / "group.csv", keep_default_na=False, na_values=[""])
+    table = pd.read_csv(group_folder / "group.csv", keep_default_na=False, na_values=[""])
     assert np.array_equal(table["q50"], result.summary()["q50"])
 
 
@@ -93,17 +98,21 @@ REFUSED = """
 
 
 @pytest.mark.parametrize("options, words", text_table(REFUSED))
-def test_what_is_refused(finished, folder, options, words):
-    assert words in refused(f"population study.csv {OPTIONS} {options}", cwd=folder, silent=False)
+def test_options_of_a_group_that_cannot_be_used_are_refused(screen, group_folder, options, words):
+    # Such as '-o group.nc', which is there: overwrite is needed.
+    assert words in refusal_of(
+        f"population study.csv {OPTIONS} {options}", cwd=group_folder, silent=False
+    )
 
 
-def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
-    study = few_pairs("ABC")
-    grouped_csv(tmp_path / "study.csv", study)
-    monkeypatch.setattr("bayes_toe.groups.population.sample_group", unreliable)
-    run = inside(f"population study.csv {OPTIONS}", cwd=tmp_path)
-    assert run.returncode == 3
-    text = " ".join(run.stdout.split())
+def test_a_group_with_divergent_trajectories_is_not_reliable(tmp_path, monkeypatch):
+    # The group has two divergent trajectories, which make it unreliable: exit code 3. The four
+    # pairs of its study show no contraction.
+    write_counts(tmp_path / "study.csv", quick_study("ABC"))
+    monkeypatch.setattr("bayes_toe.groups.population.sample_group", draws_with_divergences)
+    finished = run_command(f"population study.csv {OPTIONS}", cwd=tmp_path)
+    assert finished.returncode == 3
+    text = " ".join(finished.stdout.split())
     assert "NOT RELIABLE: In the group of 3, the mean PSE shift is" in text
     assert "! The group's result is not reliable: 2 of 1600 trajectories diverged" in text
     assert "contraction cannot be told" in text
@@ -113,9 +122,11 @@ def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
 
 
 def test_an_sd_near_zero_is_given_as_a_bound():
+    # The draws of the SD of the constant error are set to 1 D, and those of the contraction to
+    # values from .001 to .021, whose upper bound is 2 %.
     built = made_result(simulated_group(1, n_subjects=6))
     sd = built.draws.sd.copy()
-    sd[..., 0] = 1.0  # of the constant error, in units of D
+    sd[..., 0] = 1.0
     sd[..., 1] = 0.001 + 0.02 * np.random.default_rng(1).uniform(size=sd.shape[:2])
     [line] = group_answer(replace(built, draws=replace(built.draws, sd=sd)))
     shift, _, contraction = line.partition("contraction")
@@ -123,15 +134,17 @@ def test_an_sd_near_zero_is_given_as_a_bound():
     assert "at most" not in shift
 
 
-def test_conditions_have_a_line_and_a_table():
+def test_conditions_of_a_group_have_a_line_and_a_table():
     built = made_result(two_conditions(1, n_subjects=4))
     lines = group_answer(built)
     assert lines[1].startswith("Difference right - left in the group: PSE shift ")
-    assert lines[1].count("BF") == 3
+    assert lines[1].count("BF") == 3  # of constant error, contraction and JND
     (title, _, differences), (group, _, rows) = group_tables(built)
     assert title == "Differences between conditions"
     assert group == "4 subjects, median [95 % interval]"
     assert [row[0] for row in rows] == ["constant error", "contraction", "JND"]
+
+    # The difference of the JND is that of log noise, and the table has it as a ratio.
     [ratio] = built.table.select("difference", "noise")
     low, median, high = np.exp([ratio.q025, ratio.q50, ratio.q975])
     assert differences[2][2] == f"{median:.2f} [{low:.2f}, {high:.2f}]"

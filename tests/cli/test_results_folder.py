@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import refused
+from commands import refusal_of
 from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
@@ -22,7 +22,8 @@ NO_FIGURES = {"figures": "none"}
 FIRST, AGAIN = RunContext(), RunContext(overwrite=True)
 
 
-def page(folder, name="report.html"):
+def text_of(folder, name="report.html"):
+    # The text of a file of the folder, with one space between two words.
     return " ".join((folder / name).read_text(encoding="utf-8").split())
 
 
@@ -34,36 +35,44 @@ def page(folder, name="report.html"):
     ],
 )
 def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
-    marked, tmp_path, choice, drawn, note
+    analysis_with_problems, tmp_path, choice, drawn, note
 ):
-    out = write_results(marked, tmp_path / "out", FIRST, figures=choice)
+    # Of the subjects A, B and C, A does not fit and C is not interpreted: both are flagged.
+    out = write_results(analysis_with_problems, tmp_path / "out", FIRST, figures=choice)
     assert sorted(file.stem for file in out.glob("corner/*")) == list(drawn)
     assert (out / "corner").exists() == bool(drawn)
-    text = page(out)
+    text = text_of(out)
+    # Two pictures of each subject with figures, and a line about them for each of the others.
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
     assert counts == (2 * len(drawn), 3 - len(drawn))
     assert note in text
+
+    # Paragraphs and definitions end with one point.
     sentences = re.findall(r'(?:<p class="lead">|<dd>)(.*?)</(?:p|dd)>', text)
     assert len(sentences) > 8
     assert [words for words in sentences if not re.search(r"[^.]\.$", words)] == []
     figures = re.findall(r"<svg.*?</svg>", text)
-    # With the figure of a poor fit.
-    assert (len(figures), max(map(len, figures)) < 90_000) == (4, True)
+    # Among them is the figure of a poor fit. Each is small enough for a page that loads at once.
+    assert len(figures) == 4
+    assert max(map(len, figures)) < 90_000
     assert {path.name for path in out.iterdir()} <= set(results_folder.PRODUCTS)
 
 
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
-    marked, tmp_path, monkeypatch
+    analysis_with_problems, tmp_path, monkeypatch
 ):
+    # Three subjects are too many for one page if it may have two: A and C are flagged.
     monkeypatch.setattr(report, "MAX_SUBJECTS", 2)
-    out = write_results(marked, tmp_path / "out", FIRST, figures="flagged")
-    index = page(out)
+    out = write_results(analysis_with_problems, tmp_path / "out", FIRST, figures="flagged")
+    index = text_of(out)
     links = re.findall(r'href="subjects/([^"]+).html"', index)
     assert links[:3] == ["A", "C", "B"]  # flagged ones first
     assert "data:image/png" not in index
     assert '<details class="subject' not in index
     assert "2 of 3 subjects need action" in index
-    pages = [page(out / "subjects", f"{name}.html") for name in "ABC"]
+
+    # A does not fit one pair, B has no problem, and C is not interpreted.
+    pages = [text_of(out / "subjects", f"{name}.html") for name in "ABC"]
     assert [text.count("data:image/png") for text in pages] == [2, 0, 2]
     misfit = "For (s1, s2) = (0, 0.3), 90 % of the responses are &#39;equal&#39;, and the model"
     assert misfit in pages[0]
@@ -71,27 +80,34 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     assert "<code>--swap C:2</code>" in pages[2]
     assert all('href="../report.html#read"' in text for text in pages)
     assert 'href="../corner/A.png"' in pages[0]
+
+    # If the page may have three, there are no others, and the old ones are removed.
     monkeypatch.setattr(report, "MAX_SUBJECTS", 3)
-    write_results(marked, out, AGAIN, **NO_FIGURES)
+    write_results(analysis_with_problems, out, AGAIN, **NO_FIGURES)
     assert not [*out.glob("corner*"), *out.glob("subjects*")]
 
 
-def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path):
+def test_a_group_stands_in_the_report_and_goes_if_there_is_none(analysis_with_problems, tmp_path):
     """Its section says first what speaks against it, then the answer, figure and tables."""
     study = simulated_group(1, n_subjects=4)
     column = Regressor("group", "<b>", "group <b> against a", reference="a")
     covariates = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
     group = made_result(study, covariates, n_divergent=2)
 
-    wrong = Statistic("spread", "accuracy", 0.3, 0.1, 0.2, 0.004, is_above=True)
-    check = PredictiveCheck((wrong,))
+    # The spread of the accuracy between subjects is .3, but .1 to .2 in simulated groups: p = .004.
+    large_spread = Statistic("spread", "accuracy", 0.3, 0.1, 0.2, 0.004, is_above=True)
+    check = PredictiveCheck((large_spread,))
 
     out = write_results(
-        replace(marked, group=group), tmp_path / "out", FIRST, check=check, **NO_FIGURES
+        replace(analysis_with_problems, group=group),
+        tmp_path / "out",
+        FIRST,
+        check=check,
+        **NO_FIGURES,
     )
-    section = page(out).partition('<summary id="group">')[2].partition('id="subjects"')[0]
+    section = text_of(out).partition('<summary id="group">')[2].partition('id="subjects"')[0]
 
-    order = [
+    texts_in_order = [
         "not reliable</span>",
         "the group&#39;s result is not reliable: 2 of 1600 trajectories diverged",
         "the spread of the accuracy between subjects is larger than in a normal group",
@@ -102,48 +118,57 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
         ">new subject</th>",
         "<li>constant error, D: mean ~ Student t",
     ]
-    places = [section.index(words) for words in order]
-    assert places == sorted(places)
+    positions = [section.index(words) for words in texts_in_order]
+    assert positions == sorted(positions)
 
-    of_group = list(out.glob("population*"))
-    assert (len(of_group), min(path.stat().st_size for path in of_group) > 500) == (4, True)
+    # Draws, two tables and a figure, none of which is empty.
+    group_files = list(out.glob("population*"))
+    assert len(group_files) == 4
+    assert min(path.stat().st_size for path in group_files) > 500
 
-    write_results(marked, out, AGAIN, **NO_FIGURES)
-    assert 'id="group"' not in page(out)
+    write_results(analysis_with_problems, out, AGAIN, **NO_FIGURES)
+    assert 'id="group"' not in text_of(out)
     assert not list(out.glob("population*"))
 
 
-def test_an_explorer_stands_beside_the_report_if_asked_for(marked, tmp_path, monkeypatch):
+def test_an_explorer_stands_beside_the_report_if_asked_for(
+    analysis_with_problems, tmp_path, monkeypatch
+):
     explored = []
 
     def explore(draws):
+        # In the place of the page of the draws, which takes long to make.
         explored.append(draws)
         return Explorer("explored")
 
     monkeypatch.setattr(results_folder, "explore", explore)
-    out = write_results(marked, tmp_path / "out", FIRST, has_explorer=True, **NO_FIGURES)
-    assert page(out, "explorer.html") == "explored"
-    assert explored == [marked.draws]
-    assert page(out).count('href="explorer.html"') == 2
-    assert "bayes-toe explore" not in page(out)
+    out = write_results(
+        analysis_with_problems, tmp_path / "out", FIRST, has_explorer=True, **NO_FIGURES
+    )
+    assert text_of(out, "explorer.html") == "explored"
+    assert explored == [analysis_with_problems.draws]
+    assert text_of(out).count('href="explorer.html"') == 2
+    assert "bayes-toe explore" not in text_of(out)
 
 
 def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
     command = f"run {study_csv} -o out --explore"
     numerous = "explore: found 3 subjects, allowed: at most 2 in a page"
-    assert numerous in refused(command, cwd=tmp_path, silent=False)
+    assert numerous in refusal_of(command, cwd=tmp_path, silent=False)
+    # As if bokeh, with which the page is made, were not installed.
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert "pip install 'bayes_toe[explore]'" in refused(command, cwd=tmp_path)
+    assert "pip install 'bayes_toe[explore]'" in refusal_of(command, cwd=tmp_path)
 
 
 def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
+    # Words that only one of the two tasks has: those of same/different must be absent.
     out = write_results(stronger, tmp_path / "out", FIRST)
-    methods = page(out, "methods.md")
+    methods = text_of(out, "methods.md")
     limit = "a constant error and a response bias predict the same responses"
     assert limit in methods
-    assert limit in page(out)
-    report_without_figures = re.sub(r"data:image[^\"]*", "", page(out))
+    assert limit in text_of(out)
+    report_without_figures = re.sub(r"data:image[^\"]*", "", text_of(out))
     text = report_without_figures + methods
     words_of_same_different = ("'equal'", "called equal", "P(equal)", "q0", "half-width")
     assert [words for words in words_of_same_different if words in text] == []
@@ -152,6 +177,8 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
 
 
 def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
+    # One subject with the conditions left and right, whose constant errors differ by 2 D, and 60
+    # trials of each of 10 pairs: 1,200 trials.
     study = two_conditions(1, n_subjects=1, n_each=60, difference=2.0)
     out = write_results(bt.run(study, draws=100, seed=1), tmp_path / "out", FIRST, **NO_FIGURES)
     contrast = pd.read_csv(out / "contrast.csv")
@@ -161,7 +188,7 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
         units = pd.read_csv(out / name)[["subject", "condition", "seed"]].drop_duplicates()
         assert units.to_numpy().tolist() == [["P000", "left", 1], ["P000", "right", 1]]
     amount = "1 subject in 2 conditions, 1,200 trials, which was stronger (2AFC), 10 pairs · seed"
-    text, methods = page(out), page(out, "methods.md")
+    text, methods = text_of(out), text_of(out, "methods.md")
     for words in (
         'id="conditions"',
         amount,
@@ -170,6 +197,7 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
         "Differences (right − left) are medians",
     ):
         assert words in text, words
+    # The difference with its interval and its word: '>82 % [61, 104] ... differs (BF > 1000)'.
     assert re.search(r">\d+(\.\d)? % \[.*<span class=\"soft\">differs \(BF ", text)
     for words in (
         "An order effect was present in 2 of 2 conditions of 1 participant",
@@ -183,13 +211,14 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
 
 
 def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(analysis, tmp_path):
-    alone = replace(
+    # Only B, the second of three subjects, who has no poor fit.
+    only_b = replace(
         analysis,
         study=analysis.study.select(["B"]),
         draws=analysis.draws["B"],
         evidence=replace(analysis.evidence, rows=analysis.evidence.rows[1:2]),
     )
-    text = page(write_results(alone, tmp_path / "out", FIRST, **NO_FIGURES))
+    text = text_of(write_results(only_b, tmp_path / "out", FIRST, **NO_FIGURES))
     assert 'type="search"' not in text
     assert 'class="misfits"' not in text
     assert "1 subject, 650 trials, same-different task, 13 pairs" in text

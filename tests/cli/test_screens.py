@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, inside
+from commands import run_command, run_ok
 from conftest import WORD_BY_LETTER, leave_pictures_blank, made_subject, order_answer
 from populations import independent_draws, two_conditions
 
@@ -29,7 +29,12 @@ NO_SIZE = (0, 0, 0)
 
 
 def conclusion(name, letters, shift=NO_SIZE, p=NO_SIZE, flag="", problem=""):
-    """An answer with these words by letter, these quantiles of the sizes, and one flag."""
+    """The answer of a subject whose words have these letters, with sizes and perhaps a flag.
+
+    The letters 'yun' are 'yes', 'undecided' and 'no' for order effect, constant error and
+    contraction. `shift` and `p` are the lower end, the median and the upper end of the PSE shift
+    and of the contraction.
+    """
     fields = {"sizes": {"pse_shift_percent": Size(*shift), "contraction_p": Size(*p)}}
     if p[1] < 0:
         fields["direction"] = "repulsion"
@@ -98,6 +103,8 @@ The answer does not count A08. Start with results/report.html. Seed 1.
 
 
 def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
+    # STUDY has the answers of eight subjects A01 to A08, and SCREEN all that is printed of them.
+    # The options that were typed stay in what is proposed.
     typed = ["run", "study.csv", "-o", "results"]
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", typed)
     study = bt.Study([made_subject("0 0.3 2 5", "A01")])
@@ -116,6 +123,8 @@ def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
     ],
 )
 def test_pairs_are_counted_whatever_their_order(s1, s2, text):
+    # The digits are the levels of first and second stimuli: pairs 00, 11 and 01, or 01, 10, 02 and
+    # 20.
     for first, second in ((s1, s2), (s2, s1)):
         stimuli = list(map(int, first)), list(map(int, second))
         subject = bt.Subject("A", *stimuli, [2] * len(s1), [4] * len(s1))
@@ -124,6 +133,7 @@ def test_pairs_are_counted_whatever_their_order(s1, s2, text):
 
 # --- Every command --------------------------------------------------------------------------------
 
+#: Neighbours among four levels, in both orders.
 PAIRS = [(0.0, 0.3), (0.3, 0.0), (0.3, 0.6), (0.6, 0.3), (0.6, 0.9), (0.9, 0.6)]
 LONG = "subject with a rather long name"
 #: Each screen: the line that is typed, without `bayes-toe`.
@@ -155,10 +165,15 @@ FORBIDDEN = (
 
 @pytest.fixture(scope="module")
 def screens(tmp_path_factory):
-    """What each command prints of two subjects, one with a long name and swapped responses."""
+    """What each command prints, by the name of the command.
+
+    The study has two subjects; one of them has a long name, and swapped responses in block 1.
+    """
     folder = tmp_path_factory.mktemp("screens")
     rng = np.random.default_rng(4)
     rows = []
+    # 240 trials of each subject in 5 blocks. The subject with the long name has no constant error,
+    # and opposite responses in block 1.
     for (name, shift), trial in product((("S1", 0.1), (LONG, 0.0)), range(240)):
         s1, s2 = PAIRS[rng.integers(len(PAIRS))]
         block = trial // 48
@@ -172,7 +187,7 @@ def screens(tmp_path_factory):
         patch.setattr("bayes_toe.groups.population.sample_group", independent_draws)
         leave_pictures_blank(patch)
         for name, line in COMMANDS.items():
-            finished = inside(f"{name} {line}", cwd=folder)
+            finished = run_command(f"{name} {line}", cwd=folder)
             assert finished.returncode in (0, 3), (name, finished.stderr)
             texts[name] = finished.stdout
     return texts
@@ -182,36 +197,45 @@ def screens(tmp_path_factory):
 def test_screens_have_the_words_of_the_field_in_lines_of_80_columns(screens, name):
     lines = screens[name].splitlines()
     assert max(map(cell_width, lines)) <= WIDTH
+    # A forbidden word is found together with the 20 characters before it.
     assert re.findall(rf".{{20}}(?:{FORBIDDEN})", " ".join(screens[name].split())) == []
 
 
 @pytest.mark.parametrize("name", ["check", "run", "evidence", "population", "history"])
 def test_swapped_responses_are_named_with_what_to_type(screens, name):
+    # Block 1 of the subject with the long name is swapped.
     text = " ".join(screens[name].split())
     assert f"--swap '{LONG}:1'" in text
     assert text.index("swapped") < text.index("Answer")
 
 
 def test_false_positives_are_counted_in_brackets(screens):
+    # Such as ' (4 % [1, 9])', for order effect, constant error and contraction.
     assert len(re.findall(r" \(\d+ % \[", screens["power"])) == 3
 
 
 @pytest.fixture(scope="module")
-def table():
-    """What differs between two conditions of one subject."""
+def contrast_table():
+    """The differences between the conditions right and left of one subject, P000."""
     return bt.contrast(two_conditions(1, n_subjects=1), seed=1)
 
 
-def test_a_word_that_depends_on_lapses_has_a_mark(table, capsys):
-    print_contrast(Terminal(), table)
+def test_a_word_that_depends_on_lapses_has_a_mark(contrast_table, capsys):
+    print_contrast(Terminal(), contrast_table)
     heading, *lines = capsys.readouterr().out.strip().split("\n")
     assert heading.split()[:3] == ["subject", "right", "-"]
+    # Three quantities have a line each, and only the first line has the name.
     assert [line[:4] for line in lines[:3]] == ["P000", "    ", "    "]
     assert not any(line.endswith(" ?") for line in lines)
-    doubtful = replace(table, rows=tuple(row._replace(robust="no") for row in table))
+
+    # All words would change with another lapse rate. Of the quantities, the order effect has
+    # no line, but a sentence in the answer.
+    doubtful = replace(
+        contrast_table, rows=tuple(row._replace(robust="no") for row in contrast_table)
+    )
     print_contrast(Terminal(), doubtful)
     text = capsys.readouterr().out
-    assert text.count(" ?\n") == len(table.quantities) - 1
+    assert text.count(" ?\n") == len(contrast_table.quantities) - 1
     assert "? The word changes if the lapse rate" in text
 
 
@@ -223,32 +247,35 @@ REVERSED = BOTH_ORDERS.replace(",36,", ",n,").replace(",4,", ",36,").replace(",n
 
 
 @pytest.fixture
-def answer_of_check(tmp_path):
-    """The answer of `check` to these counts, on one line."""
+def check_answer(tmp_path):
+    """A function that gives the answer of `check` to rows of counts, on one line."""
 
     def check(rows, options=""):
         text = "subject,s1,s2,n_second,n_trials\n" + rows
         (tmp_path / "study.csv").write_text(text)
-        screen = good(f"check study.csv {options}", cwd=tmp_path)
+        screen = run_ok(f"check study.csv {options}", cwd=tmp_path)
         return " ".join(screen.partition("Answer\n")[2].split())
 
     return check
 
 
-def test_limits_of_one_subject_are_not_those_of_the_study(answer_of_check):
-    text = answer_of_check(SECOND_STRONGER.format("Z") + "".join(map(BOTH_ORDERS.format, "ABC")))
+def test_limits_of_one_subject_are_not_those_of_the_study(check_answer):
+    # Subject Z has the stronger stimulus always second, and A, B and C have both orders.
+    text = check_answer(SECOND_STRONGER.format("Z") + "".join(map(BOTH_ORDERS.format, "ABC")))
     effects = "a constant error (3 of 4 subjects) and a contraction (3 of 4 subjects)."
     assert text.startswith(f"The design can show {effects} Order effect, constant error and")
     assert "unequal stimuli were presented in one order only (1 of 4 subjects)." in text
 
 
-def test_a_decision_that_was_made_stays(answer_of_check):
+def test_a_decision_that_was_made_stays(check_answer):
+    # A and B respond by the stimuli, and C and D the wrong way round: two need a decision. With
+    # --swap C, this option stays in what is proposed for D.
     rows = "".join([*map(BOTH_ORDERS.format, "AB"), *map(REVERSED.format, "CD")])
     command = "bayes-toe run study.csv --swap C"
-    assert "2 of 4 subjects need a decision. Type one of these:" in answer_of_check(rows)
+    assert "2 of 4 subjects need a decision. Type one of these:" in check_answer(rows)
     proposed = "1 of 4 subjects needs a decision. Type one of these: "
     proposed += f"{command} --swap D {command} --exclude D"
-    assert answer_of_check(rows, "--swap C").endswith(proposed)
+    assert check_answer(rows, "--swap C").endswith(proposed)
 
 
 #: Counts that fall with the distance between the stimuli, as those of 'equal' do.
@@ -266,24 +293,28 @@ A,0.4,0,2,60
 
 
 def test_where_the_task_is_another_one_nobody_is_analysed(tmp_path):
+    # Counts of 'equal' are read as counts of 'second'.
     (tmp_path / "study.csv").write_text(SAME_OR_DIFFERENT)
-    screen = good("check study.csv --columns n_second=n", cwd=tmp_path)
+    screen = run_ok("check study.csv --columns n_second=n", cwd=tmp_path)
     decision = "All subjects need a decision: was the task 'same or different?'"
     assert decision in " ".join(screen.split())
-    right_task = good("check study.csv --columns n_equal=n", cwd=tmp_path)
+    right_task = run_ok("check study.csv --columns n_equal=n", cwd=tmp_path)
     assert "No subject needs a decision" in right_task
 
 
-def test_where_nothing_can_be_analysed_no_command_is_proposed(answer_of_check):
+def test_where_nothing_can_be_analysed_no_command_is_proposed(check_answer):
+    # One trial has one response.
     sentence = "No subject gave both responses, so that nothing can be analysed."
-    assert answer_of_check("A,0,0.3,1,1").endswith(sentence)
+    assert check_answer("A,0,0.3,1,1").endswith(sentence)
+    # One pair is of equal stimuli.
     sentence = "because no pair has two different stimuli."
-    assert answer_of_check("A,0,0,4,40").endswith(sentence)
+    assert check_answer("A,0,0,4,40").endswith(sentence)
 
 
-def test_comparisons_have_a_column_of_their_own(table, capsys):
-    second = [row._replace(comparison="6 - 4") for row in table]
-    print_contrast(Terminal(), replace(table, rows=(*table, *second)))
+def test_comparisons_have_a_column_of_their_own(contrast_table, capsys):
+    # The same rows stand there twice, the second time as those of another comparison, 6 - 4.
+    second = [row._replace(comparison="6 - 4") for row in contrast_table]
+    print_contrast(Terminal(), replace(contrast_table, rows=(*contrast_table, *second)))
     text = capsys.readouterr().out
     comparisons = re.findall(r"^P000 +(\w+ - \w+) +constant error", text, re.MULTILINE)
     assert comparisons == ["right - left", "6 - 4"]

@@ -24,8 +24,8 @@ from bayes_toe.cli.terminal import (
 
 
 @pytest.fixture
-def hundred(analysis):
-    """Answers of a hundred subjects: the last does not fit, and the blocks of S98 differ."""
+def hundred_answers(analysis):
+    """Answers of a hundred subjects S0 to S99: the blocks of S98 differ, and S99 does not fit."""
     answers = [replace(analysis.answers[i % 3], subject=f"S{i}", problems={}) for i in range(100)]
     differs = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
     misfit = Problem("The model does not fit.", "--exclude S99")
@@ -34,9 +34,12 @@ def hundred(analysis):
     return answers
 
 
-def test_of_many_subjects_the_table_has_those_that_need_action(hundred, capsys, monkeypatch):
+def test_of_many_subjects_the_table_has_those_that_need_action(
+    hundred_answers, capsys, monkeypatch
+):
+    # In the answers of a hundred subjects, the blocks of S98 differ, and S99 does not fit.
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv"])
-    print_subjects(Terminal(), hundred, "evidence.csv")
+    print_subjects(Terminal(), hundred_answers, "evidence.csv")
     text = capsys.readouterr().out
     assert re.findall(r"^(S\d+) ", text, re.MULTILINE) == ["S98", "S99"]
     assert "The other 98 subjects need no action. All 100 subjects: evidence.csv" in text
@@ -46,11 +49,12 @@ def test_of_many_subjects_the_table_has_those_that_need_action(hundred, capsys, 
     assert text.endswith(f"To apply all of these, type:\n  {command}\n")
 
 
-def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(hundred):
-    without_problems = hundred[:98]
+def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(hundred_answers):
+    # Neither may a subject have a problem, such as S98 and S99, nor draws that did not converge.
+    without_problems = hundred_answers[:98]
     assert without_decision(without_problems, {}) == ["No subject needs a decision."]
     assert without_decision(without_problems, {"S3": "R-hat 1.2"}) == []
-    assert without_decision(hundred, {}) == []
+    assert without_decision(hundred_answers, {}) == []
 
 
 def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
@@ -66,6 +70,7 @@ def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
 
 
 def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):
+    # Three subjects are many here, and the draws of C did not converge.
     monkeypatch.setattr("bayes_toe.cli.terminal.MANY_SUBJECTS", 2)
     monkeypatch.setattr(bt.Draws, "not_converged", property(lambda _: {"C": "few draws"}))
     print_draws(Terminal(), analysis.draws)
@@ -76,6 +81,7 @@ def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeyp
 
 
 def test_notes_that_are_cut_say_so(capsys):
+    # Of 25 notes, 20 are printed.
     Terminal().notes([("", f"note {i}", "") for i in range(25)])
     assert "... and 5 more in the output" in capsys.readouterr().out
 
@@ -104,16 +110,19 @@ def test_notes_that_are_cut_say_so(capsys):
                 "A        " + "r" * 40,
             ],
         ),
+        # Each of three Chinese characters takes two columns.
         (["subject", "1"], [["\u88ab\u9a13\u8005", "2"]], ["subject  1", "\u88ab\u9a13\u8005   2"]),
     ],
 )
-def test_tables_are_fixed_and_fit(headings, rows, expected):
+def test_tables_have_fixed_columns_and_fit_the_screen(headings, rows, expected):
     lines = format_table(headings, rows, (1,))
     assert lines == expected
     assert max(map(cell_width, lines)) <= WIDTH
 
 
 def test_estimates_and_options_stay_on_one_line():
+    # 13 words of 5 characters leave 15 columns of 80: 'PSE shift' stays, and the estimate begins a
+    # new line.
     text = "word " * 13 + "PSE shift +0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
     assert wrap_line(text)[1] == "+0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
     command = "bayes-toe run " + "study.csv " * 5 + "--swap A08:2,4 --exclude A09"
@@ -138,10 +147,14 @@ DIGITS = """
 
 @pytest.mark.parametrize("largest, n_effective, decimals, expected", text_table(DIGITS))
 def test_digits_end_where_the_error_begins(largest, n_effective, decimals, expected):
+    # 201 draws are spread evenly from 0 to `largest`: the median is its half, in front of the 95 %
+    # interval. With few effective draws the errors of these numbers are large, and fewer digits are
+    # known. `decimals` is the most that are printed.
     draws = np.linspace(0.0, float(largest), 201)
     assert format_draws(draws, float(n_effective), int(decimals)) == expected
 
 
-def test_who_must_be_looked_at_and_why(marked):
-    assert flagged(marked.answers) == {"A": ["poor fit"], "C": ["not interpreted"]}
-    assert flagged(marked.answers, {"B": "few draws"})["B"] == ["not converged"]
+def test_subjects_that_need_action_are_flagged_with_the_reasons(analysis_with_problems):
+    # A does not fit, C is not interpreted, and the draws of B did not converge in the second case.
+    assert flagged(analysis_with_problems.answers) == {"A": ["poor fit"], "C": ["not interpreted"]}
+    assert flagged(analysis_with_problems.answers, {"B": "few draws"})["B"] == ["not converged"]

@@ -1,26 +1,27 @@
-"""Answers that are turned and subjects or blocks that are left out.
+"""Answers that are swapped, and subjects or blocks that are excluded.
 
-What is changed, what stays, what is refused, who remembers it.
+What changes and what stays, what is refused, and which results remember it.
 """
 
 from io import StringIO
 
 import pandas as pd
 import pytest
-from commands import good, refused
+from commands import refusal_of, run_ok
 from conftest import (
     answers_in_order,
     counts,
-    few_pairs,
-    grouped_csv,
     problems,
+    quick_study,
     text_table,
+    write_counts,
 )
 
 import bayes_toe as bt
 from bayes_toe.data.options import changed
 
 HEADER = "subject,s1,s2,block,trial,response"
+#: Subject a has three blocks of two trials, and b:1 has two blocks of one trial.
 ROWS = """\
 a,0,0.3,1,1,equal
 a,0,0.3,1,2,different
@@ -36,15 +37,18 @@ FRAME = pd.read_csv(StringIO(f"{HEADER}\n{ROWS}"))
 
 @pytest.fixture
 def study():
+    """Subject a with three blocks of two trials, and b:1 with two blocks of one trial."""
     return bt.read_study(FRAME)
 
 
-def content(study):
-    """The answers of each subject in their order."""
+def answers_by_subject(study):
+    """The answers of each subject in their order, by its name, as answers_in_order gives them."""
     return {subject.name: answers_in_order(subject) for subject in study}
 
 
 def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
+    # All six answers of a are 'equal' but the second. Those of blocks 2 and 3 become 'different'. A
+    # block may be given as a number or as a text.
     swapped = study.swap("a", [2, "3"])
     assert answers_in_order(swapped["a"]) == [
         "block 1* 0.0 0.3 1/1",
@@ -58,25 +62,31 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     assert swapped["b:1"] is study["b:1"]
     assert swapped.select("a").changes == ("--swap a:2,3",)
     assert swapped.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
-    assert content(swapped.swap("a", (2, 3))) == content(study)
-    assert content(study.swap("a")) == content(study.swap("a", [1, 2, 3]))
+    # To swap a block twice changes nothing, and without blocks all are swapped.
+    assert answers_by_subject(swapped.swap("a", (2, 3))) == answers_by_subject(study)
+    assert answers_by_subject(study.swap("a")) == answers_by_subject(study.swap("a", [1, 2, 3]))
 
 
 def test_excluding_is_as_if_the_file_had_no_such_rows(study):
     remaining = study.exclude("a", 2)
     is_excluded = (FRAME.subject == "a") & (FRAME.block == 2)
     expected = bt.read_study(FRAME[~is_excluded])
-    assert content(remaining) == content(expected)
+    assert answers_by_subject(remaining) == answers_by_subject(expected)
     assert remaining.frame().equals(expected.frame())
+    # Without any of its blocks the subject is excluded, too.
     for removed in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
-        assert content(removed) == {"b:1": answers_in_order(study["b:1"])}
+        assert answers_by_subject(removed) == {"b:1": answers_in_order(study["b:1"])}
 
 
 def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
+    # As with --swap a:2 --swap 'a: 3' --swap b:1 --exclude b:1:2. A subject may have a colon in its
+    # name, and b:1:2 is block 2 of b:1.
     combined = changed(study, swap=["a:2", "a: 3", "b:1"], exclude=["b:1:2"])
     assert combined.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
-    assert content(combined) == content(study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2))
-    assert changed(study) is study
+    assert answers_by_subject(combined) == answers_by_subject(
+        study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2)
+    )
+    assert changed(study) is study  # without options
 
 
 def test_blocks_of_several_files_are_named_after_these(tmp_path):
@@ -84,17 +94,21 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
     for file in files:
         FRAME.to_csv(file, index=False)
     swapped = changed(bt.read_study(files), swap=["a:session 1.csv: 2, session 2.csv: 3"])
+    # Each file has six trials of a. Trials 3 and 4 are block 2 of the first file, and trials 11 and
+    # 12 are block 3 of the second.
     assert swapped["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
     assert swapped.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
 
 
 def test_a_block_may_have_a_comma_in_its_name():
+    # The option a:1,2 could mean blocks 1 and 2, which are not there.
     study = bt.read_study(FRAME.assign(block=["1,2"] * 4 + ["3"] * 4))
     excluded = study.exclude("a", "1,2")
-    assert content(changed(study, exclude=["a:1,2"])) == content(excluded)
+    assert answers_by_subject(changed(study, exclude=["a:1,2"])) == answers_by_subject(excluded)
 
 
 def test_a_subject_is_excluded_in_all_conditions():
+    # A unit is a subject in a condition, such as a@left. It can also be excluded alone.
     frame = FRAME.assign(hand=["left", "left", "right"] * 2 + ["left", "right"])
     units = bt.read_study(frame, bt.ReadOptions(condition="hand"))
     assert changed(units, exclude=["a"]).names == ("b:1@left", "b:1@right")
@@ -112,25 +126,28 @@ REFUSED = """
 
 
 @pytest.mark.parametrize("options, message", text_table(REFUSED))
-def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, message):
+def test_options_that_cannot_be_followed_are_refused_in_one_line(tmp_path, options, message):
+    # Such as '--swap x:2' with the message that there is no subject 'x'.
     FRAME.to_csv(tmp_path / "study.csv", index=False)
     for command in ("check study.csv", "fit study.csv -o out.csv", "run study.csv -o out"):
-        assert refused(f"{command} {options}", cwd=tmp_path) == f"error: {message}\n"
+        assert refusal_of(f"{command} {options}", cwd=tmp_path) == f"error: {message}\n"
 
 
 def test_blocks_of_counts_without_blocks_are_refused():
+    # The study has counts of each pair, and no column of blocks.
     message = (
         "--swap A:2: found no column block, allowed: all answers of the subject, or a column with "
         "--columns block=NAME"
     )
-    assert problems(changed, few_pairs("AB"), swap=["A:2"]) == [message]
+    assert problems(changed, quick_study("AB"), swap=["A:2"]) == [message]
 
 
 def test_results_remember_what_was_changed(tmp_path):
-    grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
+    write_counts(tmp_path / "study.csv", quick_study("ABC"))
     options = "--swap A --exclude C --seed 1 --draws 100"
-    screen = good(f"sample study.csv -o draws.nc {options}", cwd=tmp_path)
+    screen = run_ok(f"sample study.csv -o draws.nc {options}", cwd=tmp_path)
     assert "\nWith --swap A --exclude C\n" in screen
     study = bt.load(tmp_path / "draws.nc").study
     assert study.changes == ("--swap A", "--exclude C")
+    # Of 50 trials of each pair, 45, 20, 15 and 46 answers were 'equal' before the swap.
     assert study["A"].n_yes.tolist() == [5, 30, 35, 4]

@@ -15,6 +15,7 @@ from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
 HEADER = "subject,s1,s2,response,condition,isi\n"
+#: Three trials at 'right' with an interval of 2, and then three at 'left' with an interval of 1.
 A_ROWS = """\
 a,0.0,0.0,equal,right,2
 a,0.0,0.3,different,right,2
@@ -29,15 +30,19 @@ ROWS = HEADER + A_ROWS + B_ROWS
 
 @pytest.mark.parametrize("levels", ["ab", "abc", "abcde", "142"])
 def test_any_two_levels_differ_alike_and_effects_sum_to_nothing(levels):
+    # The design has a row for each level and a column for each effect: (n, n - 1). A column sums to
+    # 0 over the levels, so that effects are deviations from the mean, and all pairs of rows have
+    # the distance 1, so that no two levels differ more than others a priori.
     n = len(levels)
     x = Conditions("c", tuple(levels)).design()
     assert x.shape == (n, n - 1)
     np.testing.assert_allclose(x.sum(axis=0), 0.0, atol=1e-14)
-    distances = np.square(x[:, None] - x[None]).sum(axis=-1)
+    distances = np.square(x[:, None] - x[None]).sum(axis=-1)  # squared, (n, n)
     np.testing.assert_allclose(distances, 1.0 - np.eye(n), atol=1e-14)
 
 
 def test_numbers_have_a_slope_over_their_range():
+    # Levels that are numbers have one column: the slope, in units of their range from 2 to 8.
     delays = Conditions("delay", ("4", "2", "8"), numeric=True)
     assert delays.comparisons == (("8", "2"),)
     numbers = np.array([4.0, 2.0, 8.0])
@@ -48,6 +53,7 @@ def test_numbers_have_a_slope_over_their_range():
 
 
 def test_units_are_subjects_in_conditions():
+    # Subjects a and b answered at both levels, 'left' and 'right', of the column condition.
     study = read(ROWS)
     units = [(unit.name, unit.subject_name, unit.condition) for unit in study]
     assert units == [
@@ -58,22 +64,29 @@ def test_units_are_subjects_in_conditions():
     ]
     assert study.conditions == Conditions("condition", ("left", "right"))
     again = bt.read_study(study.frame())
-    assert (again.names, again.conditions) == (study.names, study.conditions)
+    assert again.names == study.names
+    assert again.conditions == study.conditions
     assert read(ROWS, "--reference right").conditions.comparisons == (("left", "right"),)
 
 
 def test_units_have_the_scales_of_their_subject():
+    # The prior is in units of the scales of stimuli. So that differences between conditions are not
+    # differences of units, both conditions have those of all trials of their subject, which a study
+    # without conditions has.
     study, complete = read(ROWS), read(ROWS, "--ignore condition")
-    for unit in study:
+    for unit in study:  # such as a@left
         subject = complete[unit.subject_name]
         assert unit.shared_scales == common_scales(unit) == pytest.approx(common_scales(subject))
-        of_unit, of_subject = map(bt.model.paper_posterior, (unit, subject))
-        assert of_unit.sbar == pytest.approx(of_subject.sbar)
+        posterior_of_unit, posterior_of_subject = map(bt.model.paper_posterior, (unit, subject))
+        assert posterior_of_unit.sbar == pytest.approx(posterior_of_subject.sbar)
         assert unit.scales[:4] == pytest.approx(subject.scales[:4])
+    # Answers have nothing to do with scales.
     assert study.swap("a@left")["a@left"].shared_scales == study["a@left"].shared_scales
 
 
 def test_intervals_may_be_levels():
+    # The interstimulus interval isi is 1 or 2 in the rows. Numbers have a slope, if they are not
+    # declared as categories.
     study = read(ROWS, "--condition isi")
     assert study.names[:2] == ("a@1", "a@2")
     assert study.conditions.numeric
@@ -81,6 +94,7 @@ def test_intervals_may_be_levels():
 
 
 def test_a_level_that_no_subject_has_is_no_level():
+    # One more row of subject a has the interval 0.5, which then is excluded.
     study = read(ROWS + "a,0.0,0.0,equal,right,0.5\n", "--condition isi")
     assert study.conditions.levels == ("0.5", "1", "2")
     remaining = study.exclude("a@0.5")
@@ -90,9 +104,11 @@ def test_a_level_that_no_subject_has_is_no_level():
 
 
 def test_what_does_not_differ_within_subjects_is_no_condition():
+    # All rows of a are at the level 'right', and all rows of b at 'left'.
     text = HEADER + A_ROWS.replace("left", "right") + B_ROWS.replace("right", "left")
     study = read(text)
-    assert (study.names, study.conditions) == (("a", "b"), None)
+    assert study.names == ("a", "b")
+    assert study.conditions is None
     assert any("no condition within" in note for note in study.notes)
     assert all(subject.answers is not None for subject in study)
     for options in ("--condition condition", "--reference left", "--categorical-condition"):
@@ -112,25 +128,29 @@ a,0.6,0,equal,{}
 
 @pytest.mark.parametrize("levels, n_levels", [("P1 P2 P3 P4", 4), ("up down up down", 2)])
 def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(levels, n_levels):
+    # All trials of a pair have one level: (0, 0.3) the first of `levels`, (0.3, 0) the second, etc.
+    # So the level may be a name of the pair. One trial at another level shows a condition.
     header, *rows = FOUR_PAIRS.format(*levels.split()).splitlines()
     text = "\n".join([header, *rows * 4])
     study = read(text)
-    assert (study.names, study.conditions) == (("a",), None)
+    assert study.names == ("a",)
+    assert study.conditions is None
     assert "found no pair with one answer at two of its levels" in study.notes[-1]
     assert len(read(text, "--condition condition")) == n_levels
     with_a_shared_pair = f"{text}\na,0,0.3,equal,other"
     assert read(with_a_shared_pair).conditions is not None
 
 
-def messages(study):
-    """What `check` says, by subject and code."""
+def messages_of_check(study):
+    """The messages_of_check of `check` by subject and code, such as ('a', 'missing_condition')."""
     return {(finding.subject, finding.code): finding.message for finding in bt.check(study)}
 
 
 def test_check_warns_where_no_pair_is_in_two_conditions():
+    # The pair (0, 0.3) is always 'up' and the pair (0.3, 0) always 'down'.
     rows = "a,0.0,0.3,equal,up\na,0.3,0.0,equal,down\n" * 6
     study = read("subject,s1,s2,response,condition\n" + rows, "--condition condition")
-    assert messages(study)["a", "stimuli_by_condition"] == (
+    assert messages_of_check(study)["a", "stimuli_by_condition"] == (
         "No pair was presented in two conditions. A difference between conditions may be an effect "
         "of the pairs."
     )
@@ -147,17 +167,21 @@ REFUSED = """
 
 
 @pytest.mark.parametrize("level, options, problem", text_table(REFUSED))
-def test_what_is_refused(level, options, problem):
+def test_levels_and_options_of_conditions_that_cannot_be_used_are_refused(level, options, problem):
+    # The level stands in the place of 'left' in the column condition, such as 'l@ft', whose @ would
+    # be that of a unit's name.
     with pytest.raises(bt.InputError, match=problem):
         read(ROWS.replace("left", level), options)
 
 
 def test_numbers_have_no_reference():
+    # The levels 2 and 6 are numbers, whose one effect is a slope.
     with pytest.raises(bt.InputError, match="--reference: found with levels that are numbers"):
         read(ROWS.replace("left", "2").replace("right", "6"), "--reference 6")
 
 
 def test_tables_have_subject_and_condition(tmp_path):
+    # The name of a unit, a@left, becomes two cells. A row with * is of all subjects together.
     frame = pd.DataFrame({"model": ["m", "m"], "subject": ["a@left", "*"], "value": [1.0, 2.0]})
     path = write_table(frame, tmp_path / "table.csv", units=True)
     assert path.read_text().splitlines() == [
@@ -168,18 +192,22 @@ def test_tables_have_subject_and_condition(tmp_path):
 
 
 def test_check_warns_of_time_stimuli_and_missing_levels():
-    observed = messages(read(ROWS))
+    # Both subjects have all trials at 'right' before those at 'left', whose stimuli are 1 higher.
+    # The standard deviation of the first stimuli is 0.52, so that 1 is 1.9 of them.
+    observed = messages_of_check(read(ROWS))
     assert "by 1.9 standard deviations" in observed["a", "stimuli_by_condition"]
     assert "right, left, for 2 subjects" in observed["", "conditions_in_order"]
     assert ("a", "missing_condition") not in observed
+    # Levels of a alternate, and b has no trial at 'left', where its first row is (1, 1).
     rows = A_ROWS.splitlines(keepends=True)
     alternating = "".join([*rows[::2], *rows[1::2]])
-    mixed = messages(read(HEADER + alternating + B_ROWS.partition("b,1.0")[0]))
+    mixed = messages_of_check(read(HEADER + alternating + B_ROWS.partition("b,1.0")[0]))
     assert ("", "conditions_in_order") not in mixed
     assert "No trials in condition left" in mixed["b", "missing_condition"]
 
 
 def test_files_have_the_condition_all_or_none():
+    # The second file has other subjects, c in the place of a, and the same rows of b.
     frame = pd.read_csv(StringIO(ROWS))
     other = frame.replace("a", "c")
     with pytest.raises(bt.InputError, match="found column condition in some files only"):
@@ -190,6 +218,7 @@ def test_files_have_the_condition_all_or_none():
 
 
 def test_a_condition_that_has_a_level_of_practice_is_a_condition():
+    # Without the option, rows of practice are left out.
     text = ROWS.replace("left", "practice").replace("condition", "phase")
     assert read(text, "--condition phase").conditions.levels == ("practice", "right")
 
@@ -213,6 +242,8 @@ UNITS = ("a@2AFC", "a@same/different", "b@2AFC")
 
 
 def test_tasks_are_conditions_by_a_column():
+    # Subject a answered both tasks, and b only which was stronger. In CODES the responses are 0 and
+    # 1.
     study = read(TASKS, "--condition task")
     assert study.names == UNITS
     assert [part.task for part in study.by_task] == [WHICH_STRONGER, SAME_DIFFERENT]
@@ -221,6 +252,7 @@ def test_tasks_are_conditions_by_a_column():
 
 
 def test_the_column_of_tasks_may_have_another_name():
+    # The row of a third task, 'rating', is left out with a note.
     renamed = TASKS.replace(",task", ",question")
     study = read(renamed + "b,0,1,7,rating\n", "--condition question --reference same/different")
     assert "study.csv: column question: rows with 'rating' left out" in str(study.notes)
@@ -228,6 +260,7 @@ def test_the_column_of_tasks_may_have_another_name():
 
 
 def test_tasks_are_conditions_by_files_of_one_task_each():
+    # Two files without a column of tasks: the words of the responses say which task it was.
     frame = pd.read_csv(StringIO(TASKS))
     files = [rows.drop(columns="task") for _, rows in frame.groupby("task")]
     assert bt.read_study(files, bt.ReadOptions(condition="task")).names == UNITS
@@ -245,18 +278,22 @@ b,0.0,0.3,2,,9,A
 
 @pytest.mark.parametrize("text", [GROUPS, COUNTS_OF_GROUPS])
 def test_answers_tell_the_task_of_each_group(text):
+    # The column task has A and B, which name no task: the words of the responses, or the counts
+    # that a row has, say it. Without --condition the file is refused, with three remedies: one of
+    # the two tasks alone, or both as conditions.
     assert read(text, "--condition task").names == UNITS
     with pytest.raises(bt.InputError) as caught:
         read(text)
-    names = []
+    names_by_choice = []
     for chosen, _ in caught.value.choices:
         typed = [remedy.typed for remedy in chosen]
-        names.append(read(text, " ".join(typed)).names)
-    assert sorted(names) == [("a",), ("a", "b"), UNITS]
+        names_by_choice.append(read(text, " ".join(typed)).names)
+    assert sorted(names_by_choice) == [("a",), ("a", "b"), UNITS]
     assert read(text, "--condition task --where task=B").names == ("a",)
 
 
 def test_a_word_of_another_task_is_named_with_its_row():
+    # One response to 2afc, in row 4, is 'equal', which this task does not have.
     stray = TASKS.replace("0.3,second", "0.3,equal", 1).replace(",task", ",experiment")
     with pytest.raises(bt.InputError, match="row 4, column response: found 'equal', allowed: sec"):
         read(stray, "--condition experiment")
@@ -274,11 +311,14 @@ def test_a_word_of_another_task_is_named_with_its_row():
     ],
 )
 def test_two_tasks_are_refused_where_they_are_no_conditions(text, options, message):
+    # TASKS has the words 'same', 'different', 'first' and 'second', CODES has 0 and 1 in their
+    # places, and ROWS has one task alone.
     with pytest.raises(bt.InputError, match=re.escape(message)):
         read(text, options)
 
 
 def test_other_analyses_refuse_a_study_of_two_tasks():
+    # Only `contrast` analyses two tasks together.
     study = read(TASKS, "--condition task")
     for analyse in (bt.run, bt.evidence, bt.population, bt.fit, bt.check, bt.Study.frame):
         with pytest.raises(bt.InputError, match="found the tasks 'which is stronger' and"):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import run_command
 from conftest import problems, text_table, typed_lines, typed_options
 from numpy.random import default_rng
 
@@ -15,7 +15,11 @@ from bayes_toe.data.tasks import WHICH_STRONGER
 
 
 def made_up_trials(n=240, constant_error=0.1):
-    """Trials with a standard and a comparison; the second is chosen where it seems stronger."""
+    """Trials of one observer with a standard of 0 and a comparison, in random order.
+
+    The second stimulus is chosen where it seems stronger. An observer without a constant error
+    would respond by the difference alone.
+    """
     rng = default_rng(8)
     table = pd.DataFrame({"subject": "P1", "standard": np.zeros(n)})
     table["comparison"] = rng.choice([-0.3, -0.2, -0.1, 0.1, 0.2, 0.3], n)
@@ -26,54 +30,66 @@ def made_up_trials(n=240, constant_error=0.1):
 
 
 TRIALS = made_up_trials()
-IS_FIRST = TRIALS["first"] == "standard"
+#: Whether the standard came first in a trial.
+STANDARD_IS_FIRST = TRIALS["first"] == "standard"
 WORDS = TRIALS.second_is_chosen.map({True: "second", False: "first"})
 IN_ORDER = pd.DataFrame(
     {
         "subject": "P1",
-        "s1": np.where(IS_FIRST, TRIALS.standard, TRIALS.comparison),
-        "s2": np.where(IS_FIRST, TRIALS.comparison, TRIALS.standard),
+        "s1": np.where(STANDARD_IS_FIRST, TRIALS.standard, TRIALS.comparison),
+        "s2": np.where(STANDARD_IS_FIRST, TRIALS.comparison, TRIALS.standard),
         "response": WORDS,
     }
 )
+#: The study that is meant: all tables below have its trials in another shape.
 INTENDED = bt.read_study(IN_ORDER)
 
 
-CHOSEN_STIMULI = pd.Series(np.where(TRIALS.second_is_chosen == IS_FIRST, "comparison", "standard"))
+CHOSEN_STIMULI = pd.Series(
+    np.where(TRIALS.second_is_chosen == STANDARD_IS_FIRST, "comparison", "standard")
+)
 RESPONSES = {"second": WORDS, "comparison": CHOSEN_STIMULI}
 
 
-def coded(codes):
-    """Responses with codes, such as `second=j first=f` or `comparison=long standard=short`."""
+def responses_with_codes(codes):
+    """The responses of TRIALS by codes such as `second=j first=f`.
+
+    With `comparison=long standard=short` they name the stimulus that was chosen.
+    """
     answer, _, _ = codes.partition("=")
     return RESPONSES[answer].map(dict(code.split("=") for code in codes.split()))
 
 
-def with_order(column, standard, comparison, response=WORDS):
-    """The table with a column that says which stimulus came first, by these two cells."""
-    order = np.where(IS_FIRST, standard, comparison)
+def trials_with_order(column, standard_first, comparison_first, response=WORDS):
+    """TRIALS with a column that has one cell where the standard came first, and another elsewhere.
+
+    The responses are 'first' or 'second', if no others are given.
+    """
+    order = np.where(STANDARD_IS_FIRST, standard_first, comparison_first)
     table = TRIALS[["subject", "standard", "comparison"]]
     return table.assign(**{column: order, "response": response})
 
 
 @pytest.mark.parametrize("typed", ["", "--equal-code same"])
 def test_the_comparison_may_be_one_of_three_answers(typed):
-    is_second = (CHOSEN_STIMULI == "comparison") == IS_FIRST
+    # Every fifth trial is answered 'same', the others by the stimulus that was chosen: 'long' is
+    # the comparison. The study is that of the words 'second', 'first' and 'same'.
+    is_second = (CHOSEN_STIMULI == "comparison") == STANDARD_IS_FIRST
     words = np.where(np.arange(len(is_second)) % 5, np.where(is_second, "second", "first"), "same")
     codes = CHOSEN_STIMULI.where(words != "same", "same")
-    table = with_order("standard_interval", 1, 2, codes.replace("comparison", "long"))
+    table = trials_with_order("standard_interval", 1, 2, codes.replace("comparison", "long"))
     study = bt.read_study(table, typed_options(f"--comparison-code long {typed}"))
     assert study.frame().equals(bt.read_study(IN_ORDER.assign(response=words)).frame())
 
 
-def checked(folder, table, line=""):
-    """What `check` says of a table, with these options."""
+def result_of_check(folder, table, line=""):
+    """The result of `check` on a table: exit code, stdout and stderr."""
     table.to_csv(folder / "study.csv", index=False)
-    return inside(f"check study.csv {line}", cwd=folder)
+    return run_command(f"check study.csv {line}", cwd=folder)
 
 
-def is_intended(table, options):
-    """Whether a table is read as the study that is meant."""
+def is_read_as_intended(table, options):
+    """Whether a table is read with typed options as the study INTENDED."""
     return bt.read_study(table, typed_options(options)).frame().equals(INTENDED.frame())
 
 
@@ -115,12 +131,16 @@ CELLS_OF_ORDER = """
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison", text_table(CELLS_OF_ORDER))
-def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(column, standard, comparison):
-    table = with_order(column, standard, comparison)
-    assert is_intended(table, "")
+@pytest.mark.parametrize("column, standard_first, comparison_first", text_table(CELLS_OF_ORDER))
+def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(
+    column, standard_first, comparison_first
+):
+    # Such as a column order with the cells 'standard_first' and 'comparison_first', or a column
+    # std_interval with 1 and 2.
+    table = trials_with_order(column, standard_first, comparison_first)
+    assert is_read_as_intended(table, "")
     _, note, *_ = bt.read_study(table).notes
-    assert note == f"column {column} read as the order: standard first at '{standard}'"
+    assert note == f"column {column} read as the order: standard first at '{standard_first}'"
 
 
 #: The same of columns that may say something else, and the first options that are proposed.
@@ -136,12 +156,17 @@ COLUMNS_ASKED = """
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison, options", text_table(COLUMNS_ASKED))
-def test_an_order_that_may_be_another_is_asked_for(column, standard, comparison, options, tmp_path):
-    table = with_order(column, standard, comparison)
-    first, *_ = typed_lines(checked(tmp_path, table).stderr)
+@pytest.mark.parametrize(
+    "column, standard_first, comparison_first, options", text_table(COLUMNS_ASKED)
+)
+def test_an_order_that_may_be_another_is_asked_for(
+    column, standard_first, comparison_first, options, tmp_path
+):
+    # Such as a column interval with 1 and 2: it does not say of which stimulus.
+    table = trials_with_order(column, standard_first, comparison_first)
+    first, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
     assert first == options
-    assert is_intended(table, options)
+    assert is_read_as_intended(table, options)
 
 
 #: The same beside stimuli with other names, of which neither says that it came first.
@@ -154,19 +179,28 @@ LABELS = """
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison, first, second", text_table(LABELS))
-def test_an_order_beside_labels_is_asked_for(column, standard, comparison, first, second, tmp_path):
-    table = with_order(column, standard, comparison, CHOSEN_STIMULI)
-    table = table.replace({"response": {"standard": first, "comparison": second}})
-    table.columns = ["subject", first, second, column, "response"]
-    advice, *_ = typed_lines(checked(tmp_path, table).stderr)
-    assert f"{column} --columns standard={first},comparison={second}" in advice
-    assert is_intended(table, advice)
+@pytest.mark.parametrize(
+    "column, standard_first, comparison_first, name_1, name_2", text_table(LABELS)
+)
+def test_an_order_beside_labels_is_asked_for(
+    column, standard_first, comparison_first, name_1, name_2, tmp_path
+):
+    # The stimuli have two names, such as stim1 and stim2, of which the responses have one. A column
+    # says which came first, such as swapped with 0 and 1: 0 where stim1 came first.
+    table = trials_with_order(column, standard_first, comparison_first, CHOSEN_STIMULI)
+    table = table.replace({"response": {"standard": name_1, "comparison": name_2}})
+    table.columns = ["subject", name_1, name_2, column, "response"]
+    advice, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
+    assert f"{column} --columns standard={name_1},comparison={name_2}" in advice
+    assert is_read_as_intended(table, advice)
 
 
-@pytest.mark.parametrize("order", [np.where(IS_FIRST, "AB", "BA"), ["AB"] * 120 + ["BA"] * 120])
+@pytest.mark.parametrize(
+    "order", [np.where(STANDARD_IS_FIRST, "AB", "BA"), ["AB"] * 120 + ["BA"] * 120]
+)
 def test_an_order_that_follows_from_the_stimuli_or_the_block_is_none(order):
-    assert is_intended(IN_ORDER.assign(order=order), "")
+    # The stimuli s1 and s2 say their order themselves, so that a column order has something else.
+    assert is_read_as_intended(IN_ORDER.assign(order=order), "")
 
 
 #: The same of columns that are not proposed either, as they may have something else.
@@ -183,19 +217,23 @@ NOT_SAID = """
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison", text_table(NOT_SAID))
+@pytest.mark.parametrize("column, standard_first, comparison_first", text_table(NOT_SAID))
 def test_a_column_that_may_have_something_else_is_not_read_as_the_order(
-    column, standard, comparison, tmp_path
+    column, standard_first, comparison_first, tmp_path
 ):
-    result = checked(tmp_path, with_order(column, standard, comparison))
+    # Such as std_onset with 1 and 2, which are times, or std_interval with 1 alone.
+    result = result_of_check(tmp_path, trials_with_order(column, standard_first, comparison_first))
     assert "do not say which stimulus came first" in result.stderr
 
 
 def test_two_columns_of_the_order_are_read_if_they_agree(tmp_path):
-    table = with_order("std_interval", "1", "2").assign(order=np.where(IS_FIRST, "SC", "CS"))
-    assert is_intended(table, "")
-    reversed_order = table.assign(order=np.where(IS_FIRST, "CS", "SC"))
-    assert typed_lines(checked(tmp_path, reversed_order).stderr)
+    # In the second table the column order contradicts the column std_interval.
+    table = trials_with_order("std_interval", "1", "2").assign(
+        order=np.where(STANDARD_IS_FIRST, "SC", "CS")
+    )
+    assert is_read_as_intended(table, "")
+    reversed_order = table.assign(order=np.where(STANDARD_IS_FIRST, "CS", "SC"))
+    assert typed_lines(result_of_check(tmp_path, reversed_order).stderr)
 
 
 #: Names of a standard and of a comparison in other languages and programs.
@@ -214,22 +252,27 @@ STIMULI = """
 
 @pytest.mark.parametrize("standard, comparison", text_table(STIMULI))
 def test_a_standard_and_a_comparison_have_names_of_many_languages(standard, comparison):
-    table = with_order("values.order", "1", "2")
+    # The names of both columns of stimuli, such as Referenz and Vergleich.
+    table = trials_with_order("values.order", "1", "2")
     table = table.rename(columns={"standard": standard, "comparison": comparison})
-    assert is_intended(table, "--standard-interval values.order")
+    assert is_read_as_intended(table, "--standard-interval values.order")
 
 
 @pytest.mark.parametrize("columns", ["", "--columns s1=standard,s2=peso"])
 def test_a_standard_beside_an_order_is_not_read_as_the_first_stimulus(columns, tmp_path):
-    table = with_order("ordine", "1", "2").rename(columns={"comparison": "peso"})
-    result = checked(tmp_path, table, columns)
+    # Peso (weight) is a comparison that is not known by its name, so that its place in the advice
+    # is NAME. To call the standard s1 would be wrong in half of the trials.
+    table = trials_with_order("ordine", "1", "2").rename(columns={"comparison": "peso"})
+    result = result_of_check(tmp_path, table, columns)
     assert "do not say which stimulus came first" in result.stderr
     first, *_ = typed_lines(result.stderr)
     assert first == "--standard-interval ordine --columns comparison=NAME"
-    assert is_intended(table, first.replace("NAME", "peso"))
+    assert is_read_as_intended(table, first.replace("NAME", "peso"))
 
 
 def test_the_responses_of_e_prime_are_read_without_those_of_practice():
+    # Beside the responses Probe.RESP, E-Prime has their accuracy, the correct response, and the
+    # time.
     table = IN_ORDER.rename(columns={"response": "Probe.RESP"})
     other_columns = {
         "Probe.ACC": "1",
@@ -237,7 +280,7 @@ def test_the_responses_of_e_prime_are_read_without_those_of_practice():
         "Probe.RT": 400,
         "PracProbe.RESP": "first",
     }
-    assert is_intended(table.assign(**other_columns), "")
+    assert is_read_as_intended(table.assign(**other_columns), "")
 
 
 #: The same with options: a column may hold the interval of the comparison, or the order of blocks.
@@ -255,11 +298,13 @@ READ = """
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison, options", text_table(READ))
-def test_an_interval_is_read_with_options(column, standard, comparison, options):
-    table = with_order(column, standard, comparison)
-    assert is_intended(table, options)
-    assert f"first at '{standard}'" in bt.read_study(table, typed_options(options)).notes[1]
+@pytest.mark.parametrize("column, standard_first, comparison_first, options", text_table(READ))
+def test_an_interval_is_read_with_options(column, standard_first, comparison_first, options):
+    # Such as a column order with 2 and 1 and --comparison-interval order: the comparison was in
+    # interval 2 where the standard came first.
+    table = trials_with_order(column, standard_first, comparison_first)
+    assert is_read_as_intended(table, options)
+    assert f"first at '{standard_first}'" in bt.read_study(table, typed_options(options)).notes[1]
 
 
 #: Columns, and options that contradict their names.
@@ -274,8 +319,9 @@ CONTRADICTIONS = """
 
 @pytest.mark.parametrize("column, option, message", text_table(CONTRADICTIONS))
 def test_an_interval_whose_name_says_otherwise_is_asked_for(column, option, message):
+    # Such as --standard-interval target_interval.
     with pytest.raises(bt.InputError, match=message):
-        bt.read_study(with_order(column, "1", "2"), typed_options(f"{option} {column}"))
+        bt.read_study(trials_with_order(column, "1", "2"), typed_options(f"{option} {column}"))
 
 
 #: The same of codes that may mean either, so that there is one question.
@@ -293,17 +339,22 @@ UNCERTAIN = """
 """
 
 
-@pytest.mark.parametrize("column, standard, comparison", text_table(UNCERTAIN))
-def test_codes_that_may_mean_either_are_one_question(column, standard, comparison, tmp_path):
-    table, options = with_order(column, standard, comparison), f"--standard-interval {column}"
-    result = checked(tmp_path, table, options)
-    codes = {f"--standard-first-code {code}" for code in (standard, comparison)}
+@pytest.mark.parametrize("column, standard_first, comparison_first", text_table(UNCERTAIN))
+def test_codes_that_may_mean_either_are_one_question(
+    column, standard_first, comparison_first, tmp_path
+):
+    # Such as left and right: the question is which of both codes means that the standard was first.
+    table = trials_with_order(column, standard_first, comparison_first)
+    options = f"--standard-interval {column}"
+    result = result_of_check(tmp_path, table, options)
+    codes = {f"--standard-first-code {code}" for code in (standard_first, comparison_first)}
     assert set(typed_lines(result.stderr)) == codes
-    assert is_intended(table, f"{options} --standard-first-code {standard}")
+    assert is_read_as_intended(table, f"{options} --standard-first-code {standard_first}")
 
 
 def test_more_codes_than_two_are_refused_by_value():
-    table = with_order("interval", "1", "2")
+    # Three of 240 rows have another code than 1 and 2. A frame's rows have the names of its index.
+    table = trials_with_order("interval", "1", "2")
     table.loc[[3, 7, 9], "interval"] = ["3", "x", "3"]
     first, second = problems(bt.read_study, table, bt.ReadOptions(standard_interval="interval"))
     assert "column interval: found '3' in 2 rows, the first is row 3, allowed: 1 or 2" in first
@@ -312,8 +363,8 @@ def test_more_codes_than_two_are_refused_by_value():
 
 def test_an_order_that_only_one_file_has_needs_no_other_code():
     """Blocks of one order: each file has one of the two codes."""
-    files = [part for _, part in with_order("order", "A", "B").groupby("order")]
-    assert is_intended(files, "--standard-interval order --standard-first-code A")
+    files = [part for _, part in trials_with_order("order", "A", "B").groupby("order")]
+    assert is_read_as_intended(files, "--standard-interval order --standard-first-code A")
 
 
 #: Codes of the responses, and options that read them beside a column `standard_interval`.
@@ -331,8 +382,9 @@ CODES = """
 
 @pytest.mark.parametrize("codes, options", text_table(CODES))
 def test_one_code_of_the_responses_is_enough_with_a_standard(codes, options):
-    table = with_order("standard_interval", "1", "2", coded(codes))
-    assert is_intended(table, f"--standard-interval standard_interval {options}")
+    # Such as responses j (second) and f (first) with --second-code j, or words that need no option.
+    table = trials_with_order("standard_interval", "1", "2", responses_with_codes(codes))
+    assert is_read_as_intended(table, f"--standard-interval standard_interval {options}")
 
 
 #: Codes of the responses, and the first line that is typed.
@@ -344,33 +396,38 @@ ADVICE = """
 
 
 @pytest.mark.parametrize("codes, intended", text_table(ADVICE))
-def test_what_is_typed_for_codes_is_accepted(codes, intended, tmp_path):
+def test_the_first_advice_for_codes_is_accepted(codes, intended, tmp_path):
     """The first line is the likeliest."""
-    table = with_order("standard_interval", "1", "2", coded(codes))
+    table = trials_with_order("standard_interval", "1", "2", responses_with_codes(codes))
     options = "--standard-interval standard_interval"
-    first, *_ = typed_lines(checked(tmp_path, table, options).stderr)
+    first, *_ = typed_lines(result_of_check(tmp_path, table, options).stderr)
     assert first == intended
-    assert is_intended(table, f"{options} {first}")
+    assert is_read_as_intended(table, f"{options} {first}")
 
 
 def test_of_several_other_codes_one_is_asked_for(tmp_path):
-    table = with_order("standard_interval", "1", "2", coded("second=j first=f"))
+    # Responses are j (second), f (first), and x in one row.
+    table = trials_with_order(
+        "standard_interval", "1", "2", responses_with_codes("second=j first=f")
+    )
     table.loc[5, "response"] = "x"
     options = "--standard-interval standard_interval --second-code j"
-    result = checked(tmp_path, table, options)
+    result = result_of_check(tmp_path, table, options)
     assert "Which of them is 'first'?" in result.stderr
     assert typed_lines(result.stderr)[0].startswith("--first-code f")
 
 
 def test_a_code_that_no_response_has_is_refused(tmp_path):
-    table = with_order("order", "SC", "CS", coded("second=j first=f"))
-    result = checked(tmp_path, table, "--standard-interval order --second-code x")
+    # Responses are j and f. Without a code to propose, there is no line to type.
+    table = trials_with_order("order", "SC", "CS", responses_with_codes("second=j first=f"))
+    result = result_of_check(tmp_path, table, "--standard-interval order --second-code x")
     assert "None of them is the code that was given." in result.stderr
     assert typed_lines(result.stderr) == []
 
 
 def test_a_standard_that_is_always_first_needs_no_column():
-    table = with_order("interval", "1", "2")[IS_FIRST]
+    # Only the trials in which the standard came first are in the table.
+    table = trials_with_order("interval", "1", "2")[STANDARD_IS_FIRST]
     always_first = bt.read_study(table, bt.ReadOptions(standard_first=True))
     by_column = bt.read_study(table, bt.ReadOptions(standard_interval="interval"))
     assert always_first.frame().equals(by_column.frame())
@@ -392,36 +449,43 @@ REVERSED = """
 def test_the_advice_for_reversed_answers_works_when_it_is_typed(
     order, codes, options, expected, tmp_path
 ):
-    table = IN_ORDER.assign(response=coded(codes))
+    # With the options of the first command, the answers fall with s2 - s1. The advice `expected`
+    # has to be typed in addition. An order '12' stands for a column x with 1 where the standard was
+    # first, and 2 elsewhere; without an order the table has s1 and s2.
+    table = IN_ORDER.assign(response=responses_with_codes(codes))
     if order:
         standard, comparison = order
-        table = with_order("x", standard, comparison, coded(codes))
+        table = trials_with_order("x", standard, comparison, responses_with_codes(codes))
         options = f"--standard-interval x {options}"
-    result = checked(tmp_path, table, options)
+    result = result_of_check(tmp_path, table, options)
     assert "found 'second' less often" in result.stderr
     lines = typed_lines(result.stderr)
     assert " ".join(lines) == expected
     for line in lines:
-        after = checked(tmp_path, table, f"{options} {line}")
+        after = result_of_check(tmp_path, table, f"{options} {line}")
         assert (after.returncode, after.stderr) == (0, "")
 
 
 def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp_path):
-    table = with_order("order", "1", "2")
-    result = checked(tmp_path, table, "--comparison-interval order")
+    # The column order has the interval of the standard, so that with --comparison-interval all
+    # answers are reversed.
+    table = trials_with_order("order", "1", "2")
+    result = result_of_check(tmp_path, table, "--comparison-interval order")
     first, *_ = typed_lines(result.stderr)
     assert first == "--standard-interval order"
     assert "if it says the interval of the standard, in place of what" in result.stderr
-    assert is_intended(table, first)
+    assert is_read_as_intended(table, first)
 
 
 def test_codes_that_name_the_first_and_the_second_tell_whose_interval_it_is(tmp_path):
-    table = with_order("order", "2", "1", coded("second=2 first=1"))
-    advice, *_ = typed_lines(checked(tmp_path, table).stderr)
-    assert is_intended(table, advice)
+    # The column order has 2 where the standard was first: it is the interval of the comparison. The
+    # responses 1 and 2 mean 'first' and 'second', because only so the answers are not reversed.
+    table = trials_with_order("order", "2", "1", responses_with_codes("second=2 first=1"))
+    advice, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
+    assert is_read_as_intended(table, advice)
 
 
-def subjects_with(n_subjects, slope, n=40):
+def subjects_with_slope(n_subjects, slope, n=40):
     """Subjects whose P(second) rises with s2 - s1, or falls where the slope is negative."""
     levels = np.array([-0.3, -0.2, -0.1, 0.1, 0.2, 0.3])
     n_yes = np.rint(n / (1.0 + np.exp(-slope * levels))).astype(int)
@@ -443,26 +507,30 @@ def subjects_with(n_subjects, slope, n=40):
     ],
 )
 def test_a_whole_study_is_reversed_if_all_subjects_are(n_reversed, n_straight, slope, expected):
-    """-1 is a reversed study, 0 one that is not clear, 1 one as it should be."""
-    subjects = subjects_with(n_reversed, -slope) + subjects_with(n_straight, slope)
+    """The direction -1 is a reversed study, 0 one that is not clear, and 1 one as it should be.
+
+    P(second) falls with s2 - s1 in `n_reversed` subjects, and rises in `n_straight` ones.
+    """
+    subjects = subjects_with_slope(n_reversed, -slope) + subjects_with_slope(n_straight, slope)
     assert direction(bt.Study(subjects)) == expected
 
 
 def test_a_file_of_one_reversed_subject_is_read_beside_that_of_another():
     """By itself it would be refused as a reversed study."""
-    files = [bt.Study(subjects_with(1, slope)).frame() for slope in (6.0, -6.0)]
+    # Names of subjects are their slopes and numbers.
+    files = [bt.Study(subjects_with_slope(1, slope)).frame() for slope in (6.0, -6.0)]
     assert bt.read_study(files).names == ("6.0 0", "-6.0 0")
 
 
 @pytest.mark.parametrize("n_subjects", [1, 12, 40])
 def test_subjects_who_guess_are_no_reversed_study(n_subjects):
-    """One study in three million would be by chance."""
+    """Responses by chance look reversed in one study of three million."""
     rng = default_rng(n_subjects)
-    subjects = subjects_with(n_subjects, 6.0, n=20)
+    subjects = subjects_with_slope(n_subjects, 6.0, n=20)
     for _ in range(50):
-        guesses = rng.binomial(20, 0.5, (n_subjects, 6))
-        guessing = map(lambda subject, n_yes: replace(subject, n_yes=n_yes), subjects, guesses)
-        assert direction(bt.Study(list(guessing))) == 0
+        guesses = rng.binomial(20, 0.5, (n_subjects, 6))  # 'second' in 20 trials of each of 6 pairs
+        guessing = [replace(s, n_yes=n_yes) for s, n_yes in zip(subjects, guesses, strict=True)]
+        assert direction(bt.Study(guessing)) == 0
 
 
 OUTCOME = (IN_ORDER.s2 > IN_ORDER.s1) == TRIALS.second_is_chosen
@@ -479,8 +547,10 @@ CONDITIONS = {
 
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_what_follows_from_stimuli_and_answers_is_offered_as_no_condition(name, tmp_path):
+    # Such as a column of right and wrong answers. A column that follows only in the first half of
+    # the trials is offered.
     column, is_offered = CONDITIONS[name]
-    result = checked(tmp_path, IN_ORDER.assign(feedback=column))
+    result = result_of_check(tmp_path, IN_ORDER.assign(feedback=column))
     assert ("--condition feedback" in result.stdout) == is_offered
 
 
@@ -496,6 +566,7 @@ PSYCHOPY = """
 
 @pytest.mark.parametrize("names, expected", text_table(PSYCHOPY))
 def test_columns_of_psychopy_are_read_where_one_is_similar(names, expected):
+    # Such as the columns key_resp.keys and trials.thisN, which are read as response and trial.
     response, *other_names = names.split()
     table = IN_ORDER.rename(columns={"response": response})
     for name in other_names:
@@ -507,13 +578,13 @@ def test_columns_of_psychopy_are_read_where_one_is_similar(names, expected):
 
 def test_all_that_is_missing_is_asked_at_once(tmp_path):
     """Columns, order and codes; the first line answers all of them."""
-    table = with_order("Reihenfolge", "1", "2", coded("second=j first=f")).rename(
-        columns={"standard": "amp_std", "comparison": "amp_cmp", "response": "Taste"}
-    )
-    result = checked(tmp_path, table)
+    table = trials_with_order(
+        "Reihenfolge", "1", "2", responses_with_codes("second=j first=f")
+    ).rename(columns={"standard": "amp_std", "comparison": "amp_cmp", "response": "Taste"})
+    result = result_of_check(tmp_path, table)
     assert result.stderr.count("error:") == 2
     first, *other_lines = typed_lines(result.stderr)
     assert first == "--standard-interval Reihenfolge --second-code j"
-    assert checked(tmp_path, table, first).returncode == 0
+    assert result_of_check(tmp_path, table, first).returncode == 0
     for line in other_lines:  # it leads to the next question, or to an answer
-        assert "found together" not in checked(tmp_path, table, line).stderr
+        assert "found together" not in result_of_check(tmp_path, table, line).stderr

@@ -21,23 +21,29 @@ ORDERED = "subject,s1,s2,response,block,trial\n"
 FUZZ = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 
 
-def refused(data, typed=""):
-    """The problems of a file without its name, each one line that no terminal would obey."""
+def problem_lines(data, typed=""):
+    """The problems with which a file is refused, a line each, without the name of the file.
+
+    A line has no character that a terminal would obey.
+    """
     lines = problems(read, data, typed)
     assert all(map(str.isprintable, lines))
     assert all(line.startswith(("study.csv: ", "... and ")) for line in lines)
     return [line.removeprefix("study.csv: ") for line in lines]
 
 
-def content(study):
-    """Subjects with their pairs, responses 'equal' (or 'second') and trials, as a text."""
+def pairs_as_text(study):
+    """Subject, s1, s2, responses 'equal' (or 'second') and trials of each pair, as a text.
+
+    Such as 'a 0.0 0.3 1 1, a 0.3 0.0 0 1'.
+    """
     table = study.frame().iloc[:, :5].to_csv(sep=" ", header=False, index=False)
     return ", ".join(table.splitlines())
 
 
 # --- What is read ---------------------------------------------------------------------------------
 
-#: What `content` gives.
+#: Studies as `pairs_as_text` gives them: one response 'equal', and one trial of each order.
 EQUAL = "a 0.0 0.0 1 1"
 BOTH_ORDERS = "a 0.0 0.3 1 1, a 0.3 0.0 0 1"
 
@@ -81,12 +87,14 @@ READ_FILES = [
 
 @pytest.mark.parametrize("rows, options, expected", text_table(READ_TRIALS))
 def test_rows_of_trials_are_read(rows, options, expected):
-    assert content(read(TRIALS + rows.replace(" ", "\n"), options)) == expected
+    # The rows stand on one line with spaces between, such as 'a,0,0,equal a,0,0,different'.
+    assert pairs_as_text(read(TRIALS + rows.replace(" ", "\n"), options)) == expected
 
 
 @pytest.mark.parametrize("text, options, expected", READ_FILES)
 def test_files_are_read(text, options, expected):
-    assert content(read(text, options)) == expected
+    # Such as a file with other columns and blank rows, or with a decimal comma and semicolons.
+    assert pairs_as_text(read(text, options)) == expected
 
 
 @pytest.mark.parametrize(
@@ -150,24 +158,27 @@ def test_files_are_read(text, options, expected):
         ),
     ],
 )
-def test_what_was_detected_and_merged_is_noted(data, options, notes):
+def test_notes_say_what_was_detected_and_merged(data, options, notes):
+    # All notes one after the other, whatever the line ends above.
     assert " ".join(read(data, options).notes) == " ".join(notes.split())
 
 
 @pytest.mark.parametrize("text", ["", " ", "NA", "na", "N/A", "n/a", "NaN", "nan", "None"])
 def test_rows_without_a_response_are_dropped_and_counted(text):
+    # One row has a response, three have none, and one has neither stimuli nor a response.
     study = read(f"{TRIALS}a,0,0,equal\na,,x1,{text}\nb,0,0,{text}\n,,,{text}\na,0,0,{text}\n")
-    assert content(study) == EQUAL
+    assert pairs_as_text(study) == EQUAL
     notes = (
         "1 row without stimuli and response left out",
         "3 rows without a response dropped: a 2, b 1",
         "1 subject without any response left out: b",
     )
-    # Without any text, the reader of the file leaves out the blank row.
+    # If `text` is blank, so is the row ',,,', which is left out without the first of these notes.
     assert study.notes[1:] == notes[not text.strip() :]
 
 
 def test_subject_names_stay_as_they_are():
+    # Names that look like numbers, missing values or signs, and names with quotes or a line end.
     text = "01|1|1.0|NA|nan|None|Zoë|被験者 一|🙂|a\u200bb|O'Neil|true|1e5|-"
     names = text.split("|")
     assert read(TRIALS + "".join(f"{name},0,0,equal\n" for name in names)).names == tuple(names)
@@ -186,6 +197,7 @@ SYNTHETIC = """
 
 @pytest.mark.parametrize("marks, synthetic, noted", text_table(SYNTHETIC))
 def test_a_column_marks_synthetic_data(marks, synthetic, noted):
+    # The cells of two rows, such as '1 0': then the study is not synthetic, and a note says why.
     rows = "a,0,0,equal,{}\na,0,0,equal,{}\n".format(*marks.replace("NA", "").split(" "))
     study = read("subject,s1,s2,response,synthetic\n" + rows)
     assert str(study.synthetic) == synthetic
@@ -207,6 +219,8 @@ IN_AMPLITUDES = "sep=;\nsubject;i1;i2;response\na;{0};{1};second\na;{1};{0};firs
 
 @pytest.mark.parametrize("amplitudes, options, expected", text_table(AMPLITUDES))
 def test_amplitudes_become_log_intensities(amplitudes, options, expected):
+    # Such as '850 1,050' with --intensity 1000 --decimal . , whose comma groups thousands: .85 and
+    # 1.05 of the reference. s1 is their natural log.
     (subject,) = read(IN_AMPLITUDES.format(*amplitudes.split(" ")), options)
     first, second = map(float, expected.split())
     stimuli = set(np.exp(subject.s1))
@@ -215,11 +229,13 @@ def test_amplitudes_become_log_intensities(amplitudes, options, expected):
 
 def test_amplitudes_do_not_overflow():
     (extreme,) = read(IN_AMPLITUDES.format("1e308", "1e-308"), "--intensity 1e-300")
+    # Relative to 1e-300, 1e-308 and 1e308 are 1e-8 and 1e608, which no float holds.
     assert extreme.s1 == pytest.approx(np.array([-8, 608]) * math.log(10))
 
 
 @pytest.mark.parametrize("sign, other, delimiter", [(".", ",", ";"), (",", ".", "\t")])
 def test_a_sign_that_may_group_thousands_is_asked_for(sign, other, delimiter):
+    # The amplitude 1.050 beside 850: whether its sign groups thousands depends on the country.
     text = IN_AMPLITUDES.format(850, f"1{sign}050").replace(";", delimiter)
     with pytest.raises(InputError, match=r"can be 1050 or 1\.050"):
         read(text, "--intensity 1000")
@@ -240,7 +256,7 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     # The columns of ORDERED: subject, s1, s2, response, block, trial.
     rows = "a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n"
     study = read(ORDERED + rows, "--equal-code 1")
-    assert content(study) == "a 0.0 0.0 1 2, a 0.0 1.0 1 1, b 0.0 0.0 1 1"
+    assert pairs_as_text(study) == "a 0.0 0.0 1 2, a 0.0 1.0 1 1, b 0.0 0.0 1 1"
     # One block is no number: they are in order of appearance. A trial without an answer was
     # presented all the same.
     assert answers_in_order(study["a"]) == [
@@ -258,6 +274,8 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
 
 
 def test_sessions_tell_the_order_and_where_memory_begins_anew():
+    # The columns are subject, s1, s2, response, session, block and trial. Session 2 stands first in
+    # the file, and session 1 has blocks 1 and 2, of whose trials number 2 is missing.
     header = "subject,s1,s2,response,session,block,trial\n"
     rows = "a,0,0,1,2,1,1\na,0,1,1,1,1,1\na,0,1,0,1,2,1\na,1,1,1,1,2,3\n"
     study = read(header + rows, "--equal-code 1")
@@ -272,12 +290,15 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
         "empty response",
     )
     first, second = answers_in_order(study.exclude("a", "2")["a"])
-    assert (first, second) == ("block 1* 0.0 1.0 1/1", "block 1* 0.0 0.0 1/1")
+    assert first == "block 1* 0.0 1.0 1/1"
+    assert second == "block 1* 0.0 0.0 1/1"
     # Other counts are not those of the answers.
     assert replace(study["a"], n_yes=[0, 0, 0]).answers is None
 
 
 def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
+    # In block 1, a has the trial number 1 twice, and the trial number of b is x. The columns are
+    # those of ORDERED.
     rows = "a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"
     study = read(ORDERED + rows, "--equal-code 1")
     assert study.notes[1:] == (
@@ -308,15 +329,18 @@ WITHOUT_BLOCKS = "subject,s1,s2,response,trial\na,0,1,1,1\n"
     ids=["two", "one", "as it is", "response", "no number", "pair", "no column trial"],
 )
 def test_rows_that_repeat_an_earlier_trial_are_doubted(text, expected):
+    # Two rows repeat a trial if they have the same block, trial number, pair and response.
+    # Otherwise there is no doubt.
     doubts = read(text, "--equal-code 1").reading.doubts
     assert len(doubts) == bool(expected)
     assert expected in "".join(doubts)
 
 
 def test_counts_have_answers_where_they_have_blocks():
+    # Run is the column of blocks; without blocks the order of answers is not known.
     text = "subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n"
     study = read(text, "--columns block=Run")
-    assert content(study) == "a 0.0 1.0 3 10"
+    assert pairs_as_text(study) == "a 0.0 1.0 3 10"
     assert answers_in_order(study["a"]) == ["block 1* 0.0 1.0 1/5", "block 2* 0.0 1.0 2/5"]
     assert not study["a"].answers.has_trial_rows
     assert read(COUNTS + "a,0,1,1,5\n")["a"].answers is None
@@ -326,7 +350,7 @@ def test_columns_that_nobody_reads_are_told_by_name():
     reading = read("rt,subject,s1,s2,i1,,response,rt,Notes\n1,a,0,1,5,,same,2,3\n").reading
     assert reading.ignored == ("rt", "i1", "Notes")
     assert reading.read == ("subject", "s1", "s2", "response")
-    # Which of two is meant cannot be told, and no result depends on it.
+    # Nobody knows which of two columns block is meant, and no result depends on blocks.
     twice = read("subject,s1,s2,response,block,block\na,0,1,same,1,2\n")
     assert twice.reading.ignored == ("block",)
 
@@ -334,17 +358,18 @@ def test_columns_that_nobody_reads_are_told_by_name():
 # --- Several files --------------------------------------------------------------------------------
 
 
-def written(folder, **texts):
-    """Write files by name."""
+def write_files(folder, **texts):
+    """Write a CSV file for each name and text, and return their paths."""
     for name, text in texts.items():
         (folder / f"{name}.csv").write_text(text)
     return [folder / f"{name}.csv" for name in texts]
 
 
 def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
+    # The file other has the same trials of subject b, and longer has one more trial of a.
     text = TRIALS + "a,0,0.3,same\na,0.3,0,different\n" * 10
     other = text.replace("a,", "b,")
-    first, other, copy, longer = written(
+    first, other, copy, longer = write_files(
         tmp_path, first=text, other=other, copy=text, longer=text + "a,0,0,same\n"
     )
     (doubt,) = bt.read_study([first, other, copy, longer]).reading.doubts
@@ -354,9 +379,11 @@ def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
 
 
 def test_of_several_files_the_first_problems_are_told(tmp_path):
+    # The file a has twelve problems, more than are listed. The files b and c share a problem in
+    # three rows, and d has another one.
     bad, other = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,y,0,equal\n"
     numerous = TRIALS + "".join(f"a,x{letter},0,equal\n" for letter in "abcdefghijkl")
-    files = written(tmp_path, a=numerous, b=bad, c=bad, d=other)
+    files = write_files(tmp_path, a=numerous, b=bad, c=bad, d=other)
     assert problems(bt.read_study, files)[-1] == "... and more problems"
     assert problems(bt.read_study, files[1:]) == [
         "2 files, such as b.csv: column s1: found 'x' in 3 rows, the first is row 2, allowed: a "
@@ -369,6 +396,7 @@ def test_of_several_files_the_first_problems_are_told(tmp_path):
 
 
 def test_options_are_refused_all_at_once():
+    # Three options are wrong, and each has a line.
     lines = problems(bt.ReadOptions, intensity=-1, equal_code="", columns={"x": "y"})
     options = [line.partition(":")[0] for line in lines]
     assert options == ["--equal-code", "--intensity", "--columns"]
@@ -380,16 +408,17 @@ def test_options_are_refused_all_at_once():
 
 
 def typed_remedies(data, typed=""):
-    """What a refusal proposes to type."""
+    """The options that a refusal of a file proposes to type, such as ['--second-code z']."""
     with pytest.raises(InputError) as caught:
         read(data, typed)
     return [remedy.typed for remedy in caught.value.remedies]
 
 
 def test_a_column_of_responses_without_any_is_named():
+    # The column response is empty, and the responses are in the column judgement.
     rows = "subject,s1,s2,response,judgement\na,0,0.3,,second\na,0.3,0,,first\n"
     assert typed_remedies(rows) == ["--columns response=NAME"]
-    assert content(read(rows, "--columns response=judgement")) == BOTH_ORDERS
+    assert pairs_as_text(read(rows, "--columns response=judgement")) == BOTH_ORDERS
 
 
 #: Rows of trials, options, and what is proposed.
@@ -402,7 +431,10 @@ REMEDIES = """
 
 @pytest.mark.parametrize("rows, options, expected", text_table(REMEDIES))
 def test_codes_that_are_not_known_are_asked_for(rows, options, expected):
-    """The code of 'second' is the commoner one with a stronger second stimulus."""
+    """The code of 'second' is the one that is more frequent where the second stimulus is stronger.
+
+    With responses z and m, such as in 'a,0,0.3,z a,0.3,0,m', it is z.
+    """
     remedies = typed_remedies(TRIALS + rows.replace(" ", "\n"), options)
     assert ", ".join(remedies).startswith(expected)
 
@@ -443,10 +475,11 @@ NO_SIGNS = """
 """
 
 
-def scored(column, missed, answered, scores="00"):
-    """Eight trials that are scored right or wrong, and two for each of `scores`.
+def scored_trials(column, missed, answered, scores="00"):
+    """A text of eight answered trials, scored 1 or 0, and two more for each of `scores`.
 
-    In the column, the latter have the cell of a missed trial.
+    In the column, which may be a key or a time, the latter have the cell `missed`, and answered
+    trials have the two cells in `answered`.
     """
     rows = "a,0,0.3,{0},{1}\na,0.3,0,{0},{2}\n"
     text = f"subject,s1,s2,correct,{column}\n"
@@ -459,24 +492,28 @@ def scored(column, missed, answered, scores="00"):
 
 @pytest.mark.parametrize("column, missed, answered", text_table(SIGNS))
 def test_a_missed_trial_is_shown_by_any_usual_sign(column, missed, answered):
-    study = read(scored(column, missed, answered), "--correct correct")
-    assert study["a"].total_trials == 8  # without the four that are missed
+    # Such as 0 in the column key, whose other cells are j and l. Beside the eight answered trials,
+    # four have this sign and the score 0 (wrong): they were missed.
+    study = read(scored_trials(column, missed, answered), "--correct correct")
+    assert study["a"].total_trials == 8
     cell = repr(missed) if missed else "empty"
     assert f"4 trials without a response dropped ({cell} in column {column}): a 4" in study.notes
     # A trial that is scored right has a response, whatever the sign says.
-    right = read(scored(column, missed, answered, scores="11"), "--correct correct")
+    right = read(scored_trials(column, missed, answered, scores="11"), "--correct correct")
     assert right["a"].total_trials == 8 + 4
 
 
 @pytest.mark.parametrize("column, missed, answered", text_table(NO_SIGNS))
 def test_other_cells_beside_wrong_responses_show_no_missed_trial(column, missed, answered):
-    study = read(scored(column, missed, answered, scores="0"), "--correct correct")
+    # Such as a key 0 beside keys 1, or a time of 3000 beside 2999: they may be responses. Two
+    # trials have this cell.
+    study = read(scored_trials(column, missed, answered, scores="0"), "--correct correct")
     assert study["a"].total_trials == 8 + 2
 
 
 def test_several_codes_of_missed_trials_may_be_declared():
     """Four trials have the code x, beside eight with a response; y is in none."""
-    (subject,) = read(scored("key", "x", "j l"), "--correct correct --missed y --missed x")
+    (subject,) = read(scored_trials("key", "x", "j l"), "--correct correct --missed y --missed x")
     assert subject.total_trials == 8
 
 
@@ -534,9 +571,11 @@ CELLS = """
 
 @pytest.mark.parametrize("text, options, column, rule, cells", text_table(CELLS))
 def test_a_cell_that_cannot_be_used_is_refused(text, options, column, rule, cells):
+    # Each cell, such as those of 'abc|nan|-inf', takes the place of {} in the text, whose spaces
+    # are line ends. The rule is a key of RULES.
     for cell in cells.split("|"):
         expected = f"row 2, column {column}: found {cell!r}, allowed: {RULES[rule]}"
-        assert refused(text.replace(" ", "\n").format(cell), options) == [expected]
+        assert problem_lines(text.replace(" ", "\n").format(cell), options) == [expected]
 
 
 #: Whole files and their problems, a line each.
@@ -629,8 +668,9 @@ REFUSED_TRIALS = {
     [("", REFUSED_FILES), (COUNTS, REFUSED_COUNTS), (TRIALS, REFUSED_TRIALS)],
 )
 def test_a_file_that_cannot_be_used_is_refused(header, table):
+    # A table has rows, and what is said of the file of header and rows, a line for each problem.
     for rows, lines in table.items():
-        assert refused(header + rows) == lines.splitlines()
+        assert problem_lines(header + rows) == lines.splitlines()
 
 
 @pytest.mark.parametrize(
@@ -662,7 +702,8 @@ def test_a_file_that_cannot_be_used_is_refused(header, table):
     ],
 )
 def test_bytes_that_are_no_text_are_refused(data, problem):
-    assert refused(data) == [problem]
+    # Such as a letter of Windows-1252, 0xeb, in a file that is UTF-8 elsewhere.
+    assert problem_lines(data) == [problem]
 
 
 @pytest.mark.parametrize(
@@ -725,7 +766,8 @@ def test_bytes_that_are_no_text_are_refused(data, problem):
     ],
 )
 def test_files_that_do_not_fit_the_options_are_refused(text, options, problem):
-    assert refused(text, options) == [problem]
+    # Such as a file with s1 and s2, and --intensity, which needs i1 and i2.
+    assert problem_lines(text, options) == [problem]
 
 
 @pytest.mark.parametrize(
@@ -737,13 +779,17 @@ def test_files_that_do_not_fit_the_options_are_refused(text, options, problem):
     ],
 )
 def test_ten_values_are_told_at_most(n_values, n_lines, last):
+    # Each value x0, x1, ... is in two rows, and is one problem.
     rows = "".join(f"a,x{i},0,equal\n" * 2 for i in range(n_values))
-    lines = refused(TRIALS + rows)
-    assert (len(lines), lines[-1]) == (n_lines, last)
+    lines = problem_lines(TRIALS + rows)
+    assert len(lines) == n_lines
+    assert lines[-1] == last
 
 
 @pytest.mark.parametrize("name", ["missing\n.csv", "file.txt/x.csv", "nul\0l.csv", "x" * 300])
 def test_a_path_that_cannot_be_read_is_one_line(name, tmp_path):
+    # A file that is missing, one below a file that is no folder, a name that no system allows, and
+    # a name that is too long.
     (tmp_path / "file.txt").write_text("x")
     (problem,) = problems(bt.read_study, tmp_path / name)
     assert "cannot be read" in problem
@@ -770,6 +816,8 @@ _trials = st.lists(st.tuples(_names, _numbers, _numbers, _responses), min_size=1
     quoting=st.sampled_from([csv.QUOTE_MINIMAL, csv.QUOTE_ALL]),
 )
 def test_any_dialect_gives_the_same_study(trials, delimiter, decimal, codec, end, quoting):
+    # The trials are written with other delimiters, decimal signs, encodings, line ends and quotes,
+    # and with a column that nobody reads.
     frame = pd.DataFrame(trials, columns=["subject", "s1", "s2", "response"])
     if delimiter == ",":
         decimal = "."
@@ -781,17 +829,19 @@ def test_any_dialect_gives_the_same_study(trials, delimiter, decimal, codec, end
 
 
 @pytest.mark.parametrize("sign", ["", ".", "e"])
-def test_a_hopeless_number_of_many_digits_is_none(sign):
-    """A pattern that tries every split of the digits would not end."""
+def test_a_text_of_many_digits_that_is_no_number_is_refused_quickly(sign):
+    """A regular expression that tries every split of 120,000 digits would not end."""
     for digit in "01":
         text = digit * 60_000 + sign + digit * 60_000 + "x"
         assert math.isnan(number(text))
-        assert whole_number(text) == -1
+        assert whole_number(text) == -1  # as of all that is no whole number
 
 
 def test_options_take_numbers_as_the_cells_of_a_frame_have_them():
+    # A whole number, a truth value and a float become the texts that cells with them become.
     options = bt.ReadOptions(equal_code=1234568, different_code=True, where={"session": 1.0})
-    assert (options.equal_code, options.different_code) == ("1234568", "1")
+    assert options.equal_code == "1234568"
+    assert options.different_code == "1"
     assert options.where == {"session": "1"}
     with pytest.raises(bt.InputError, match="--intensity: found '1', allowed: a positive"):
         bt.ReadOptions(intensity="1")
@@ -801,26 +851,30 @@ PERCENTAGES = "subject,s1,s2,percent,n_trials\n"
 
 
 def test_only_the_share_that_is_wrong_is_refused():
+    # 33.3 % of 3 trials is 1, and 66.7 % is 2. Row 4 has no share, and row 5 no number of trials.
     rows = "a,0,1,33.3,3\na,1,0,66.7,3\na,0,2,x,3\na,2,0,100,?\na,2,1,0,3\n"
-    of_share, of_trials = refused(PERCENTAGES + rows, "--columns n_second=percent")
+    of_share, of_trials = problem_lines(PERCENTAGES + rows, "--columns n_second=percent")
     assert of_share.startswith("row 4, column percent: found 'x'")
     assert of_trials.startswith("row 5, column n_trials: found '?'")
 
 
 def test_shares_with_a_percent_sign_are_percentages():
+    # 0.5 % of 200 trials is one trial. As a share, 0.5 would be 100.
     rows = "a,0,1,0%,200\na,1,0,0.5%,200\n"
     study = read(PERCENTAGES + rows, "--columns n_second=percent")
-    assert content(study) == "a 0.0 1.0 0 200, a 1.0 0.0 1 200"
+    assert pairs_as_text(study) == "a 0.0 1.0 0 200, a 1.0 0.0 1 200"
 
 
 def test_a_pattern_of_pairs_fits_the_whole_name():
+    # The names are 1_1.5_2 and 1.5_1_2: a pair, and a number of the presentation that * stands for.
     study = read("subject,1_1.5_2,1.5_1_2\na,second,first\n", "--wide {first}_{second}_* --unit g")
     assert np.exp(study["a"].s2) == pytest.approx([1.5, 1.0])
 
 
 def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    # Both files are x/t.csv, in the folders one and two.
     files = []
     for folder in (tmp_path / "one/x", tmp_path / "two/x"):
         folder.mkdir(parents=True)
-        files += written(folder, t=TRIALS + "a,0,1,second\n")
+        files += write_files(folder, t=TRIALS + "a,0,1,second\n")
     assert bt.read_study(files)["a"].answers.blocks == ("one/x/t.csv", "two/x/t.csv")

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside, refused
+from commands import refusal_of, run_command
 from conftest import text_table, typed_options
 from numpy.random import default_rng
 from scipy.io import savemat
@@ -28,7 +28,10 @@ GRAMS = (740, 905, 1105, 1350)
 
 
 def made_up_trials():
-    """A table with all columns that a shape may need."""
+    """A table with all columns that a shape may need: 40 trials of P03, and 40 of P12.
+
+    Two weights in grams are compared; the natural logs of kilograms are rounded to 4 decimals.
+    """
     rng = default_rng(1)
     table = pd.DataFrame({"subject": ["P03"] * 40 + ["P12"] * 40})
     table["w1"], table["w2"] = (rng.choice(GRAMS, 80) for _ in range(2))
@@ -41,6 +44,7 @@ def made_up_trials():
 
 
 TRIALS = made_up_trials()
+#: The trials as the program expects them; all shapes below are compared with these.
 IN_LOGS = TRIALS[["subject", "s1", "s2", "response"]]
 IN_GRAMS = TRIALS[["subject", "w1", "w2", "response"]]
 UNEQUAL = TRIALS[TRIALS.w1 != TRIALS.w2]
@@ -80,18 +84,21 @@ FREQUENCIES = IN_LOGS.value_counts(sort=False).reset_index(name="Freq")
 IN_ROOMS = IN_LOGS.assign(room=["A", "B"] * 40).value_counts(sort=False).reset_index(name="n")
 
 
-def comparable(study):
-    """The rows of a study with subjects by number, and levels above the lowest one to 0.01."""
+def comparable_rows(study):
+    """The rows of a study with subjects by number, and levels above the lowest one to 0.01.
+
+    So studies in different units or with other names of subjects are the same table.
+    """
     frame = study.frame()
     levels = (frame[["s1", "s2"]] - frame.s1.min()).round(2) + 0.0
     return frame.assign(subject=frame.subject.map(study.names.index), s1=levels.s1, s2=levels.s2)
 
 
-def csv(table, encoding="utf-8", **style):
+def csv_bytes(table, encoding="utf-8", **style):
     return table.to_csv(index=False, **style).encode(encoding)
 
 
-def excel(**sheets):
+def excel_bytes(**sheets):
     data = io.BytesIO()
     with pd.ExcelWriter(data) as writer:
         for name, table in sheets.items():
@@ -99,7 +106,7 @@ def excel(**sheets):
     return data.getvalue()
 
 
-def matlab(variables):
+def matlab_bytes(variables):
     data = io.BytesIO()
     savemat(data, variables)
     return data.getvalue()
@@ -143,11 +150,11 @@ def labelled(table, **names):
     return table.rename(columns=names)
 
 
-def answered(table, first, second):
+def with_responses(table, first, second):
     return table.assign(response=table.response.map({"first": first, "second": second}))
 
 
-def with_rows(table, rows):
+def with_rows_above(table, rows):
     return pd.concat([pd.DataFrame(rows, columns=table.columns), table])
 
 
@@ -169,7 +176,10 @@ LISTS = IN_LOGS.to_dict("list")
 P03 = IN_LOGS[:40]
 WITHOUT_SUBJECT = P03.drop(columns="subject")
 NESTED = {"info": {"subject": "P03"}, "trials": P03[["s1", "s2", "response"]].to_dict("list")}
-MATRIX = {"subject": "P03", "data": answered(P03, 1, 2).drop(columns="subject").to_numpy(float)}
+MATRIX = {
+    "subject": "P03",
+    "data": with_responses(P03, 1, 2).drop(columns="subject").to_numpy(float),
+}
 RECORDS = IN_LOGS.to_dict("records")
 BY_PERSON = []
 for name, part in IN_LOGS.groupby("subject"):
@@ -191,19 +201,19 @@ NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 
 
 def with_practice(column, practice, main):
-    """Trials below eight rows of practice, which a column marks."""
-    rows = with_rows(IN_LOGS, [["P03", 0, 0.3, "second"]] * 8)
+    """All trials below eight rows of practice of P03; a column has the cell of either."""
+    rows = with_rows_above(IN_LOGS, [["P03", 0, 0.3, "second"]] * 8)
     return rows.assign(**{column: [practice] * 8 + [main] * 80})
 
 
-def padded(table, n_rows=20, **zeros):
-    """Trials of a session that was stopped, in a matrix of zeros."""
+def with_rows_of_zeros(table, n_rows=20, **zeros):
+    """Trials above rows of zeros, as of a session that stopped before a matrix was filled."""
     rows = pd.DataFrame(0, index=range(n_rows), columns=table.columns)
     return pd.concat([table, rows.assign(**zeros)])
 
 
-def with_part(workbook, pattern, replacement):
-    """A workbook in which something is replaced."""
+def workbook_with(workbook, pattern, replacement):
+    """A workbook with something replaced in its XML, by regular expression."""
     data = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(workbook)) as book, zipfile.ZipFile(data, "w") as saved:
         for name in book.namelist():
@@ -211,9 +221,9 @@ def with_part(workbook, pattern, replacement):
     return data.getvalue()
 
 
-CODED = answered(IN_LOGS, 0, 1)
-RARE_CODE = with_rows(answered(IN_LOGS, 1, 2), [["P03", 0, 0.3, -9]] * 7)
-PSYCHOPY = with_rows(
+CODED = with_responses(IN_LOGS, 0, 1)
+RARE_CODE = with_rows_above(with_responses(IN_LOGS, 1, 2), [["P03", 0, 0.3, -9]] * 7)
+PSYCHOPY = with_rows_above(
     labelled(IN_LOGS, response="key_resp.keys"), [["P03", 0, 0.3, "second"]] * 2
 ).assign(
     **{"practice.thisN": [0, 1, *[""] * 80], "trials.thisN": ["", "", *range(80)]},
@@ -228,7 +238,7 @@ WITH_LEFT_CELLS = "\n".join(
     "".join(map("{:12}".format, cells)) for cells in [IN_LOGS.columns, *IN_LOGS.astype(str).values]
 )
 WITH_TITLE = pd.DataFrame([GERMAN.columns, *GERMAN.values], columns=["Versuch 1", "", "", ""])
-WITH_FORMULA = with_rows(IN_LOGS, [["P03", 0, 0.3, '=IF(A2="", "", B2)']])
+WITH_FORMULA = with_rows_above(IN_LOGS, [["P03", 0, 0.3, '=IF(A2="", "", B2)']])
 WITH_ERRORS = IN_LOGS.assign(mean="#DIV/0!", sum="=A2")
 FORMATTED_ROW = '<row r="{0}" s="1"><c r="A{0}" s="1"/><c r="XFD{0}" s="1"/></row>'
 FORMATTED_ROWS = "".join(map(FORMATTED_ROW.format, range(100, 50_000)))
@@ -256,64 +266,69 @@ READ = {
     ),
     "counter.csv": IN_LOGS.assign(n=np.arange(80) % 20),
     "comma.csv": IN_LOGS,
-    "tab.tsv": csv(IN_LOGS, sep="\t"),
-    "tab.xls": csv(IN_LOGS, sep="\t"),
-    "bar.txt": csv(IN_LOGS, sep="|"),
+    "tab.tsv": csv_bytes(IN_LOGS, sep="\t"),
+    "tab.xls": csv_bytes(IN_LOGS, sep="\t"),
+    "bar.txt": csv_bytes(IN_LOGS, sep="|"),
     "aligned.txt": IN_LOGS.to_string(index=False),
     "aligned_left.txt": WITH_LEFT_CELLS,
-    "spaces.txt": csv(IN_LOGS, sep=" ", quoting=2),
-    "utf16_without_mark.csv": csv(IN_LOGS, "utf-16-le"),
-    "windows.csv": csv(IN_LOGS.assign(note="größer"), "cp1252"),
-    "encoding.csv --encoding mac_roman": csv(IN_LOGS.assign(note="größer"), "mac_roman"),
-    "lines_above.csv": b"Experiment 1\n\nlab 3\n" + csv(IN_LOGS),
-    f"no_names.csv {BY_NUMBER}": csv(IN_LOGS, header=False),
-    f"no_names.txt {BY_NUMBER}": csv(IN_LOGS, sep=" ", header=False),
-    f"no_names.xlsx {BY_NUMBER}": excel(T=IN_LOGS[1:].set_axis(list(IN_LOGS.iloc[0]), axis=1)),
-    "expyriment.xpd": b"# -*- coding: UTF-8 -*-\n#e Experiment: A, B\n#s id: 3\n" + csv(IN_LOGS),
+    "spaces.txt": csv_bytes(IN_LOGS, sep=" ", quoting=2),
+    "utf16_without_mark.csv": csv_bytes(IN_LOGS, "utf-16-le"),
+    "windows.csv": csv_bytes(IN_LOGS.assign(note="größer"), "cp1252"),
+    "encoding.csv --encoding mac_roman": csv_bytes(IN_LOGS.assign(note="größer"), "mac_roman"),
+    "lines_above.csv": b"Experiment 1\n\nlab 3\n" + csv_bytes(IN_LOGS),
+    f"no_names.csv {BY_NUMBER}": csv_bytes(IN_LOGS, header=False),
+    f"no_names.txt {BY_NUMBER}": csv_bytes(IN_LOGS, sep=" ", header=False),
+    f"no_names.xlsx {BY_NUMBER}": excel_bytes(
+        T=IN_LOGS[1:].set_axis(list(IN_LOGS.iloc[0]), axis=1)
+    ),
+    "expyriment.xpd": b"# -*- coding: UTF-8 -*-\n#e Experiment: A, B\n#s id: 3\n"
+    + csv_bytes(IN_LOGS),
     "names_in_two_lines.csv --columns 's1=First (ln)'": labelled(IN_LOGS, s1="First\n(ln)"),
     "ln_in_names.csv": IN_LOGS.rename(columns={"s1": "ln 1", "s2": "ln 2"}),
     "logs_from_0.csv --columns s1=x1,s2=x2": IN_LOGS.rename(columns={"s1": "x1", "s2": "x2"}),
-    "decimal_commas.csv": csv(IN_LOGS, decimal=","),
+    "decimal_commas.csv": csv_bytes(IN_LOGS, decimal=","),
     "last_comma.csv": IN_LOGS.assign(**{"": ""}),
-    "gorilla.csv": csv(IN_LOGS) + b"END OF FILE\n",
-    "remarks_below.csv": csv(IN_LOGS) + b"\n# stopped at 12:30, by hand\n#\n",
+    "gorilla.csv": csv_bytes(IN_LOGS) + b"END OF FILE\n",
+    "remarks_below.csv": csv_bytes(IN_LOGS) + b"\n# stopped at 12:30, by hand\n#\n",
     "names_of_history.csv": IN_LOGS.assign(Trial=list(range(40)) * 2, Block=1, Session="a"),
-    "quoted.csv": csv(IN_LOGS.assign(note="two\nlines"), quoting=1),
-    f"german_windows.csv {GERMAN_PAIR}": csv(GERMAN, "cp1252", sep=";"),
-    "french.csv": labelled(answered(IN_LOGS, "première", "deuxième"), response="réponse"),
+    "quoted.csv": csv_bytes(IN_LOGS.assign(note="two\nlines"), quoting=1),
+    f"german_windows.csv {GERMAN_PAIR}": csv_bytes(GERMAN, "cp1252", sep=";"),
+    "french.csv": labelled(with_responses(IN_LOGS, "première", "deuxième"), response="réponse"),
     "participant.csv": labelled(IN_LOGS, subject="Participant ID", response="choice"),
-    "true_false.csv --second-code True": answered(IN_LOGS, False, True),
-    "interval.csv": answered(IN_LOGS, "interval 1", "Interval 2"),
-    "heavier.csv": answered(IN_LOGS, "first heavier", "second was heavier"),
-    "surely.csv": answered(IN_LOGS, "surely first", "vielleicht zweiter"),
+    "true_false.csv --second-code True": with_responses(IN_LOGS, False, True),
+    "interval.csv": with_responses(IN_LOGS, "interval 1", "Interval 2"),
+    "heavier.csv": with_responses(IN_LOGS, "first heavier", "second was heavier"),
+    "surely.csv": with_responses(IN_LOGS, "surely first", "vielleicht zweiter"),
     "trials.json": RECORDS,
     "by_person.json": BY_PERSON,
     "pandas.json": IN_LOGS.to_json(),
     "in_a_key.json": {"trials": RECORDS, "version": 2},
     "by_column.json": LISTS,
-    "table.xlsx": excel(Trials=IN_LOGS),
-    f"german.xlsx {GERMAN_PAIR}": excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN),
-    f"title.xlsx {GERMAN_PAIR}": excel(Daten=WITH_TITLE),
-    "two_sheets.xlsx --sheet B": excel(A=IN_LOGS, B=IN_LOGS),
-    "a_sheet_a_subject.xlsx --sheet {}": excel(
+    "table.xlsx": excel_bytes(Trials=IN_LOGS),
+    f"german.xlsx {GERMAN_PAIR}": excel_bytes(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN),
+    f"title.xlsx {GERMAN_PAIR}": excel_bytes(Daten=WITH_TITLE),
+    "two_sheets.xlsx --sheet B": excel_bytes(A=IN_LOGS, B=IN_LOGS),
+    "a_sheet_a_subject.xlsx --sheet {}": excel_bytes(
         **{name: rows.drop(columns="subject") for name, rows in IN_LOGS.groupby("subject")},
         Codes=pd.DataFrame({"response": ["first"], "meaning": ["the first was stronger"]}),
     ),
-    "a_sheet_a_session.xlsx --sheet *": excel(A=IN_LOGS[:30], B=IN_LOGS[30:]),
-    "some_sheets.xlsx --sheet 'day *'": excel(
+    "a_sheet_a_session.xlsx --sheet *": excel_bytes(A=IN_LOGS[:30], B=IN_LOGS[30:]),
+    "some_sheets.xlsx --sheet 'day *'": excel_bytes(
         **{"day 1": IN_LOGS[:9], "day 2": IN_LOGS[9:], "practice": IN_LOGS}
     ),
-    "errors_elsewhere.xlsx": excel(Trials=WITH_ERRORS, Info=pd.DataFrame(["#REF!"])),
+    "errors_elsewhere.xlsx": excel_bytes(Trials=WITH_ERRORS, Info=pd.DataFrame(["#REF!"])),
     # As Excel saves it if all formulas give an empty text.
-    "empty_texts.xlsx": with_part(excel(T=WITH_FORMULA), rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"'),
-    "vectors.mat": matlab(LISTS),
-    "struct_and_vector.mat": matlab({"data": LISTS, "screen": [1920, 1080]}),
-    "struct.mat": matlab({"data": LISTS}),
-    "nested.mat": matlab({"data": NESTED}),
-    "matrix.mat --second-code 2": matlab(
+    "empty_texts.xlsx": workbook_with(
+        excel_bytes(T=WITH_FORMULA), rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"'
+    ),
+    "vectors.mat": matlab_bytes(LISTS),
+    "struct_and_vector.mat": matlab_bytes({"data": LISTS, "screen": [1920, 1080]}),
+    "struct.mat": matlab_bytes({"data": LISTS}),
+    "nested.mat": matlab_bytes({"data": NESTED}),
+    "matrix.mat --second-code 2": matlab_bytes(
         {**MATRIX, "names": np.array(["s1", "s2", "answer"], "O")}
     ),
-    "matrix.mat --columns s1=1,s2=2,response=3 --second-code 2": matlab(MATRIX),
+    "matrix.mat --columns s1=1,s2=2,response=3 --second-code 2": matlab_bytes(MATRIX),
     "nested.json": NESTED,
     "vectors_73.mat": matlab_73(LISTS),
     "struct_array_73.mat": matlab_73(LISTS, home="data"),
@@ -350,7 +365,7 @@ READ = {
         s1=1200 * np.log2(TRIALS.w1), s2=1200 * np.log2(TRIALS.w2)
     ),
     "wide.csv --wide {first}_{second} --unit g": WIDE,
-    "questions.csv --wide {first}_{second} --unit g": with_rows(
+    "questions.csv --wide {first}_{second} --unit g": with_rows_above(
         WIDE, [["Which one?"] * 18, ['{"ImportId":"Q"}'] * 18]
     ),
     "pair_in_a_cell.csv --wide {first}_{second} --unit g": PAIRS[["subject", "pair", "response"]],
@@ -360,52 +375,56 @@ READ = {
     "signs_in_a_name.csv --columns 'response=key (1=first, 2=second)'": labelled(
         IN_LOGS, response="key (1=first, 2=second)"
     ),
-    "missing_words.csv": with_rows(
+    "missing_words.csv": with_rows_above(
         IN_LOGS, [["P03", 0, 0.3, word] for word in NO_RESPONSES.split("|")]
     ),
     "practice_counter.csv": IN_LOGS.assign(practice=range(80)),
     "where.csv --where kind=main": with_practice("kind", "other", "main"),
     "practice.csv": with_practice("phase", "practice", "main"),
     "merged.csv": IN_LOGS.assign(subject=IN_LOGS.subject.mask(IN_LOGS.subject.duplicated())),
-    "units.csv --second-code 1": with_rows(
+    "units.csv --second-code 1": with_rows_above(
         CODED, [["", "ln", "ln", "0/1"], ["P03", "null", "NA", '{"age":"23"}']]
     ),
-    "instructions.csv": with_rows(IN_LOGS, [["P03", "", "", ""]] * 2),
-    "missed_trials.csv --correct correct": with_rows(
+    "instructions.csv": with_rows_above(IN_LOGS, [["P03", "", "", ""]] * 2),
+    "missed_trials.csv --correct correct": with_rows_above(
         SCORED, [["P03", 0.3, 0.0, False, "", ""]] * 9
     ),
     "trained.csv": IN_LOGS.assign(training=1),
-    "trained_with_a_screen.csv": with_rows(IN_LOGS, [["P03", "", "", ""]]).assign(
+    "trained_with_a_screen.csv": with_rows_above(IN_LOGS, [["P03", "", "", ""]]).assign(
         loop=[""] + ["training"] * 80
     ),
     "psychopy.csv": PSYCHOPY,
     "trained_group.csv": IN_LOGS.assign(training=[1] * 40 + [0] * 40),
     "trained_groups.csv": IN_LOGS.assign(group=["training"] * 40 + ["control"] * 40),
-    "unfilled.csv --second-code 1": padded(CODED, subject="P12"),
-    "unfilled_subject.csv --second-code 1": padded(CODED.replace({"P03": "3", "P12": "12"})),
+    "unfilled.csv --second-code 1": with_rows_of_zeros(CODED, subject="P12"),
+    "unfilled_subject.csv --second-code 1": with_rows_of_zeros(
+        CODED.replace({"P03": "3", "P12": "12"})
+    ),
     "unfilled_grams.csv --intensity 1000 --columns i1=w1,i2=w2 --second-code 39 --first-code 37": (
-        padded(answered(IN_GRAMS, 37, 39).assign(rt=512), subject="P12")
+        with_rows_of_zeros(with_responses(IN_GRAMS, 37, 39).assign(rt=512), subject="P12")
     ),
     "rare_code.csv --missed -9 --second-code 2": RARE_CODE,
-    "header_again.xlsx": excel(T=pd.concat([P03, with_rows(IN_LOGS[40:], [IN_LOGS.columns])])),
-    "files_below_each_other.csv": csv(IN_LOGS[:30]) + csv(IN_LOGS[30:]),
+    "header_again.xlsx": excel_bytes(
+        T=pd.concat([P03, with_rows_above(IN_LOGS[40:], [IN_LOGS.columns])])
+    ),
+    "files_below_each_other.csv": csv_bytes(IN_LOGS[:30]) + csv_bytes(IN_LOGS[30:]),
     "arrays_line_by_line.txt": JATOS,
     "separators.jsonl": SEPARATORS,
     "row_names.csv": ROW_NAMES,
     "chinese.csv": labelled(
-        answered(IN_GRAMS, "第一个", "第二个"),
+        with_responses(IN_GRAMS, "第一个", "第二个"),
         subject="被试",
         w1="第一_g",
         w2="第二_g",
         response="反应",
     ),
     "presentation.txt": "Scenario - pitch\nLogfile written - 1 May\n\n"
-    + csv(IN_LOGS, sep="\t").decode(),
+    + csv_bytes(IN_LOGS, sep="\t").decode(),
     "forces.csv": labelled(IN_GRAMS, w1="first_N", w2="second_N"),
     "luminances.csv": labelled(IN_GRAMS, w1="lum1_cd_m2", w2="lum2_cd_m2"),
     "row_names.txt": ROW_NAMES.replace(",", " "),
-    "formats.xlsx": with_part(
-        excel(T=IN_LOGS), b"</sheetData>", f"{FORMATTED_ROWS}</sheetData>".encode()
+    "formats.xlsx": workbook_with(
+        excel_bytes(T=IN_LOGS), b"</sheetData>", f"{FORMATTED_ROWS}</sheetData>".encode()
     ),
     "7.csv --subject-from {}.*": WITHOUT_SUBJECT,
     "more_columns.csv": IN_LOGS.assign(rt=0.5, confidence=3, index=range(80)),
@@ -470,7 +489,7 @@ REFUSED = {
         "a whole number from 0 to 10^12",
     ),
     "no_names.csv": (
-        csv(IN_LOGS, header=False),
+        csv_bytes(IN_LOGS, header=False),
         "The columns are 1, 2, 3, 4. The file has no header, so these are the numbers of its col",
         "type:  --columns subject=1,s1=2,s2=3,response=4",
     ),
@@ -500,7 +519,7 @@ REFUSED = {
     "deep.json": ("[" * 100_000, "error: deep.json: found "),
     "a.csv --encoding klingon": (IN_LOGS, "--encoding: found 'klingon', allowed: a name such"),
     "third_code.csv --second-code 39 --first-code 37": (
-        with_rows(answered(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3),
+        with_rows_above(with_responses(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3),
         "type:  --missed 0",
         "only if nobody responded in these 3 trials; it drops them",
     ),
@@ -529,7 +548,7 @@ REFUSED = {
         "row 2: found 3 cells, allowed: 4 cells as in the header",
     ),
     "said_same.csv": (
-        answered(IN_LOGS, 0, 1).rename(columns={"response": "said_same"}),
+        with_responses(IN_LOGS, 0, 1).rename(columns={"response": "said_same"}),
         "type:  --columns response=said_same --equal-code ",
     ),
     "comparison_of_three.csv": (
@@ -537,10 +556,10 @@ REFUSED = {
         "a,0,-1,1,short\na,0,-1,0,short\na,0,0,1,equal\na,0,0,0,equal\n",
         "type:  --equal-code equal --comparison-code long  ",
     ),
-    "keys.csv": (answered(IN_LOGS, "f", "j"), "'f' (", "--equal-code", "--second-code j"),
-    "keys_of_same.csv": (answered(IN_LOGS, "s", "d"), "type:  --equal-code "),
+    "keys.csv": (with_responses(IN_LOGS, "f", "j"), "'f' (", "--equal-code", "--second-code j"),
+    "keys_of_same.csv": (with_responses(IN_LOGS, "s", "d"), "type:  --equal-code "),
     "same.csv": (
-        labelled(answered(IN_LOGS, "Yes", "No"), response="Same?"),
+        labelled(with_responses(IN_LOGS, "Yes", "No"), response="Same?"),
         "type:  --columns 'response=Same?' --equal-code ",
     ),
     "two_keys.csv": (
@@ -552,7 +571,7 @@ REFUSED = {
         "type:  --columns response=rating --second-code 5",
     ),
     "ratings_and_keys.csv": (
-        answered(IN_LOGS, "z", "m")
+        with_responses(IN_LOGS, "z", "m")
         .rename(columns={"response": "response_key"})
         .assign(response=[1, 2, 3, 4] * 20),
         "type:  --columns response=response_key --second-code m\n",
@@ -569,42 +588,42 @@ REFUSED = {
         "worker,toneA,toneB,louder\na,0,0.3,B\na,0.3,0,A\n",
         "type:  --columns subject=worker,s1=toneA,s2=toneB,response=louder --second-code B",
     ),
-    "german_names.csv": (csv(GERMAN, sep=";"), GERMAN_PAIR),
+    "german_names.csv": (csv_bytes(GERMAN, sep=";"), GERMAN_PAIR),
     "two_sheets.xlsx": (
-        excel(A=IN_LOGS, B=IN_LOGS),
+        excel_bytes(A=IN_LOGS, B=IN_LOGS),
         "the sheets A and B have tables",
         "--sheet '{}'",
         "if all sheets are of one study",
         "--sheet A",
     ),
     "two_sheets.xlsx --sheet C": (
-        excel(A=IN_LOGS, B=IN_LOGS),
+        excel_bytes(A=IN_LOGS, B=IN_LOGS),
         "found the sheets A, B, allowed: one of them",
     ),
     "two_sheets.xlsx --sheet C{}": (
-        excel(A=IN_LOGS, B=IN_LOGS),
+        excel_bytes(A=IN_LOGS, B=IN_LOGS),
         "found the sheets A, B, allowed: one of them",
     ),
     "start_screen.csv": (
-        with_rows(IN_LOGS.assign(screen="pair"), [["P03", "", "", "first", "start"]]),
+        with_rows_above(IN_LOGS.assign(screen="pair"), [["P03", "", "", "first", "start"]]),
         "1 row with a response and without stimuli.",
         "type:  --where screen=pair",
     ),
     "no_subjects.xlsx --sheet *": (
-        excel(A=WITHOUT_SUBJECT, B=WITHOUT_SUBJECT),
+        excel_bytes(A=WITHOUT_SUBJECT, B=WITHOUT_SUBJECT),
         "--subject-from '{}'",
     ),
     "a.csv --sheet A": (IN_LOGS, "a.csv: found --sheet A, allowed: with an Excel file\n"),
     "formula.xlsx": (
-        excel(T=IN_LOGS.assign(s1="=1+1")),
+        excel_bytes(T=IN_LOGS.assign(s1="=1+1")),
         "row 2, column s1: found a formula without a value",
     ),
     "error.xlsx": (
-        excel(T=IN_LOGS.assign(s1="#DIV/0!")),
+        excel_bytes(T=IN_LOGS.assign(s1="#DIV/0!")),
         "row 2, column s1: found #DIV/0!, allowed: a value that Excel",
     ),
     "errors_alone.xlsx": (
-        excel(T=with_rows(IN_LOGS, [["#REF!"] * 4])),
+        excel_bytes(T=with_rows_above(IN_LOGS, [["#REF!"] * 4])),
         "row 2, column subject: found #REF!, allowed: a value that Excel",
     ),
     "percent_in_cells.csv": (
@@ -653,7 +672,7 @@ REFUSED = {
         "columns s1_dB and s2_dB may be in dB.",
     ),
     "zero_grams.csv": (
-        labelled(with_rows(IN_GRAMS, [["P03", 0, 905, "second"]]), w1="s1", w2="s2"),
+        labelled(with_rows_above(IN_GRAMS, [["P03", 0, 905, "second"]]), w1="s1", w2="s2"),
         "natural logs or a unit. If they are intensities, correct or remove rows with 0",
         "--unit ln",
     ),
@@ -774,14 +793,14 @@ REFUSED = {
         "row 3, column 2_1: found 'maybe', allowed: second",
     ),
     "table.ods": ("PK", "its copy as .xlsx or CSV"),
-    "table.csv.gz": (gzip.compress(csv(IN_LOGS)), "an archive, allowed: the file in it"),
+    "table.csv.gz": (gzip.compress(csv_bytes(IN_LOGS)), "an archive, allowed: the file in it"),
     "data.RData": ("RDX3", "R data"),
     "1_stairs.psydat": (b"\x80\x04", "data of another program, allowed: its copy as CSV"),
     "data.sav": ("$FL2", "its copy as CSV"),
     "study.toml": ('files = ["a.csv"]', "settings, allowed: a table of trials or counts"),
     "cut_73.mat": (matlab_73(LISTS)[:2000], "found a damaged MATLAB file"),
     "cut.mat": (
-        matlab(LISTS)[:200],
+        matlab_bytes(LISTS)[:200],
         "found a damaged MATLAB file (",
         "allowed: one that MATLAB has saved with '-v7'",
     ),
@@ -791,22 +810,24 @@ REFUSED = {
         "a table or another object of MATLAB's own",
     ),
     "several_structs.mat": (
-        matlab({"a": LISTS, "b": LISTS}),
+        matlab_bytes({"a": LISTS, "b": LISTS}),
         "found a, b, no columns of one length",
         "data frame",
     ),
     "7.csv": (WITHOUT_SUBJECT, "--subject-from '{}.*'"),
-    "two_tasks.csv": (with_rows(IN_LOGS, [["P03", 0, 0, "different"]]), "words of two tasks"),
+    "two_tasks.csv": (with_rows_above(IN_LOGS, [["P03", 0, 0, "different"]]), "words of two tasks"),
 }
 
 #: The name of a file, its content, and the first advice, which reads it.
 ADVISED = {
     "a_code.csv": (
-        labelled(answered(IN_GRAMS, 0, 1), w1="w1_g", w2="w2_g", response="second_was_heavier"),
+        labelled(
+            with_responses(IN_GRAMS, 0, 1), w1="w1_g", w2="w2_g", response="second_was_heavier"
+        ),
         "--columns response=second_was_heavier --second-code 1",
     ),
     "words_of_weight.csv": (
-        labelled(answered(IN_LOGS, "heavier", "lighter"), response="first_was").assign(
+        labelled(with_responses(IN_LOGS, "heavier", "lighter"), response="first_was").assign(
             sex=["f"] * 40 + ["m"] * 40, reversal=[0, 1] * 40
         ),
         "--columns response=first_was --second-code lighter",
@@ -850,9 +871,9 @@ ADVISED = {
         labelled(SCORED, subject="Rat").drop(columns=["key", "rt"]),
         "--columns subject=Rat --correct correct",
     ),
-    "sessions.xlsx": (excel(A=IN_LOGS[:30], B=IN_LOGS[30:]), "--sheet '*'"),
+    "sessions.xlsx": (excel_bytes(A=IN_LOGS[:30], B=IN_LOGS[30:]), "--sheet '*'"),
     "subjects.xlsx": (
-        excel(P03=WITHOUT_SUBJECT, P12=IN_LOGS[40:].drop(columns="subject")),
+        excel_bytes(P03=WITHOUT_SUBJECT, P12=IN_LOGS[40:].drop(columns="subject")),
         "--sheet '*' --subject-from '{}'",
     ),
     "P03.csv": (
@@ -876,10 +897,10 @@ WARNED = {
 }
 
 
-def write(path, content):
+def write_file(path, content):
     """Write a table as CSV, records as JSON, a text or bytes."""
     if isinstance(content, pd.DataFrame):
-        content = csv(content)
+        content = csv_bytes(content)
     if isinstance(content, list | dict):
         content = json.dumps(content)
     if isinstance(content, str):
@@ -888,26 +909,34 @@ def write(path, content):
     path.write_bytes(content)
 
 
-def check(folder, line, content):
-    """What `check` says of a file with this content, whose name is the first word of the line."""
-    write(folder / line.split()[0], content)
-    return inside(f"check {line}", cwd=folder)
+def result_of_check(folder, line, content):
+    """The result of `check` on a file with this content: exit code, stdout and stderr.
+
+    The line has the name of the file and the options, such as `keys.csv --second-code j`.
+    """
+    write_file(folder / line.split()[0], content)
+    return run_command(f"check {line}", cwd=folder)
 
 
 @pytest.mark.parametrize("line", READ)
 def test_a_shape_is_read_as_it_is_meant(line, tmp_path):
+    # A key of READ is the name of a file and options, such as 'weights.csv --columns
+    # n_trials=weight', and its value is what the file has. All files are other shapes of the same
+    # trials, IN_LOGS, if READ_IN_PART does not say otherwise. NOTE_BY_NAME has the beginning of a
+    # note.
     name, _, options = line.partition(" ")
-    write(tmp_path / name, READ[line])
+    write_file(tmp_path / name, READ[line])
     study = bt.read_study(tmp_path / name, typed_options(options))
     expected = bt.read_study(READ_IN_PART.get(name, IN_LOGS))
-    pd.testing.assert_frame_equal(comparable(study), comparable(expected))
+    pd.testing.assert_frame_equal(comparable_rows(study), comparable_rows(expected))
     assert any(note.startswith(NOTE_BY_NAME.get(name, "")) for note in study.notes), study.notes
 
 
 @pytest.mark.parametrize("size", ["A1", "A1:D21", "A1:C81", "D1:D81", "A50:D81", "A1:XFD1048576"])
 def test_a_wrong_size_in_a_workbook_is_not_believed(size, tmp_path):
-    book = with_part(excel(T=IN_LOGS), rb'(?<=<dimension ref=")[^"]*', size.encode())
-    write(tmp_path / "size.xlsx", book)
+    # Some programs write a wrong size of the table, which is A1:D81, or leave it at the first cell.
+    book = workbook_with(excel_bytes(T=IN_LOGS), rb'(?<=<dimension ref=")[^"]*', size.encode())
+    write_file(tmp_path / "size.xlsx", book)
     assert bt.read_study(tmp_path / "size.xlsx").frame().equals(bt.read_study(IN_LOGS).frame())
 
 
@@ -939,6 +968,7 @@ PRACTICE = """
 
 @pytest.mark.parametrize("column, practice, main", text_table(PRACTICE))
 def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, main):
+    # Such as a column phase with 'practice' in the first 8 rows of P03 and 'main' in the 80 trials.
     table = with_practice(column, practice, main)
     study = bt.read_study(table)
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
@@ -949,15 +979,17 @@ def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, 
 
 
 @pytest.mark.parametrize("line", REFUSED)
-def test_a_shape_that_needs_a_word_is_refused_with_it(line, tmp_path):
+def test_a_shape_that_needs_an_option_is_refused_with_that_option(line, tmp_path):
+    # A key of REFUSED is a file with options. Its value is what the file has, and parts of the
+    # refusal: the problem, and what to type.
     content, *parts = REFUSED[line]
-    result = check(tmp_path, line, content)
+    result = result_of_check(tmp_path, line, content)
     assert result.returncode == 2
     assert all(part in result.stderr for part in parts), result.stderr
 
 
 def first_advice(source, options=None):
-    """What is typed first where a table is refused."""
+    """The options that a refusal of a table proposes first, as one text."""
     with pytest.raises(bt.InputError) as caught:
         bt.read_study(source, options)
     chosen, _ = caught.value.choices[0]
@@ -966,23 +998,28 @@ def first_advice(source, options=None):
 
 @pytest.mark.parametrize("name", ADVISED)
 def test_the_first_advice_reads_a_table(name, tmp_path):
+    # ADVISED has what a file has, and the options that its refusal proposes first. With them, it
+    # has the same trials as all shapes.
     content, advice = ADVISED[name]
-    write(tmp_path / name, content)
+    write_file(tmp_path / name, content)
     assert first_advice(tmp_path / name) == advice
     study = bt.read_study(tmp_path / name, typed_options(advice))
     expected = bt.read_study(READ_IN_PART.get(name, IN_LOGS))
-    pd.testing.assert_frame_equal(comparable(study), comparable(expected))
+    pd.testing.assert_frame_equal(comparable_rows(study), comparable_rows(expected))
 
 
 @pytest.mark.parametrize("part", WARNED)
 def test_a_shape_that_may_mislead_is_warned_of(part, tmp_path):
-    result = check(tmp_path, "study.csv", WARNED[part])
+    # A key of WARNED is a part of the warning, such as '--condition modality', and its value a
+    # table.
+    result = result_of_check(tmp_path, "study.csv", WARNED[part])
     assert result.returncode == 0
     assert part in " ".join(result.stdout.split())
 
 
 def test_tables_below_each_other_may_be_of_several_subjects(tmp_path):
-    result = check(tmp_path, "AB.csv --subject-from {}.*", csv(WITHOUT_SUBJECT) * 2)
+    # Two tables below each other in one file, which is named after one subject.
+    result = result_of_check(tmp_path, "AB.csv --subject-from {}.*", csv_bytes(WITHOUT_SUBJECT) * 2)
     assert ": repeated headers may begin other subjects" in " ".join(result.stdout.split())
 
 
@@ -1008,29 +1045,34 @@ TAKEN_OUT = """
 def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(
     column, mark, other, tmp_path
 ):
+    # Such as a column exclude with 1 in every fifth row, 16 of 80, and 0 in the others.
     table = IN_LOGS.assign(**{column: [mark, *[other] * 4] * 16})
-    result = check(tmp_path, "study.csv", table)
+    result = result_of_check(tmp_path, "study.csv", table)
     option = f"--where {shlex.quote(f'{column}={other}')}"
     remark = f"16 rows with '{mark}' in column {column} are counted; {option} leaves them out"
     assert remark in " ".join(result.stdout.split())
-    assert " 64 trials" in inside(f"check study.csv {option}", cwd=tmp_path).stdout
+    assert " 64 trials" in run_command(f"check study.csv {option}", cwd=tmp_path).stdout
 
 
 def test_a_remark_that_several_files_share_is_one_line(tmp_path):
+    # Each file has 40 trials, of which 3, 3 and 5 are marked by x. The remark has the number of the
+    # first file.
     for name, n_marked in (("a.csv", 3), ("b.csv", 3), ("c.csv", 5)):
         marks = ["x"] * n_marked + [""] * (40 - n_marked)
-        write(tmp_path / name, P03.assign(subject=name, excluded=marks, trial=range(40)))
+        write_file(tmp_path / name, P03.assign(subject=name, excluded=marks, trial=range(40)))
     (doubt,) = bt.read_study(tmp_path).reading.doubts
     remark = "3 files, such as a.csv: 3 rows with 'x' in column excluded are counted; "
     assert doubt == f"{remark}--where excluded= leaves them out"
 
 
 def test_a_file_without_columns_of_trials_is_named(tmp_path):
-    write(tmp_path / "stopped.csv", "subject,date\nP99,1\n")
-    for table in (IN_GRAMS, answered(IN_GRAMS, "f", "j")):
-        result = check(tmp_path, "a.csv", table)
+    # A session that was stopped has left a file without trials. Alone, the other file is asked
+    # about its own columns; together, the file without trials is named first.
+    write_file(tmp_path / "stopped.csv", "subject,date\nP99,1\n")
+    for table in (IN_GRAMS, with_responses(IN_GRAMS, "f", "j")):
+        result = result_of_check(tmp_path, "a.csv", table)
         assert "--columns s1=w1,s2=w2" in result.stderr
-        assert inside("check .", cwd=tmp_path).stderr.splitlines() == [
+        assert run_command("check .", cwd=tmp_path).stderr.splitlines() == [
             "error: stopped.csv: row 1: there is no column s1, no column s2 and no column "
             "response. The columns are subject, date. Type the names of the other files, or "
             "remove this file."
@@ -1060,6 +1102,8 @@ THREE_ANSWERS = """
 
 @pytest.mark.parametrize("first, equal, second, options, advice", text_table(THREE_ANSWERS))
 def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, options, advice):
+    # Such as the codes 0, 1 and 2. All pairs of equal stimuli have the second of them, so that it
+    # is an answer and no sign of a missed trial.
     table = THREE.replace({"response": {"first": first, "same": equal, "second": second}})
     assert first_advice(table, typed_options(options)) == advice
     study = bt.read_study(table, typed_options(advice))
@@ -1080,15 +1124,18 @@ SEVERAL_CODES = """
 
 @pytest.mark.parametrize("first, second, missed, advice", text_table(SEVERAL_CODES))
 def test_an_answer_may_have_several_codes(first, second, missed, advice):
+    # Such as 1 and 2 for 'first', by turns, and 3 and 4 for 'second'. Three more rows have the code
+    # `missed`, which may be empty.
     codes = {"first": first.split(",") * 80, "second": second.split(",") * 80}
     answers = [codes[answer][i] for i, answer in enumerate(IN_LOGS.response)]
-    table = with_rows(IN_LOGS.assign(response=answers), [["P03", 0, 0.3, missed]] * 3)
+    table = with_rows_above(IN_LOGS.assign(response=answers), [["P03", 0, 0.3, missed]] * 3)
     assert first_advice(table) == advice
     study = bt.read_study(table, typed_options(advice))
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
 
 
 def test_a_code_of_two_answers_is_none():
+    # The code 2 is declared for both answers.
     table = IN_LOGS.assign(response=[1, 2, 3, 4] * 20)
     with pytest.raises(bt.InputError, match="found '2' in 20 rows"):
         bt.read_study(table, bt.ReadOptions(first_code="1,2", second_code="2,3,4"))
@@ -1096,20 +1143,25 @@ def test_a_code_of_two_answers_is_none():
 
 @pytest.mark.parametrize("name", ["same", "uncertain", "dont_know"])
 def test_counts_of_three_answers_are_known_by_their_names(name):
+    # Columns 'first', 'second' and one of these names. 'First' has the counts 1 and 4.
     study = bt.read_study(pd.read_csv(io.StringIO(THREE_COUNTS.replace("same", name))))
     assert study["a"].n_first.tolist() == [1, 4]
 
 
 @pytest.mark.parametrize("text", [WIDE_COUNTS, IN_SHARES])
-def test_counts_and_proportions_of_wide_tables(text):
+def test_counts_and_proportions_of_wide_tables_are_read(text):
+    # WIDE_COUNTS has the counts 31, 9, 28, 11 and 28, 4, 34, 12 of 'second', 157 together.
+    # IN_SHARES has 100 trials of each pair, so that percentages are the same numbers.
     options = bt.ReadOptions(wide="{first}_{second}", unit="g", columns={"n_second": "cell"})
     study = bt.read_study(pd.read_csv(io.StringIO(text)), options)
     assert study.frame().n_second.sum() == 157
 
 
-def test_unfilled_rows_of_a_file_that_names_the_subject(tmp_path):
+def test_unfilled_rows_are_left_out_of_a_file_that_names_the_subject(tmp_path):
+    # Without a column of subjects, the 20 rows of zeros below the trials belong to the subject,
+    # too.
     trials = CODED[CODED.subject == "P12"].drop(columns="subject")
-    write(tmp_path / "P12.csv", padded(trials))
+    write_file(tmp_path / "P12.csv", with_rows_of_zeros(trials))
     options = bt.ReadOptions(second_code="1", subject_from="{}.csv")
     study = bt.read_study(tmp_path / "P12.csv", options)
     assert study["P12"].total_trials == len(trials)
@@ -1120,14 +1172,19 @@ IN_PAIRS = pd.DataFrame({"subject": "P12", "s1": 0, "s2": [1] * 30 + [0] * 30})
 #: Trials whose last rows hold zeros, and the number of trials of their subject.
 ZEROS = {
     "sorted by pair": (IN_PAIRS.assign(response=IN_PAIRS.s2), 60),
-    "few zeros": (padded(CODED, 3, subject="P12"), 43),
+    "few zeros": (with_rows_of_zeros(CODED, 3, subject="P12"), 43),
     # A reaction time shows that a row is a trial.
-    "with reaction times": (padded(CODED, subject="P12").assign(rt=np.arange(300, 400)), 60),
+    "with reaction times": (
+        with_rows_of_zeros(CODED, subject="P12").assign(rt=np.arange(300, 400)),
+        60,
+    ),
 }
 
 
 @pytest.mark.parametrize("kind", ZEROS)
 def test_pairs_of_zeros_that_are_trials_stay(kind):
+    # Rows in which both stimuli and the response are 0 may be trials: if there are few, if the rows
+    # are sorted, or if a column shows that somebody responded.
     table, n_trials = ZEROS[kind]
     study = bt.read_study(table, bt.ReadOptions(second_code="1"))
     assert study["P12"].total_trials == n_trials
@@ -1135,12 +1192,14 @@ def test_pairs_of_zeros_that_are_trials_stay(kind):
 
 @pytest.mark.parametrize("name", ["vectors.mat", "table.xlsx"])
 def test_a_file_with_changed_bytes_is_read_or_refused(name, tmp_path):
+    # Eight times, 20 bytes below the header of the file change. Any exception but an InputError
+    # fails.
     rng = random.Random(1)
     for _ in range(8):
         changed = bytearray(READ[name])
         for position in rng.sample(range(128, len(changed)), 20):
             changed[position] = rng.randrange(256)
-        write(tmp_path / name, bytes(changed))
+        write_file(tmp_path / name, bytes(changed))
         with suppress(bt.InputError):
             bt.read_study(tmp_path / name)
 
@@ -1148,17 +1207,19 @@ def test_a_file_with_changed_bytes_is_read_or_refused(name, tmp_path):
 def write_folder(folder, *names):
     (folder / "data").mkdir()
     for name in names:
-        write(folder / "data" / name, csv(IN_LOGS, sep="\t"))
+        write_file(folder / "data" / name, csv_bytes(IN_LOGS, sep="\t"))
 
 
 def test_counts_in_notes_are_those_of_all_files(tmp_path):
+    # Each of two files has 36 trials, one trial without a response, and 5 of practice. Only the
+    # file of anna has a row without stimuli.
     answered_rows = "NAME,0,0.3,second,main\nNAME,0.3,0,first,main\n" * 18
     practice = "NAME,0,0.3,second,practice\n" * 5
     header, empty_row = "subject,s1,s2,response,part\n", "NAME,,,,main\n"
     rows = f"NAME,0,0.3,,main\n{answered_rows}{practice}"
     files = [tmp_path / "anna.csv", tmp_path / "ben.csv"]
-    write(files[0], (header + empty_row + rows).replace("NAME", "anna"))
-    write(files[1], (header + rows).replace("NAME", "ben"))
+    write_file(files[0], (header + empty_row + rows).replace("NAME", "anna"))
+    write_file(files[1], (header + rows).replace("NAME", "ben"))
     assert bt.read_study(files).notes == (
         "trial rows, comma-separated, UTF-8, responses 'second' (36) / 'first' (36), "
         "stimuli as natural logs",
@@ -1170,12 +1231,13 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
 
 
 def test_a_folder_stands_for_its_tables(tmp_path):
+    # Of five files, two are tables: the others are a lock of Excel, a hidden file and a log.
     write_folder(tmp_path, "1.csv", "2.CSV", "~$1.csv", ".3.csv", "1.log")
     study = bt.read_study(tmp_path / "data")
     assert study.source == "2 files, 1.csv to 2.CSV"
     assert study.notes[0] == f"folder {display_name(str(tmp_path / 'data'))}: 2 .csv files read"
     line = "fit data -o data/1.csv --overwrite --replicates 2"
-    assert "this command reads that file and must not replace it" in refused(line, cwd=tmp_path)
+    assert "this command reads that file and must not replace it" in refusal_of(line, cwd=tmp_path)
 
 
 #: A column that is 1 in all files, the files, what `check` says, and subjects.
@@ -1194,10 +1256,12 @@ SUBJECTS_BY_NAME = """
 
 @pytest.mark.parametrize("column, files, part, subjects", text_table(SUBJECTS_BY_NAME))
 def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjects, tmp_path):
+    # Such as the files VP1/data.csv and VP2/data.csv, each with the same trials. Either no column
+    # of subjects is there, or it is 1 in all files. The line that is typed names the subjects.
     table = IN_LOGS.drop(columns="subject").assign(**{column or "other": 1})
     for file in files.split():
-        write(tmp_path / "data" / file, table)
-    result = inside("check data", cwd=tmp_path)
+        write_file(tmp_path / "data" / file, table)
+    result = run_command("check data", cwd=tmp_path)
     assert part in " ".join((result.stdout + result.stderr).split())
     pattern = re.search(r"--subject-from \S+", part)[0]
     study = bt.read_study(tmp_path / "data", typed_options(pattern))
@@ -1214,5 +1278,6 @@ SEVERAL_SUFFIXES = """
 
 @pytest.mark.parametrize("names, problem", text_table(SEVERAL_SUFFIXES))
 def test_a_folder_that_may_mean_several_studies_is_asked_for(names, problem, tmp_path):
+    # Such as tables with the suffixes .csv and .tsv in one folder.
     write_folder(tmp_path, *names.split())
-    assert problem in refused("check data", cwd=tmp_path)
+    assert problem in refusal_of("check data", cwd=tmp_path)

@@ -14,29 +14,29 @@ from bayes_toe.design.simulate import make_design, read_observers
 from bayes_toe.design.study_design import read_study_design
 
 
-def _design(path):
-    """The stimuli of a design."""
+def stimuli_of_design(path):
+    """The stimuli s1 and s2 of the pairs of a design, read from its file."""
     design = make_design(str(path), 1)
     return {"s1": design.s1.tolist(), "s2": design.s2.tolist()}
 
 
-def _population(path):
-    """The parameters of each observer of a population."""
+def parameters_by_observer(path):
+    """The parameters of each observer of a population by its name, read from its file."""
     observers = read_observers(str(path), SAME_DIFFERENT)
     return {observer.name: list(observer.parameters.values()) for observer in observers}
 
 
 READERS = {
-    "design": _design,
+    "design": stimuli_of_design,
     "study design": read_study_design,
-    "population": _population,
+    "population": parameters_by_observer,
     "covariates": read_covariates,
 }
 
 
 @pytest.fixture
-def written(tmp_path):
-    """Writes a text, and returns the path of its file."""
+def file_of(tmp_path):
+    """A function that writes a text into a file and returns its path."""
 
     def write(text):
         path = tmp_path / "file.csv"
@@ -46,15 +46,16 @@ def written(tmp_path):
     return write
 
 
-def test_a_design_is_read_and_other_columns_are_ignored_even_if_two_have_one_name(written):
+def test_a_design_is_read_and_other_columns_are_ignored_even_if_two_have_one_name(file_of):
     text = "note,s1,s2,note\n,0,0.25,a\n?,0.5,-0.125,inf\n,0.75,0.5,c\n"
-    assert _design(written(text)) == {"s1": [0.0, 0.5, 0.75], "s2": [0.25, -0.125, 0.5]}
+    assert stimuli_of_design(file_of(text)) == {"s1": [0.0, 0.5, 0.75], "s2": [0.25, -0.125, 0.5]}
 
 
-def test_a_population_is_read_by_names_which_are_texts(written):
+def test_a_population_is_read_by_names_which_are_texts(file_of):
+    # The parameters are mu1, sigma_p, sigma_l and q0.
     text = "subject,mu1,sigma_p,sigma_l,q0\n01,-0.5,0.25,0.125,0.75\nNA,0.5,1.25,0.5,0.875\n"
     observers = {"01": [-0.5, 0.25, 0.125, 0.75], "NA": [0.5, 1.25, 0.5, 0.875]}
-    assert _population(written(text)) == observers
+    assert parameters_by_observer(file_of(text)) == observers
 
 
 #: A kind of file, its rows, and the first problem. Readers that guess take the first column of a
@@ -95,9 +96,10 @@ REFUSED = """
 
 
 @pytest.mark.parametrize("kind, rows, problem", text_table(REFUSED))
-def test_a_small_table_that_cannot_be_used_is_refused(written, kind, rows, problem):
-    first, *_ = problems(READERS[kind], written(re.sub(" ?/ ?", "\n", rows)))
-    assert first.startswith(f"file.csv: {problem}")
+def test_a_small_table_that_cannot_be_used_is_refused(file_of, kind, rows, problem):
+    # The rows stand on one line with slashes between, such as 's1,s2 / 0,1,7'.
+    first_problem, *_ = problems(READERS[kind], file_of(re.sub(" ?/ ?", "\n", rows)))
+    assert first_problem.startswith(f"file.csv: {problem}")
 
 
 #: Rows of covariates, and what is read: 'NA' is no value, and a name like any other.
@@ -118,5 +120,7 @@ COVARIATES = {
 
 
 @pytest.mark.parametrize("text", COVARIATES)
-def test_numbers_levels_and_what_is_missing(written, text):
-    assert read_covariates(written(text)) == COVARIATES[text]
+def test_covariates_are_numbers_or_levels_and_missing_ones_are_left_out(file_of, text):
+    # COVARIATES has texts of files and what is read: for each covariate, a value by subject.
+    # Numbers are floats if all are numbers. A subject without a value is not there.
+    assert read_covariates(file_of(text)) == COVARIATES[text]

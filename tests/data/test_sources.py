@@ -30,6 +30,7 @@ COUNTS = pd.read_csv(StringIO("subject,s1,s2,n_equal,n_trials\na,0,1,1,4\na,0,2,
 
 
 def as_polars(frame):
+    """A DataFrame of polars with the same cells, and with None for a missing one."""
     with_none = frame.astype(object).where(frame.notna(), None)
     return pytest.importorskip("polars").DataFrame(with_none.to_dict("list"), strict=False)
 
@@ -38,8 +39,8 @@ ALLOWED_VALUES = "allowed: text, numbers or truth values, each in a column of it
 EACH_SOURCE = pytest.mark.parametrize("as_source", [pd.DataFrame, as_polars])
 
 
-def content(study):
-    """What a study holds, with the answers in their order."""
+def rows_and_answers(study):
+    """The table of a study, and the answers of its subjects in their order."""
     rows = [study.frame().to_csv()]
     for subject in study:
         if subject.answers is not None:
@@ -50,13 +51,16 @@ def content(study):
 @EACH_SOURCE
 @pytest.mark.parametrize("frame", [TRIALS, COUNTS], ids=["trials", "counts"])
 def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
-    read = bt.read_study(as_source(frame))
+    # COUNTS has no order of answers, and TRIALS has one. Notes are the same but for the format,
+    # which is the kind of frame.
+    from_frame = bt.read_study(as_source(frame))
     # write_table puts an apostrophe before a formula, and only CSV files lose it again.
-    plain = bt.read_study(write_table(frame, tmp_path / "study.csv"))
-    assert content(read) == content(plain)
-    assert (read.reading.read, read.reading.ignored) == (plain.reading.read, plain.reading.ignored)
-    notes = "\n".join(plain.notes).replace("comma-separated, UTF-8", read.source)
-    assert "\n".join(read.notes) == notes
+    from_file = bt.read_study(write_table(frame, tmp_path / "study.csv"))
+    assert rows_and_answers(from_frame) == rows_and_answers(from_file)
+    assert from_frame.reading.read == from_file.reading.read
+    assert from_frame.reading.ignored == from_file.reading.ignored
+    notes = "\n".join(from_file.notes).replace("comma-separated, UTF-8", from_frame.source)
+    assert "\n".join(from_frame.notes) == notes
 
 
 @EACH_SOURCE
@@ -72,12 +76,16 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
         ("s1", [None, b"x", None], f"\"b'x'\" of type bytes, {ALLOWED_VALUES}"),
     ],
 )
-def test_what_cannot_be_used_is_refused_by_row_and_column(as_source, column, cells, expected):
+def test_cells_that_cannot_be_used_are_refused_by_row_and_column(
+    as_source, column, cells, expected
+):
+    # COUNTS with other cells in a column, of which that in row 1, the second row, cannot be used.
     (problem,) = problems(bt.read_study, as_source(COUNTS.assign(**{column: cells})))
     assert problem.endswith(f" DataFrame: row 1, column {column}: found {expected}")
 
 
 def test_dates_and_lists_are_no_cells():
+    # All cells of subject are dates, and all cells of s2 are lists. The first row is named.
     dates = pd.Series([pd.Timestamp("2024-01-01")] * 3, dtype="datetime64[ns]")
     frame = COUNTS.assign(subject=dates, s2=[[1.0], [2.0], [3.0]])
     assert problems(bt.read_study, frame) == [
@@ -87,7 +95,8 @@ def test_dates_and_lists_are_no_cells():
     ]
 
 
-def test_what_holds_no_row_or_is_no_table():
+def test_sources_without_rows_and_of_other_types_are_refused():
+    # The problems by which tables without rows, and sources of other types, are refused.
     no_row = "found no row below it, allowed: at least one row"
     table = "allowed: the path of a file, or a pandas or polars DataFrame"
     refusals = {
@@ -101,6 +110,7 @@ def test_what_holds_no_row_or_is_no_table():
 
 
 def test_values_of_other_types_are_read_as_what_they_say():
+    # Categories, 32-bit floats, decimal numbers and truth values, in columns with other names.
     frame = pd.DataFrame(
         {
             " who": pd.Categorical(["b", "a", "b"], categories=["a", "b"]),
@@ -120,6 +130,8 @@ def test_values_of_other_types_are_read_as_what_they_say():
 
 
 def test_whole_numbers_keep_their_digits():
+    # A column of whole numbers with a missing one becomes floats in pandas: 1008.0 is still subject
+    # 1008, by its name as a text or as a number.
     codes = bt.ReadOptions(equal_code="1")
     frame = pd.DataFrame({"subject": [1008.0, 1008.0, np.nan], "s1": 0, "s2": [0, 1, 0]})
     study = bt.read_study(frame.assign(response=[1.0, 0.0, None]), codes)
@@ -147,6 +159,8 @@ READERS = """
 
 @pytest.mark.parametrize("reader, observed", text_table(READERS))
 def test_a_matlab_file_that_ends_or_stops_its_reader(reader, observed, tmp_path, monkeypatch):
+    # A MATLAB file is read in another process, which here runs the program `reader`: it crashes, or
+    # sleeps longer than the limit of 0.5 s.
     monkeypatch.setattr(matlab_file, "_READER", reader)
     monkeypatch.setattr(matlab_file, "_LONGEST", 0.5)
     savemat(tmp_path / "trials.mat", {"subject": "M1"})
@@ -156,6 +170,7 @@ def test_a_matlab_file_that_ends_or_stops_its_reader(reader, observed, tmp_path,
 
 
 def test_a_small_matlab_file_with_too_many_rows_is_refused(tmp_path):
+    # Compressed, 25,000,001 zeros need few bytes. The subject's name makes a second column.
     stimuli = np.zeros(25_000_001, np.int8)
     savemat(tmp_path / "trials.mat", {"s1": stimuli, "subject": "M1"}, do_compression=True)
     (problem,) = problems(bt.read_study, tmp_path / "trials.mat")
@@ -172,12 +187,15 @@ def test_a_small_matlab_file_with_too_many_rows_is_refused(tmp_path):
     ids=["columns", "cells"],
 )
 def test_a_table_of_too_many_cells_is_refused_before_they_are_made(name, text, tmp_path):
+    # 20,000 columns in one line, or a record of 16,000 keys with 4,000 trials, which would be rows
+    # of 16,000 cells, 64 million together.
     (tmp_path / name).write_text(text)
     with pytest.raises(bt.InputError, match="at most 16,384 columns and 50,000,000 cells"):
         bt.read_study(tmp_path / name)
 
 
 def test_only_columns_that_are_read_must_hold_texts(tmp_path):
+    # The column frames has an array in each cell. It is ignored until it is called response.
     frames = np.empty(2, object)
     frames[0] = frames[1] = np.arange(3.0)
     columns = {"subject": "M1", "s1": [0.0, 0.3], "s2": [0.3, 0.0], "frames": frames}
@@ -190,7 +208,8 @@ def test_only_columns_that_are_read_must_hold_texts(tmp_path):
     assert problem.endswith(f"of type list, {ALLOWED_VALUES}")
 
 
-def test_folders_and_files_that_are_too_large(tmp_path):
+def test_folders_and_files_that_are_too_large_are_refused(tmp_path):
+    # The file has 4 bytes, which may be the limit, but not one more than it.
     with pytest.raises(IsADirectoryError):
         input_bytes(tmp_path)
     (tmp_path / "file").write_bytes(b"a\n1\n")

@@ -12,7 +12,8 @@ from bayes_toe.errors import InputError
 COLUMNS = ("s1", "s2", "n_yes", "n_trials")
 
 
-def subject(name="S01"):
+def two_pairs_of(name="S01"):
+    # A subject with 2 of 8 responses 'equal' to the pair (0.3, 0), and 7 of 10 to (0, 0.3).
     return made_subject("0.3 0 2 8, 0 0.3 7 10", name)
 
 
@@ -21,10 +22,15 @@ def test_pairs_are_sorted_together_with_their_counts():
     assert counts(sorted_pairs) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 3, 6), (0.3, 0.5, 1, 4)]
     types = [str(getattr(sorted_pairs, column).dtype) for column in COLUMNS]
     assert " ".join(types) == "float64 float64 int64 int64"
-    assert (subject().n_pairs, subject().total_trials, subject().fraction_yes) == (2, 18, 0.5)
+    # 2 of 8 and 7 of 10 responses are 'equal'.
+    subject = two_pairs_of("S01")
+    assert subject.n_pairs == 2
+    assert subject.total_trials == 18
+    assert subject.fraction_yes == 0.5
 
 
 def test_arrays_are_copies_and_read_only():
+    # A later change of the caller's array does not change the subject, and nobody changes its own.
     s1 = np.array([0.0, 0.3])
     copied = Subject("S01", s1, [0.0, 0.0], [1, 1], [2, 2])
     s1[0] = 9.0
@@ -52,6 +58,7 @@ REFUSED_ROWS = r"""
 
 @pytest.mark.parametrize("rows, message", text_table(REFUSED_ROWS))
 def test_rows_that_are_no_counts_are_refused(rows, message):
+    # Rows of s1, s2, answers 'equal' and trials, such as '0.3 0 9 8': 9 of 8 is no count.
     with pytest.raises(InputError, match=message):
         made_subject(rows)
 
@@ -67,6 +74,7 @@ def test_rows_that_are_no_counts_are_refused(rows, message):
     ],
 )
 def test_invalid_subjects_are_refused(name, s1, n_yes, n_trials, message):
+    # A subject with two pairs, s2 of 0 and 0.3, of which one column is wrong.
     with pytest.raises(InputError, match=message):
         Subject(name, s1, [0.0, 0.3], n_yes, n_trials)
 
@@ -77,26 +85,30 @@ def test_a_subject_without_trials_is_refused():
 
 
 def test_counts_are_added_up():
+    # The pair (0.3, 0) stands there twice, and the pair (1, 1) has no trials.
     added = Subject.from_counts("S01", *columns("0.3 0 1 5, 0 0.3 2 5, 0.3 0 3 6, 1 1 0 0"))
     assert counts(added) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 4, 11)]
-    # Pairs that were never answered are not looked at, and zero has no sign.
+    # The stimuli of a pair without trials may be nan, and -0 is the same stimulus as 0.
     assert Subject.from_counts("S01", *columns("0 0 1 5, nan 0 0 0")).n_pairs == 1
     assert Subject.from_counts("S01", *columns("0 1 1 1, -0 1 0 1")).n_pairs == 1
 
 
 def test_a_study_is_a_sequence_of_its_subjects():
-    subjects = [subject("b"), subject("a"), subject("c")]
+    subjects = [two_pairs_of("b"), two_pairs_of("a"), two_pairs_of("c")]
     study = Study(subjects, "pilot", synthetic=True, notes=["n"])
-    assert (len(study), study.names) == (3, ("b", "a", "c"))
+    assert len(study) == 3
+    assert study.names == ("b", "a", "c")
     assert list(study) == subjects
     assert study["a"] is subjects[1]
     part = study.select(["c", "b"])
-    assert (part.names, part.source, part.synthetic) == (("c", "b"), "pilot", True)
+    assert part.names == ("c", "b")
+    assert part.source == "pilot"
+    assert part.synthetic is True
     assert part.notes == study.notes == ("n",)
 
 
 def test_unknown_subjects_are_refused_with_those_there_are():
-    study = Study((subject("a"), subject("b")), "pilot")
+    study = Study((two_pairs_of("a"), two_pairs_of("b")), "pilot")
     for action in (lambda: study["c"], lambda: study.select(["a", "c"])):
         with pytest.raises(InputError, match=r"no subject 'c' in pilot; there are: 'a', 'b'$"):
             action()
@@ -106,8 +118,8 @@ def test_studies_need_distinct_subjects():
     with pytest.raises(InputError, match="at least one subject"):
         Study(())
     with pytest.raises(InputError, match=r"must be unique, repeated: 'a'$"):
-        Study((subject("a"), subject("b"), subject("a")))
-    assert len(Study((subject("a"), subject("A")))) == 2
+        Study((two_pairs_of("a"), two_pairs_of("b"), two_pairs_of("a")))
+    assert len(Study((two_pairs_of("a"), two_pairs_of("A")))) == 2  # names that differ
 
 
 @pytest.mark.parametrize(
@@ -121,11 +133,13 @@ def test_studies_need_distinct_subjects():
     ids=["1e300", "inf", "one count", "sum"],
 )
 def test_counts_that_are_too_large_are_refused(rows):
+    # A pair has at most 10^12 trials. The last case has 3,000 rows of 10^12 trials of the same
+    # pair.
     with pytest.raises(InputError, match=r"no more than 10\^12"):
         Subject.from_counts("S01", *columns(rows))
 
 
-def test_answers_and_stimuli_that_are_no_such_values_are_refused():
+def test_answers_that_are_no_truth_values_and_stimuli_that_are_no_numbers_are_refused():
     with pytest.raises(InputError, match="True or False"):
         Subject.from_trials("S01", [0.0, 0.0], [0.3, 0.3], [1.0, np.nan])
     with pytest.raises(InputError, match="must be numbers"):

@@ -16,6 +16,8 @@ FUZZ = settings(max_examples=100, deadline=None, derandomize=True, database=None
 
 
 def test_tables_are_plain_csv(tmp_path):
+    # Numbers have all their digits, missing values are empty cells, quotes are doubled, and the
+    # index is left out. The folder is made.
     frame = pd.DataFrame(
         {
             "subject": ["01", "NA", 'Zoë, "x"'],
@@ -39,15 +41,15 @@ NA,,2,
 
 
 def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
-    names = ["=1+1", "+a", "-2", "@x", "-b c", "'q"]  # a number is no formula
+    names = ["=1+1", "+a", "-2", "@x", "-b c", "'q"]  # -2 is a number and no formula
     frame = pd.DataFrame(
         {"subject": names, "s1": 0.0, "s2": [-0.5] * 6, "n_equal": 1, "n_trials": 2}
     )
     safe = write_table(frame, tmp_path / "safe.csv")
-    first = [line.split(",")[0] for line in safe.read_text().splitlines()[1:]]
-    assert first == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
+    first_cells = [line.split(",")[0] for line in safe.read_text().splitlines()[1:]]
+    assert first_cells == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
     assert read_study(safe).names == tuple(names)
-    # Two names must not become one.
+    # Without its apostrophe the name '=1+1 would be the other subject =1+1: it keeps it.
     joint = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])
     assert "'=1+1" in read_study(write_table(joint, tmp_path / "both.csv")).names
 
@@ -74,10 +76,13 @@ STEMS = """
     "name, start", [*text_table(STEMS), ("a\nb", "a_b-"), ("b" * 61, "b" * 51 + "-")]
 )
 def test_names_that_are_not_plain_carry_their_hash(name, start):
+    # Such as 'con', which is a device on Windows: its files begin with '_con-', and eight digits of
+    # a hash follow.
     assert re.fullmatch(re.escape(start) + "[0-9a-f]{8}", file_stems([name])[name])
 
 
 def test_plain_names_are_their_stems():
+    # Names that are only similar to devices, con and nul, and a name of the greatest length, 60.
     plain = ["S01", "a.b", "x-1_y", "CONtrol", "nul1", "0", "a" * 60]
     assert file_stems([*plain, "S01"]) == dict(zip(plain, plain, strict=True))
     assert file_stems(["a b"]) == {"a b": "a_b-c8687a08"}, "printf 'a b' | sha256sum"
@@ -92,6 +97,8 @@ def test_plain_names_are_their_stems():
     )
 )
 def test_stems_are_safe_and_distinct(names):
+    # Also on systems that do not distinguish capitals, and where devices such as aux, with any
+    # ending, are no files. A stem has at most 60 characters.
     stems = file_stems(names)
     assert set(stems) == set(names)
     assert len({stem.lower() for stem in stems.values()}) == len(set(names))

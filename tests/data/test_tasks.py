@@ -5,7 +5,7 @@ What is read, refused, doubted.
 
 import pandas as pd
 import pytest
-from commands import refused
+from commands import refusal_of
 from conftest import counts, made_subject, read, text_table, typed_options
 
 import bayes_toe as bt
@@ -28,13 +28,16 @@ READ = f"""
 
 @pytest.mark.parametrize("text, options, expected", text_table(READ))
 def test_answers_second_and_first_are_read(text, options, expected):
-    first = read(text.replace(" ", "\n"), options)
-    for study in (first, bt.read_study(first.frame())):
+    # A text has spaces for line ends. The study is the same when its own table is read again.
+    from_text = read(text.replace(" ", "\n"), options)
+    for study in (from_text, bt.read_study(from_text.frame())):
         assert study.task == WHICH_STRONGER
+        # Such as '0 1 1 2, 1 0 1 2': s1, s2, answers 'second' and trials.
         assert counts(study["a"]) == counts(made_subject(expected))
 
 
 def test_right_answers_are_dropped_where_stimuli_are_equal_and_said():
+    # Columns are s1, s2 and right or wrong. One trial has equal stimuli, and one has no response.
     study = read(f"{RIGHT}\na,0,1,1\na,0,0,1\nb,0,1,0\nb,0,1,\n", "--correct acc")
     assert study.notes == (
         "trial rows, comma-separated, UTF-8, responses '1' as right (2) / '0' as wrong (1), "
@@ -45,6 +48,8 @@ def test_right_answers_are_dropped_where_stimuli_are_equal_and_said():
 
 
 def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for():
+    # Two trials of one pair have different delays, an interval that is known by this name, and
+    # different blocks.
     text = "subject,s1,s2,Delay,response,block\na,0,1,2,second,1\na,0,1,4,first,2\n"
     pooled = read(text, "--ignore isi --ignore block")
     assert bt.ReadOptions(ignore="isi") == bt.ReadOptions(ignore=["isi"])
@@ -78,9 +83,12 @@ REFUSED = f"""
 
 
 @pytest.mark.parametrize("text, options, message", text_table(REFUSED))
-def test_what_cannot_be_read_is_one_line_and_nothing_is_written(tmp_path, text, options, message):
+def test_a_file_that_cannot_be_read_is_one_line_and_nothing_is_written(
+    tmp_path, text, options, message
+):
+    # Such as codes 1 and 0 without an option, with the message that nobody knows what they mean.
     (tmp_path / "study.csv").write_text(text.replace(" ", "\n"))
-    assert message in refused(f"run study.csv -o out {options}", cwd=tmp_path)
+    assert message in refusal_of(f"run study.csv -o out {options}", cwd=tmp_path)
 
 
 #: Options that make no sense in any file, and what they are refused with.
@@ -114,12 +122,14 @@ OPTIONS = """
 
 @pytest.mark.parametrize("options, message", text_table(OPTIONS))
 def test_options_that_make_no_sense_are_refused(tmp_path, options, message):
+    # Such as '--task 3afc', with the tasks that are allowed. The file itself is good.
     (tmp_path / "study.csv").write_text(f"{TRIALS}\na,0,1,second\n")
-    assert message in refused(f"check study.csv {options}", cwd=tmp_path)
+    assert message in refusal_of(f"check study.csv {options}", cwd=tmp_path)
 
 
 def test_several_files_are_of_one_task():
     first = pd.DataFrame({"subject": ["a"], "s1": 0, "s2": 1, "response": ["same"]})
+    # One file has the word 'same', and the other one has 'second'.
     message = r"asked which is stronger, and .* same/different; allowed: files of one task"
     with pytest.raises(bt.InputError, match=message):
         bt.read_study([first, first.assign(response="second")])

@@ -22,7 +22,7 @@ POSIX = pytest.mark.skipif(
 )
 
 
-def create(folder, files):
+def create_files(folder, files):
     """Write files such as `a.csv=text`, and make folders such as `corner/`."""
     for file in files.split():
         name, _, text = file.partition("=")
@@ -34,8 +34,8 @@ def create(folder, files):
             path.write_text(text)
 
 
-def tree(folder):
-    """Every file below a folder with its text, and every empty folder."""
+def files_and_texts(folder):
+    """Every file below a folder with its text, and every empty folder, such as `a.csv=text b/`."""
     files = []
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -46,69 +46,85 @@ def tree(folder):
     return " ".join(files)
 
 
-def failing(error):
+def function_that_raises(error):
     def fail():
         raise error
 
     return fail
 
 
-BEFORE_WORK = failing(AssertionError("must be refused before any work"))
+#: Called during the work, which must not begin.
+BEFORE_WORK = function_that_raises(AssertionError("must be refused before any work"))
 
 
-def write(path, text, *, overwrite=False, meanwhile=int):
-    """Write a file whole."""
+def write_whole(path, text, *, overwrite=False, meanwhile=int):
+    """Write a text as a whole file; `meanwhile` is called before the file takes its place."""
     with whole_file(path, overwrite=overwrite) as temporary:
         temporary.write_text(text)
         meanwhile()
 
 
-def produce(path, files, *, overwrite=False, names=NAMES, meanwhile=int):
-    """Write a folder whole."""
+def write_whole_folder(path, files, *, overwrite=False, names=NAMES, meanwhile=int):
+    """Write files as a whole folder; `meanwhile` is called before the folder takes its place."""
     with whole_folder(path, names, overwrite=overwrite) as folder:
-        create(folder, files)
+        create_files(folder, files)
         meanwhile()
 
 
 def test_the_check_before_the_work_leaves_nothing(tmp_path):
+    # No folder is left of those that it makes to see whether it may.
     require_writable(tmp_path / "new/deep/fit.nc", overwrite=False)
     require_folder(tmp_path / "new/out", NAMES, overwrite=False)
-    assert tree(tmp_path) == ""
+    assert files_and_texts(tmp_path) == ""
 
 
 @pytest.mark.parametrize("earlier", ["", "new/deep/fit.nc=old"])
-def test_a_file_appears_whole(earlier, tmp_path, monkeypatch):
+def test_a_file_appears_when_it_is_complete(earlier, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    create(tmp_path, earlier)
+    create_files(tmp_path, earlier)
     with whole_file("new/deep/fit.nc", overwrite=True) as temporary:
-        assert (temporary.exists(), temporary.name) == (False, "fit.nc")
+        # The work writes another file of the same name, and an earlier one stays until the end.
+        assert not temporary.exists()
+        assert temporary.name == "fit.nc"
         temporary.write_text("whole")
-        assert earlier in tree(tmp_path)
-    assert tree(tmp_path) == "new/deep/fit.nc=whole"
+        assert earlier in files_and_texts(tmp_path)
+    assert files_and_texts(tmp_path) == "new/deep/fit.nc=whole"
 
 
 def test_a_file_that_exists_or_appears_meanwhile_is_kept(tmp_path):
-    create(tmp_path, "a.csv=mine")
+    # The file a.csv and a link to nowhere exist before the work, and b.csv appears during it.
+    create_files(tmp_path, "a.csv=mine")
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
     for name in ("a.csv", "link"):
         with pytest.raises(OutputError, match=rf"{name}: exists; overwrite=True replaces it$"):
-            write(tmp_path / name, "new", meanwhile=BEFORE_WORK)
+            write_whole(tmp_path / name, "new", meanwhile=BEFORE_WORK)
     with pytest.raises(OutputError, match=r"b\.csv: exists"):
-        write(tmp_path / "b.csv", "new", meanwhile=lambda: create(tmp_path, "b.csv=theirs"))
-    assert tree(tmp_path) == "a.csv=mine b.csv=theirs"
+        write_whole(
+            tmp_path / "b.csv", "new", meanwhile=lambda: create_files(tmp_path, "b.csv=theirs")
+        )
+    assert files_and_texts(tmp_path) == "a.csv=mine b.csv=theirs"
 
 
 @pytest.mark.parametrize("error", [ValueError(), KeyboardInterrupt()], ids=repr)
 def test_failure_leaves_everything_as_it_was(tmp_path, error):
+    # The work fails or is interrupted when half is written: in the place of a file, in a new
+    # folder, in the place of a folder and in a new one.
     earlier = "b=old new/theirs=x out/corner/a.png=1 out/table.csv=1"
-    create(tmp_path, earlier)
+    create_files(tmp_path, earlier)
     for name in ("b", "new/deep/a.csv"):
         with pytest.raises(type(error)):
-            write(tmp_path / name, "half", overwrite=True, meanwhile=failing(error))
+            write_whole(
+                tmp_path / name, "half", overwrite=True, meanwhile=function_that_raises(error)
+            )
     for name in ("out", "new/out"):
         with pytest.raises(type(error)):
-            produce(tmp_path / name, "table.csv=2", overwrite=True, meanwhile=failing(error))
-    assert tree(tmp_path) == earlier
+            write_whole_folder(
+                tmp_path / name,
+                "table.csv=2",
+                overwrite=True,
+                meanwhile=function_that_raises(error),
+            )
+    assert files_and_texts(tmp_path) == earlier
 
 
 #: Impossible names of files and of folders, and what is said.
@@ -127,23 +143,26 @@ IMPOSSIBLE_FOLDERS = """
 
 @pytest.mark.parametrize("name, reason", text_table(IMPOSSIBLE_FILES))
 def test_an_impossible_file_is_one_line(tmp_path, name, reason):
-    create(tmp_path, "folder/ file.txt=x")
+    # Such as file.txt/x.csv, where file.txt is a file. An empty name is the folder itself.
+    create_files(tmp_path, "folder/ file.txt=x")
     with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
-        write(tmp_path / name, "x", overwrite=True)
+        write_whole(tmp_path / name, "x", overwrite=True)
     with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
         require_writable(tmp_path / name, overwrite=False)
-    assert tree(tmp_path) == "file.txt=x folder/"
+    assert files_and_texts(tmp_path) == "file.txt=x folder/"
 
 
 @pytest.mark.parametrize("name, reason", text_table(IMPOSSIBLE_FOLDERS))
 def test_an_impossible_folder_is_one_line(tmp_path, name, reason):
-    create(tmp_path, "file.txt=x")
+    # The name is that of a file, or of something below a file.
+    create_files(tmp_path, "file.txt=x")
     with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
-        produce(tmp_path / name, "table.csv=t")
-    assert tree(tmp_path) == "file.txt=x"
+        write_whole_folder(tmp_path / name, "table.csv=t")
+    assert files_and_texts(tmp_path) == "file.txt=x"
 
 
 def test_a_place_without_permission_is_one_line_before_the_work(tmp_path, monkeypatch):
+    # Python may not make a temporary folder in tmp_path, where the folder `new` would be made.
     def mkdtemp(*_):
         raise PermissionError(13, "Permission denied")
 
@@ -152,36 +171,39 @@ def test_a_place_without_permission_is_one_line_before_the_work(tmp_path, monkey
     with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
         require_folder(tmp_path / "new/out", (), overwrite=False)
     with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
-        write(tmp_path / "new/a.csv", "x", meanwhile=BEFORE_WORK)
-    assert tree(tmp_path) == ""
+        write_whole(tmp_path / "new/a.csv", "x", meanwhile=BEFORE_WORK)
+    assert files_and_texts(tmp_path) == ""
 
 
 @POSIX
 @pytest.mark.parametrize("name", ["pipe", "link", "/dev/null"])
 def test_only_regular_files_are_replaced(name, tmp_path):
+    # A pipe, a link to nowhere and a device.
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OutputError, match="is a link, pipe or device"):
-        write(tmp_path / name, "new", overwrite=True, meanwhile=BEFORE_WORK)
+        write_whole(tmp_path / name, "new", overwrite=True, meanwhile=BEFORE_WORK)
 
 
 @POSIX
 def test_permissions_of_a_replaced_file_stay(tmp_path):
+    # Only its owner may read and write the file: 600.
     private = tmp_path / "private.csv"
     private.write_text("old")
     private.chmod(0o600)
-    write(private, "new", overwrite=True)
-    assert (private.read_text(), private.stat().st_mode & 0o777) == ("new", 0o600)
+    write_whole(private, "new", overwrite=True)
+    assert private.read_text() == "new"
+    assert private.stat().st_mode & 0o777 == 0o600
 
 
 def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypatch):
-    """A single file, and then a folder of two files."""
+    """First a single file is written, and then a folder of two files."""
     steps = []
     replace = os.replace
     monkeypatch.setattr(os, "fsync", lambda _: steps.append("fsync"))
     monkeypatch.setattr(os, "replace", lambda *paths: (steps.append("replace"), replace(*paths)))
-    write(tmp_path / "a.csv", "1")
-    produce(tmp_path / "out", "table.csv=1 corner/a.png=1")
+    write_whole(tmp_path / "a.csv", "1")
+    write_whole_folder(tmp_path / "out", "table.csv=1 corner/a.png=1")
     assert " ".join(steps) == "fsync replace fsync fsync replace"
 
 
@@ -190,16 +212,18 @@ def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypat
 
 def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
     out, files = tmp_path / "new/out", "corner/a.png=a table.csv=t"
-    is_early = []
-    produce(out, files, meanwhile=lambda: is_early.append(out.exists()))
-    assert (is_early, tree(out)) == ([False], files)
+    exists_during_work = []
+    write_whole_folder(out, files, meanwhile=lambda: exists_during_work.append(out.exists()))
+    assert exists_during_work == [False]
+    assert files_and_texts(out) == files
 
-    create(out, "corner/mine.png=mine")
-    produce(out, "corner/a.png=b", overwrite=True)
-    assert tree(out) == "corner/a.png=b corner/mine.png=mine"  # no longer table.csv
+    create_files(out, "corner/mine.png=mine")
+    write_whole_folder(out, "corner/a.png=b", overwrite=True)
+    assert files_and_texts(out) == "corner/a.png=b corner/mine.png=mine"  # no longer table.csv
 
-    produce(out, "evidence.csv=1", names=["evidence.csv"])  # another command
-    assert tree(out) == "corner/a.png=b corner/mine.png=mine evidence.csv=1"
+    # Another command has other names, and leaves what is not among them.
+    write_whole_folder(out, "evidence.csv=1", names=["evidence.csv"])
+    assert files_and_texts(out) == "corner/a.png=b corner/mine.png=mine evidence.csv=1"
 
 
 #: What exists, and what the refusal says of it.
@@ -213,41 +237,46 @@ EXISTING = """
 
 @pytest.mark.parametrize("earlier, names", text_table(EXISTING))
 def test_existing_names_are_refused_before_any_work(tmp_path, earlier, names):
-    create(tmp_path, earlier)
+    # Names that this command writes: table.csv, corner, a, b, c and d. At most three are listed.
+    create_files(tmp_path, earlier)
     message = f"{tmp_path}: already holds {names}; overwrite=True replaces it"
     with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
-        produce(tmp_path, "", names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
-    assert tree(tmp_path) == earlier
+        write_whole_folder(tmp_path, "", names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
+    assert files_and_texts(tmp_path) == earlier
 
 
-def test_what_is_named_and_no_longer_produced_goes_and_all_else_stays(tmp_path):
+def test_files_that_are_no_longer_written_go_and_all_others_stay(tmp_path):
+    # The work writes none of its five names. Of these, folder.csv is a folder that nobody expects,
+    # and link/a is a file of the user behind a link.
     out, names = tmp_path / "out", ("table.csv", "corner", "corner/a.png", "folder.csv", "link/a")
-    create(tmp_path, "elsewhere/a=mine")
-    create(out, "table.csv=1 corner/a.png=1 corner/b.png=1 folder.csv/")
+    create_files(tmp_path, "elsewhere/a=mine")
+    create_files(out, "table.csv=1 corner/a.png=1 corner/b.png=1 folder.csv/")
     (out / "link").symlink_to(tmp_path / "elsewhere")
-    produce(out, "", names=names, overwrite=True)
-    assert tree(tmp_path / "elsewhere") == "a=mine"
+    write_whole_folder(out, "", names=names, overwrite=True)
+    assert files_and_texts(tmp_path / "elsewhere") == "a=mine"
 
     (out / "link").unlink()
-    assert tree(out) == "corner/b.png=1 folder.csv/"
+    assert files_and_texts(out) == "corner/b.png=1 folder.csv/"
 
-    produce(out, "table.csv=2", names=["corner/b.png", "table.csv"], overwrite=True)
-    assert tree(out) == "folder.csv/ table.csv=2"  # without the empty folder
+    write_whole_folder(out, "table.csv=2", names=["corner/b.png", "table.csv"], overwrite=True)
+    assert files_and_texts(out) == "folder.csv/ table.csv=2"  # without the empty folder
 
 
-def test_what_others_put_there_or_delete_meanwhile_is_no_success(tmp_path):
+def test_changes_by_others_during_the_work_are_errors_or_stay(tmp_path):
+    # During the work somebody writes a file of the same name, which is an error, or of another
+    # name, which stays, or removes the folder itself.
     new, theirs = "corner/a.png=new table.csv=new", "table.csv=theirs"
     with pytest.raises(OutputError, match=r"table\.csv: exists"):
-        produce(tmp_path, new, meanwhile=lambda: create(tmp_path, theirs))
-    assert tree(tmp_path) == theirs
+        write_whole_folder(tmp_path, new, meanwhile=lambda: create_files(tmp_path, theirs))
+    assert files_and_texts(tmp_path) == theirs
 
     out = tmp_path / "out"
-    produce(out, "table.csv=1", meanwhile=lambda: create(out, "mine.txt=m"))
-    assert tree(out) == "mine.txt=m table.csv=1"
+    write_whole_folder(out, "table.csv=1", meanwhile=lambda: create_files(out, "mine.txt=m"))
+    assert files_and_texts(out) == "mine.txt=m table.csv=1"
 
     no_file = pytest.raises(OutputError, match=r"(out|a\.csv): cannot be written \(No such file")
     with no_file, whole_folder(out, NAMES, overwrite=True) as new:
         new.rmdir()
     with no_file, whole_file(tmp_path / "a.csv"):
         pass  # nothing is written
-    assert tree(out) == "mine.txt=m table.csv=1"
+    assert files_and_texts(out) == "mine.txt=m table.csv=1"

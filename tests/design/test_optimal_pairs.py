@@ -6,7 +6,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, refused
+from commands import refusal_of, run_ok
 from conftest import columns, text_table
 
 import bayes_toe as bt
@@ -160,7 +160,7 @@ def test_a_grid_has_both_ends_and_round_numbers():
 
 def test_the_command_writes_the_design_and_its_figure(tmp_path):
     FIXED_PAIRS.save(tmp_path / "kept.csv")
-    text = good(
+    text = run_ok(
         "design -o d.csv --lowest -0.75 --highest 1.25 --step 0.5 --trials 200 --max-pairs 9 "
         "--for contraction --keep kept.csv --observers contraction --simulated 1 --seed 1",
         cwd=tmp_path,
@@ -198,7 +198,7 @@ REFUSED = """
 def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, message):
     (tmp_path / "raw.csv").write_text("i\n45\n60\n")
     FIXED_PAIRS.save(tmp_path / "given.csv")
-    assert message in refused(f"design -o d.csv {options} --simulated 1 --seed 1", cwd=tmp_path)
+    assert message in refusal_of(f"design -o d.csv {options} --simulated 1 --seed 1", cwd=tmp_path)
 
 
 def test_the_figure_has_the_design_on_the_plane(result):
@@ -215,15 +215,15 @@ def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     """One option says the unit in design, power, simulate and check."""
     options = "--unit um --seed 1 --overwrite"
     small = f"{options} --simulated 2 --observers both"
-    good(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {small}", cwd=tmp_path)
+    run_ok(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {small}", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "d.csv")
     assert (frame.i1.min(), frame.i1.max()) == (45.0, 213.0)
     # As typed by hand: intensities alone, without their logarithms s1 and s2.
     frame[["i1", "i2", "n_trials"]].to_csv(tmp_path / "raw.csv", index=False)
-    good(f"power raw.csv --trials 60 -o power {small}", cwd=tmp_path)
+    run_ok(f"power raw.csv --trials 60 -o power {small}", cwd=tmp_path)
     simulated = f"simulate -o s.csv --design raw.csv --subjects 2 --trials 120 {options}"
-    good(f"{simulated} --observers both", cwd=tmp_path)
-    screen = good("check s.csv --unit um", cwd=tmp_path)
+    run_ok(f"{simulated} --observers both", cwd=tmp_path)
+    screen = run_ok("check s.csv --unit um", cwd=tmp_path)
     assert "2 subjects, 240 trials" in screen
     assert "um" in screen
 
@@ -231,7 +231,7 @@ def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
 def test_other_observers_are_proposed_for_stimuli_far_from_those_of_the_paper(tmp_path):
     (tmp_path / "far.csv").write_text("s1,s2,n_trials\n4,4.2,60\n4.2,4,60\n")
     line = "simulate -o s.csv --design far.csv --observers paper --subjects 2 --seed 1"
-    assert "type:  --observers both" in refused(line, cwd=tmp_path)
+    assert "type:  --observers both" in refusal_of(line, cwd=tmp_path)
 
 
 def test_an_even_design_has_neighbours_over_the_whole_range():
@@ -248,7 +248,7 @@ def test_an_even_design_has_neighbours_over_the_whole_range():
 def test_an_even_design_of_uneven_levels_has_each_pair_once(tmp_path):
     """Otherwise the command that the screen proposes would refuse the file."""
     line = "design -o d.csv --lowest 45 --highest 213 --step 40 --unit um --even --trials 130"
-    screen = good(f"{line} --simulated 1 --seed 1", cwd=tmp_path)
+    screen = run_ok(f"{line} --simulated 1 --seed 1", cwd=tmp_path)
     proposed = "power d.csv --task 2afc,same/different,ternary --trials 130"
     assert f"bayes-toe {proposed}" in " ".join(screen.split())
-    good(f"{proposed} --observers none --simulated 1 --seed 1", cwd=tmp_path)
+    run_ok(f"{proposed} --observers none --simulated 1 --seed 1", cwd=tmp_path)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, refused
+from commands import refusal_of, run_ok
 from conftest import text_table
 from populations import grid_design
 
@@ -112,9 +112,9 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
 def test_the_command_writes_tables_and_a_figure_and_one_of_groups(tmp_path):
     paper_study_design().with_total(130).save(tmp_path / "short.csv")
     words = "power short.csv --trials 130 --simulated 1 --observers both --seed 1"
-    screen = good(words, "-o", "out", cwd=tmp_path)
+    screen = run_ok(words, "-o", "out", cwd=tmp_path)
     assert "These pairs, 130 trials: both detected in 100 % [15, 100]" in screen  # 1 of 1
-    screen = good(words, "-o", "out", "--subjects", "4,8", "--overwrite", cwd=tmp_path)
+    screen = run_ok(words, "-o", "out", "--subjects", "4,8", "--overwrite", cwd=tmp_path)
     assert "4 subjects  8 subjects" in screen
     names = {path.name for path in (tmp_path / "out").glob("power*")}
     tables = {"power.csv", "power_data_sets.csv", "power_groups.csv"}
@@ -123,7 +123,7 @@ def test_the_command_writes_tables_and_a_figure_and_one_of_groups(tmp_path):
 
 def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
     words = "power --task 2afc,ternary --trials 130 --simulated 2 --observers both --seed 1"
-    screen = good(words, "-o", "both", cwd=tmp_path)
+    screen = run_ok(words, "-o", "both", cwd=tmp_path)
     assert "The paper's pairs, three answers, 130 trials: both detected in" in screen
     data_sets = pd.read_csv(tmp_path / "both" / "power_data_sets.csv").groupby("design")
     two, three = (rows for _, rows in data_sets)
@@ -132,7 +132,7 @@ def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
 
     # A task has the same numbers whatever else is compared.
     alone = words.replace("2afc,ternary", "ternary")
-    good(alone, "-o", "alone", cwd=tmp_path)
+    run_ok(alone, "-o", "alone", cwd=tmp_path)
     expected = pd.read_csv(tmp_path / "alone" / "power_data_sets.csv").drop(columns="design")
     assert three.drop(columns="design").reset_index(drop=True).equals(expected)
 
@@ -153,7 +153,7 @@ def test_power_that_cannot_be_computed_is_refused_in_one_line(tmp_path, options,
     (tmp_path / "other").mkdir()
     for folder in (tmp_path, tmp_path / "other"):
         paper_study_design().with_total(13).save(folder / "d.csv")
-    assert message in refused(f"power {options} --simulated 1 --seed 1", cwd=tmp_path)
+    assert message in refusal_of(f"power {options} --simulated 1 --seed 1", cwd=tmp_path)
 
 
 def test_the_figure_has_a_panel_for_each_design_and_question(table):

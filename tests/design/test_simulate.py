@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good
+from commands import run_ok
 from scipy.special import ndtri
 
 import bayes_toe as bt
@@ -56,7 +56,7 @@ def test_the_bundled_studies_are_what_their_commands_write(tmp_path, command):
     for name in ("example_pairs.csv", "example_truth.csv"):
         if name in words:  # the command reads this file
             shutil.copy(data / name, tmp_path)
-    good(*words, cwd=tmp_path)
+    run_ok(*words, cwd=tmp_path)
     for written in tmp_path.iterdir():
         assert written.read_text() == (data / written.name).read_text()
 
@@ -153,7 +153,7 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, monkeypatch, options, mes
 
 
 def test_the_command_writes_conditions_and_the_truth(tmp_path):
-    good(
+    run_ok(
         "simulate -o s.csv --truth t.csv --observers both --subjects 2 --task 2afc --batches 3 "
         "--conditions 2,6 --differ contraction=0.2 --seed 1",
         cwd=tmp_path,

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, refused
+from commands import refusal_of, run_ok
 from conftest import columns
 from populations import grid_design
 
@@ -81,8 +81,8 @@ def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
     design = paper_study_design().with_total(130)
     design.save(tmp_path / "design.csv")
     options = "--list trials.csv --blocks 5 --subjects 2 --intensity 0.087 --seed 4"
-    good("design design.csv", *options.split(), cwd=tmp_path)
-    assert "found no response in any of 260 rows" in refused("check trials.csv", cwd=tmp_path)
+    run_ok("design design.csv", *options.split(), cwd=tmp_path)
+    assert "found no response in any of 260 rows" in refusal_of("check trials.csv", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "trials.csv")
     assert np.allclose(np.log(frame[["i1", "i2"]] / 0.087), frame[["s1", "s2"]])
     frame["response"] = np.where(frame.s1 == frame.s2, "equal", "different")

@@ -14,11 +14,13 @@ def truth():
 
 
 @pytest.fixture(scope="session")
-def symmetric(small_study):
-    """Draws of two subjects under a model with fewer quantities."""
+def draws_without_effects(small_study):
+    """500 or more draws of A and B under the model without an order effect."""
     return bt.sample(small_study.select(["A", "B"]), model="none", draws=500, seed=3)
 
 
 @pytest.fixture(scope="session")
-def explorer(analysis, symmetric, truth):
-    return bt.explore([analysis.draws, symmetric], truths={"A": truth})
+def explorer(analysis, draws_without_effects, truth):
+    # The page of A, B and C under the paper's model, with the four models averaged, and of A and B
+    # without effects, with the true parameters of A.
+    return bt.explore([analysis.draws, draws_without_effects], truths={"A": truth})

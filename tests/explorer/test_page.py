@@ -1,4 +1,4 @@
-"""What a page is made of: what it holds of draws, what it refuses, and how it is written."""
+"""The page of the explorer: what it has of the draws, what it refuses, and how it is written."""
 
 import base64
 import json
@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from commands import good, refused
+from commands import refusal_of, run_ok
 from scipy.stats import norm
 
 import bayes_toe as bt
@@ -19,20 +19,22 @@ from bayes_toe.explorer.page import MOST_ENTRIES, entries, page, require_few
 from bayes_toe.inference.prediction import Predictor
 
 
-def islands(html):
-    observed = re.findall(
+def json_of_page(html):
+    # The data in the page by name: 'index', and 'entry-0' and more, one for each subject and model.
+    texts = re.findall(
         r'<script type="application/json" id="(index|entry-\d+)">(.*?)</script>', html
     )
-    return {name: json.loads(content) for name, content in observed}
+    return {name: json.loads(content) for name, content in texts}
 
 
-def numbers(text, kind="<f4"):
+def unpacked_numbers(text, kind="<f4"):
+    # The page has arrays as texts of their bytes.
     return np.frombuffer(base64.b64decode(text), kind)
 
 
 @pytest.fixture(scope="module")
 def page_data(explorer):
-    return islands(explorer.html)
+    return json_of_page(explorer.html)
 
 
 @pytest.fixture(scope="module")
@@ -42,20 +44,22 @@ def entry(page_data):
 
 
 def page_of_made_draws(subject, draws=3000, copies=1):
-    """The page of made draws of a subject under the symmetric model."""
+    """The HTML of a page with made draws of a subject under the model without an order effect."""
     target = bt.model.observer_posterior(subject, model="none")
     x = np.tile(np.linspace(-1, 0, draws)[:, None], len(target.coordinates))
     return page([Entry("none", target, x[None])] * copies).html
 
 
-def rows(packed):
-    """Which of all draws an entry holds."""
+def rows_of_draws(packed):
+    """The rows of the draws that an entry has, evenly spaced among all draws."""
     return np.arange(packed["rows"]) * packed["of"] // packed["rows"]
 
 
 def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(explorer):
-    separate = re.sub(r"<script.*?</script>", "", explorer.html, flags=re.DOTALL)
-    assert re.findall(r"https?://", separate) == []
+    # The libraries in its scripts may name addresses, of which the browser test knows more.
+    without_scripts = re.sub(r"<script.*?</script>", "", explorer.html, flags=re.DOTALL)
+    assert re.findall(r"https?://", without_scripts) == []
+    # A notebook shows it in a frame, whose attribute srcdoc is the page.
     frame = explorer._repr_html_()
     assert frame.startswith("<iframe srcdoc=")
     assert unescape(frame.split('"')[1]) == explorer.html
@@ -63,11 +67,13 @@ def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(e
 
 def test_an_entry_holds_draws_and_their_quantiles(entry, analysis):
     gain = analysis.draws.values("A", "gain").ravel()
-    assert (entry["subject"], entry["of"]) == ("A", len(gain))
+    assert entry["subject"] == "A"
+    assert entry["of"] == len(gain)
     assert entry["names"][0] == "mu1"  # the paper's parameters come first
     position = entry["names"].index("gain")
-    values = numbers(entry["values"]).reshape(len(entry["names"]), entry["rows"])
-    np.testing.assert_array_equal(values[position], gain[rows(entry)].astype(np.float32))
+    # (quantities, draws that the page has)
+    values = unpacked_numbers(entry["values"]).reshape(len(entry["names"]), entry["rows"])
+    np.testing.assert_array_equal(values[position], gain[rows_of_draws(entry)].astype(np.float32))
     quantiles = np.quantile(gain, [0.025, 0.5, 0.975])
     np.testing.assert_allclose(entry["marked"][position], quantiles, rtol=1e-9)
 
@@ -75,18 +81,25 @@ def test_an_entry_holds_draws_and_their_quantiles(entry, analysis):
 def test_an_entry_has_the_true_values_of_the_parameters_of_its_model(entry, page_data, truth):
     assert entry["truth"]["sigma_p"] == truth["sigma_p"]
     # Three subjects have two entries each before it: of the paper's model, and of all four models.
-    of_symmetric = page_data["entry-6"]
-    assert of_symmetric["truth"] == {"q0": truth["q0"]}
+    # The model without order effects has q0, but no other parameter of which a true value is given.
+    entry_without_effects = page_data["entry-6"]
+    assert entry_without_effects["truth"] == {"q0": truth["q0"]}
 
 
 def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(entry, analysis):
+    # The axis has the s2 at which the first stimulus, at both ends of the range, seems equal: there
+    # P('equal') is at its peak q0. It has a row for each end, with a value for each draw.
     natural = analysis.draws.natural("A")
-    *theta, q0 = (values.ravel()[rows(entry)] for values in natural)
-    for s1, s2 in zip(entry["ends"], numbers(entry["axis"]).reshape(2, entry["rows"]), strict=True):
+    *theta, q0 = (values.ravel()[rows_of_draws(entry)] for values in natural)
+    for s1, s2 in zip(
+        entry["ends"], unpacked_numbers(entry["axis"]).reshape(2, entry["rows"]), strict=True
+    ):
         np.testing.assert_allclose(bt.model.equal_probability(s1, s2, *theta, q0), q0, atol=1e-6)
 
 
 def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
+    # Responses in one of four blocks of S01 are swapped. That shows in the order of the answers
+    # only.
     subject = bt.example_study("2afc")["S01"]
     block = np.arange(subject.total_trials) * 4 // subject.total_trials
     answers = replace(subject.answers, block=block, blocks=tuple("1234"))
@@ -102,81 +115,92 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     "name, expected", [("</script><b>", "</script><b>"), ("a\u202eb", "a\\u202eb")]
 )
 def test_a_name_can_neither_end_the_page_nor_turn_its_text_around(small_study, name, expected):
+    # One name would end the script of the page, and the other has a sign that turns text around.
     html = page_of_made_draws(replace(small_study["A"], name=name), 30)
-    assert islands(html)["index"]["entries"][0]["subject"] == expected
+    assert json_of_page(html)["index"]["entries"][0]["subject"] == expected
     assert name not in html
 
 
 @pytest.mark.parametrize(
-    "explored, message",
+    "explore, message",
     [
-        (lambda draws, *_: bt.explore(draws, subjects=["D"]), "no subject 'D' among the draws"),
-        (lambda draws, *_: bt.explore(draws, subjects=[]), "found no subjects"),
+        (lambda draws: bt.explore(draws, subjects=["D"]), "no subject 'D' among the draws"),
+        (lambda draws: bt.explore(draws, subjects=[]), "found no subjects"),
         (
-            lambda draws, *_: bt.explore(draws, truths={"A": {"mu": 1.0}}),
+            lambda draws: bt.explore(draws, truths={"A": {"mu": 1.0}}),
             "truths of 'A': unknown quantity 'mu'",
         ),
-        (lambda *_: bt.explore([]), "found no draws"),
+        (lambda _: bt.explore([]), "found no draws"),
         (
-            lambda *_: require_few(MOST_ENTRIES + 1, "subjects"),
+            lambda _: require_few(MOST_ENTRIES + 1, "subjects"),
             "found 201 subjects, allowed: at most 200 in a page; name some with --subject",
         ),
     ],
 )
-def test_what_cannot_be_shown_is_refused(analysis, symmetric, explored, message):
+def test_subjects_and_truths_that_are_not_there_are_refused(analysis, explore, message):
+    # The draws are of A, B and C.
     with pytest.raises(bt.InputError, match=message):
-        explored(analysis.draws, symmetric)
+        explore(analysis.draws)
 
 
 def test_a_lone_subject_has_all_its_curves_and_the_most_draws_that_an_entry_can_have():
+    # All 25 pairs of five levels, and 3,000 draws, of which the page takes 2,000.
     s1, s2 = np.transpose(list(product(np.arange(5) / 5, repeat=2)))
     subject = bt.Subject("S", s1, s2, [3] * 25, [9] * 25)
-    alone = islands(page_of_made_draws(subject))["entry-0"]
-    # Of five levels, the highest is the weaker stimulus of no pair but the equal one.
-    assert (len(alone["slices"]), alone["undrawn"]) == (4, 0)
+    alone = json_of_page(page_of_made_draws(subject))["entry-0"]
+    # A curve has the pairs with one weaker stimulus, which four of the five levels are.
+    assert len(alone["slices"]) == 4
+    assert alone["undrawn"] == 0
     assert alone["rows"] == 2000
 
 
 def test_many_posteriors_share_the_rows_of_the_page(small_study, monkeypatch):
+    # The page may have 1,500 rows in all. With its limit of 16,000, three would not share them.
     monkeypatch.setattr(page_module, "_ROWS", 3 * 500)
-    three = islands(page_of_made_draws(small_study["A"], copies=3))
+    three = json_of_page(page_of_made_draws(small_study["A"], copies=3))
     assert [three[f"entry-{i}"]["rows"] for i in range(3)] == [500, 500, 500]
 
 
-def test_the_command_writes_the_page_and_refuses_to_replace_it(symmetric, tmp_path):
-    symmetric.save(tmp_path / "posterior.nc")
+def test_the_command_writes_the_page_and_refuses_to_replace_it(draws_without_effects, tmp_path):
+    draws_without_effects.save(tmp_path / "posterior.nc")
     (tmp_path / "truth.csv").write_text("subject,q0,noise\nA,0.9,0.3\n")
     line = "explore posterior.nc -o a.html --truth truth.csv --subject A"
-    assert "Explorer in a.html" in good(line, cwd=tmp_path)
-    truth = islands((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"]
+    assert "Explorer in a.html" in run_ok(line, cwd=tmp_path)
+    # From q0 and the noise follow two quantities in per cent: the JND is the 75 % quantile of the
+    # noise, and the zone its 95 % quantile, because 2 Phi(k) - 1 is q0 = .9 at the criterion k.
+    truth = json_of_page((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"]
     jnd, zone = 100 * np.expm1(0.3 * norm.ppf([0.75, 0.95]))
     assert truth == pytest.approx({"q0": 0.9, "noise": 0.3, "jnd": jnd, "zone": zone})
-    assert "a.html: exists" in refused("explore posterior.nc -o a.html", cwd=tmp_path)
+    assert "a.html: exists" in refusal_of("explore posterior.nc -o a.html", cwd=tmp_path)
 
 
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
     subject = stronger.study["pulled"]
     fitted = Predictor.from_draws(stronger.draws, "pulled", n_draws=50)
-    middle = np.sort(subject.s1)[len(subject.s1) // 2]
+    middle = np.sort(subject.s1)[len(subject.s1) // 2]  # a first stimulus of some pairs
     packed = pack_slice(fitted, middle, has_title=True)
     assert packed["orders"] == [0]
     assert {subject.s1[pair] for pair in packed["pairs"]} == {middle}
     assert packed["title"] == f"first stimulus {middle:.3g}"
+    # P('second') of each draw at each difference x, as whole numbers from 0 to 65535.
     expected = fitted.yes(middle, middle + np.array(packed["x"])).T.ravel()
-    assert numbers(packed["yes"], "<u2") / 65535 == pytest.approx(expected, abs=1e-5)
+    assert unpacked_numbers(packed["yes"], "<u2") / 65535 == pytest.approx(expected, abs=1e-5)
     wording = page(entries(stronger.draws)).html
     assert "P(second)" in wording
     assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]
 
 
 def test_an_equal_pair_below_all_others_is_in_the_panel_of_the_weakest_stimulus():
+    # The pairs are (-0.4, -0.4) and (0, 0.3). No curve has the stimulus -0.4, so that both pairs
+    # are in the panel of 0.
     html = page_of_made_draws(bt.Subject("S", [-0.4, 0], [-0.4, 0.3], [9, 4], [10, 10]))
-    (panel,) = islands(html)["entry-0"]["slices"]
+    (panel,) = json_of_page(html)["entry-0"]["slices"]
     assert panel["pairs"] == [0, 1]
 
 
 def test_a_known_unit_is_that_of_all_axes():
     table = bt.example_study().select(["S01"]).frame().drop(columns="synthetic")
+    # The stimuli in grams, of which 100 g is the reference.
     table[["s1", "s2"]] = 100.0 * np.exp(table[["s1", "s2"]])
     grams = bt.read_study(table, bt.ReadOptions(unit="g"))
     (entry,) = entries(bt.sample(grams, seed=1, model="both"))

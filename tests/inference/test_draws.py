@@ -7,7 +7,7 @@ import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
-from commands import good, refused
+from commands import refusal_of, run_ok
 from populations import some_pairs
 
 import bayes_toe as bt
@@ -79,7 +79,7 @@ def test_predictions_are_those_of_the_draws(draws):
 def test_the_command_samples_the_model_that_is_typed(study_csv):
     folder = study_csv.parent
     words = "sample study.csv -o draws.nc --model constant-error --draws 100 --seed 1"
-    assert "Draws in draws.nc. Seed 1." in good(words, cwd=folder)
+    assert "Draws in draws.nc. Seed 1." in run_ok(words, cwd=folder)
     # The paper's parameters are not those of this model.
     message = "model 'constant error' has no mu1, sigma_p, sigma_l; it has: noise, q0, lapse_rate"
     with pytest.raises(InputError, match=message):
@@ -87,7 +87,7 @@ def test_the_command_samples_the_model_that_is_typed(study_csv):
 
 
 def test_an_unknown_model_is_refused_with_those_there_are(study_csv):
-    message = refused("sample study.csv -o none.nc --model biased", cwd=study_csv.parent)
+    message = refusal_of("sample study.csv -o none.nc --model biased", cwd=study_csv.parent)
     assert "model 'biased': no such model; allowed: none, constant-error, contraction" in message
 
 

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from commands import refused
+from commands import refusal_of
 from populations import made_result, simulated_group, two_conditions, with_ages
 from processes import save_on_a_full_disk
 
@@ -237,7 +237,7 @@ def test_what_is_no_file_of_draws_is_refused_in_one_line(saved, tmp_path):
 
 
 def test_a_command_names_a_file_of_another_kind(saved):
-    message = refused("corner population.nc -o corner", cwd=saved)
+    message = refusal_of("corner population.nc -o corner", cwd=saved)
     assert "population.nc: draws of a group, allowed: those of subjects, a posterior.nc" in message
 
 
@@ -254,4 +254,4 @@ def test_more_draws_than_a_file_holds_are_refused_with_the_way_out(
     monkeypatch.setattr("bayes_toe.inference.draws.LARGEST", 10**6)
     monkeypatch.setattr("bayes_toe.analysis.run_stored", None)  # the work must not begin
     message = "allowed in a file: 0.001 GB; fewer --draws, or files of some subjects each"
-    assert message in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
+    assert message in refusal_of("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from conftest import five_pairs
-from legible import marks_of, require_legible
+from legible import marks_of, require_legible, words_of
 from matplotlib.figure import Figure
 from matplotlib.path import Path
 from matplotlib.text import Text
@@ -21,8 +21,9 @@ from bayes_toe.plots.corner import OVERLAID, TRUTH, contour_grid
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 
 
-def words(figure):
-    return "\n".join(text.get_text() for text in figure.legends[0].findobj(Text))
+def legend_text(figure):
+    # The words of the legend, a line each.
+    return "\n".join(words_of(figure.legends[0].findobj(Text)))
 
 
 def true_values_in(ax):
@@ -40,17 +41,18 @@ def true_values_in(ax):
 
 def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
     figure = bt.plots.corner(analysis.draws, "A", truths={"A": TRUE}, prior=bt.Prior())
-    axes = np.array(figure.axes).reshape(4, 4)
+    axes = np.array(figure.axes).reshape(4, 4)  # of four parameters by four
     for ax, name in zip(axes[-1], TRUE, strict=True):
         assert ax.get_xlabel().startswith(QUANTITY_BY_NAME[name].symbol)
     for ax, (name, value) in zip(axes.diagonal(), TRUE.items(), strict=True):
         assert ax.get_xlim()[0] < value < ax.get_xlim()[1]
         drawn = [line.get_xdata()[0] for line in ax.lines]
+        # Vertical lines stand at the median, the ends of the 95 % interval and the true value.
         quantiles = np.quantile(analysis.draws.values("A", name), [0.025, 0.5, 0.975])
         for x in (*quantiles, value):
             assert np.isclose(drawn, x).any()
-    assert axes[3, 3].get_xlim()[1] <= 1.0
-    assert "prior\ntrue value" in words(figure)
+    assert axes[3, 3].get_xlim()[1] <= 1.0  # q0 is a probability
+    assert "prior\ntrue value" in legend_text(figure)
 
 
 def shares_inside(areas, points):
@@ -62,26 +64,28 @@ def shares_inside(areas, points):
     return shares
 
 
-def _gaussian(rng, n):
+def gaussian_points(rng, n):
     return rng.multivariate_normal([1.0, -2.0], [[1.0, 0.3], [0.3, 0.2]], n).T
 
 
-def _bounded(rng, n):
+def points_with_bounds(rng, n):
     return rng.exponential(0.1, n), rng.beta(1.0, 4.0, n)
 
 
-def _narrow_peak_with_long_tails(rng, n):
+def points_with_long_tails(rng, n):
     x = rng.standard_t(1.5, n)
     return x, np.exp(-0.5 * np.abs(x)) + rng.normal(0.0, 0.02, n)
 
 
 @pytest.mark.parametrize("n", [800, 20_000])
-@pytest.mark.parametrize("draw", [_gaussian, _bounded, _narrow_peak_with_long_tails])
+@pytest.mark.parametrize("draw", [gaussian_points, points_with_bounds, points_with_long_tails])
 def test_contours_hold_their_shares_of_the_draws(draw, n):
+    # The contours of n points hold 95 and 50 % of them, whatever their distribution: normal, at the
+    # bounds of both axes, or with a narrow peak. Few points are outside of the spans.
     x, y = draw(default_rng(1), n)
     spans = np.quantile([x, y], [0.005, 0.995], axis=1).T.tolist()
-    lines = Figure().subplots().contour(*contour_grid(x, y, *spans)).get_paths()
-    assert shares_inside(lines, np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
+    contours = Figure().subplots().contour(*contour_grid(x, y, *spans)).get_paths()
+    assert shares_inside(contours, np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +104,8 @@ def test_contours_hold_their_shares_of_the_draws(draw, n):
         ({"truths": TRUE}, "a mapping of each subject's values by its name"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(analysis, options, message):
+def test_wrong_options_of_a_corner_plot_are_refused(analysis, options, message):
+    # One option of the corner plot of subject A is wrong.
     with pytest.raises(InputError, match=message):
         bt.plots.corner(analysis.draws, **{"subject": "A"} | options)
 
@@ -116,9 +121,10 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, tex
     )
     require_legible(figure)
     axes = np.array(figure.axes).reshape(len(names), len(names))
-    key = figure.legends[0].get_window_extent()
+    legend_box = figure.legends[0].get_window_extent()
+    # Panels on and below the diagonal are drawn.
     for ax in axes[np.tril_indices(len(names))]:
-        assert not key.overlaps(ax.get_window_extent())
+        assert not legend_box.overlaps(ax.get_window_extent())
     assert all(2 <= len(ax.get_xticks()) <= 6 for ax in axes[-1])
 
 
@@ -126,13 +132,16 @@ def test_true_values_that_are_known_are_shown_wherever_they_lie(analysis):
     figure = bt.plots.corner(
         analysis.draws, "A", coordinates=["mu1", "gain"], truths={"A": {"mu1": -0.7}}
     )
+    # Of two by two panels, 0 is that of mu1 and 3 that of the gain.
     assert true_values_in(figure.axes[0]) == ([-0.7], [])
     # The gain follows from sigma_p and sigma_l, not from mu1.
     assert true_values_in(figure.axes[3])[0] == []
-    assert "true value" in words(figure)
+    assert "true value" in legend_text(figure)
+
+    # A true value far from all draws is still within the panel.
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"A": {"q0": 0.001}})
     assert figure.axes[0].get_xlim()[0] < 0.001
-    assert "true value" not in words(bt.plots.corner(analysis.draws, "A", coordinates=["q0"]))
+    assert "true value" not in legend_text(bt.plots.corner(analysis.draws, "A", coordinates=["q0"]))
 
 
 # --- several subjects in the same panels ----------------------------------------------------------
@@ -149,12 +158,18 @@ def test_several_subjects_share_their_panels(analysis):
             median = np.median(analysis.draws.values(subject, name))
             assert np.isclose(drawn, median).any()
             assert ax.get_xlim()[0] < median < ax.get_xlim()[1]
+    # A square marks the true gain and offset of C, the second subject. The gain follows from the
+    # ratio of sigma_l, .17, and sigma_p, .25.
     *_, square = marks_of(axes[1, 0], "s")
     assert square.get_color() == OVERLAID[1][0]
     assert square.get_xdata()[0] == pytest.approx(bt.model.gain((0.17 / 0.25) ** 2))
-    assert "A, median\nC, median\n50 and 95 % of the draws\nprior\ntrue values" in words(figure)
+    assert "A, median\nC, median\n50 and 95 % of the draws\nprior\ntrue values" in legend_text(
+        figure
+    )
 
 
+#: Another process has just replaced the file in which ArviZ notes the day of its warning. The first
+#: attempt to replace it fails, and the second one succeeds.
 _AT_ONCE = """
 import pathlib
 lost, replace = [], pathlib.Path.replace
@@ -170,6 +185,7 @@ print(corner_package().__name__, len(lost) in (0, 2))  # ArviZ 1.x notes nothing
 
 
 def test_two_processes_may_import_arviz_for_the_first_time_of_a_day(tmp_path):
+    # In a new cache, ArviZ notes the day at its import. The script imitates a second process.
     fresh = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
     finished = subprocess.run(
         [sys.executable, "-c", _AT_ONCE], env=fresh, capture_output=True, text=True, check=False
@@ -184,16 +200,20 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(small_study):
     joint = bt.sample(small_study.select(["A", "B"]), model="both", draws=200, seed=1)
     figure = bt.plots.corner(joint, "A", prior=bt.Prior(), truths={"A": {"contraction": 0.1}})
     require_legible(figure)
-    labels = [ax.get_xlabel() for ax in figure.axes[-3:]]
+    labels = [ax.get_xlabel() for ax in figure.axes[-3:]]  # of the lowest row
     assert labels == ["constant error $c$, %", "contraction, %", "JND, %"]
-    assert "model 'both'" in words(figure)
+    assert "model 'both'" in legend_text(figure)
+    # Panel 4 is the middle one of three by three: a contraction of .1 is 10 %.
     assert true_values_in(figure.axes[4]) == ([10.0], [])
+    # All seven parameters of the model: 7 by 7 panels.
     assert len(bt.plots.corner(joint, ["A", "B"], coordinates="identified").axes) == 49
 
 
 def test_offsets_and_powers_of_ten_stand_beside_the_names_of_axes():
     subject = five_pairs(name="A", factor=4e-5, shift=20.72)
     figure = bt.plots.corner(bt.sample(bt.Study([subject]), draws=300, seed=1), "A")
+    # Stimuli are near 20.72 and differ by 2e-5: ticks of mu1 have an offset, and those of all three
+    # parameters in this unit a power of ten. The last parameter, q0, has no unit.
     labels = [ax.get_xlabel() for ax in figure.axes[-4:-1]]
     assert "2.072" in labels[0]
     assert all("10^{" in label for label in labels)

@@ -17,7 +17,7 @@ from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
 
 def drawn_curves(ax):
-    """The curves of a panel by their colour."""
+    """The curves of a panel by their colour, each with its x and y."""
     return {line.get_color(): line.get_data() for line in curves_of(ax, POINTS)}
 
 
@@ -28,6 +28,7 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
     assert ax.get_ylabel() == "proportion 'equal'"
     labels = [container.get_label() for container in ax.containers]
     assert labels == ["weaker first", "stronger first", "equal stimuli", "model, 95 % band"]
+    # The last points of both curves, where one stimulus is the reference 0 and the other one is x.
     theta = analysis.draws.natural("A")
     curves = drawn_curves(ax)
     for colour, weights in ((WEAKER_FIRST, (0, 1)), (STRONGER_FIRST, (1, 0))):
@@ -38,9 +39,10 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
 
 def test_designs_without_a_reference_have_panels_by_weaker_or_by_first_stimulus():
     s1, s2 = np.log(list(product([1.0, 1.2, 1.5], repeat=2))).T
-    three = bt.Subject("three", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
+    # All nine pairs of three levels, and 400 pairs, too many for a panel by each weaker stimulus.
+    three_levels = bt.Subject("three", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
     many_pairs = hard_cases()["400 pairs with 3 trials"]
-    study = bt.Study([three, many_pairs])
+    study = bt.Study([three_levels, many_pairs])
     draws = bt.sample(study, draws=100, seed=1)
     figures = [bt.plots.curves(draws, name) for name in draws.names]
     for figure in figures:
@@ -56,17 +58,19 @@ def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
     figure = bt.plots.curves(analysis, "A")
     require_legible(figure)
     assert figure.get_suptitle() == "A: average of the four models"
+    # The last point of the curve is the mean of all draws at the pair (0, x).
     (*_, x), (*_, share) = drawn_curves(figure.axes[0])[WEAKER_FIRST]
     p_yes = analysis.curve("A").yes(np.zeros(1), np.array([x]))
     assert share == pytest.approx(p_yes.mean())
     with pytest.raises(bt.InputError, match="Z"):
-        bt.plots.curves(analysis, "Z")
+        bt.plots.curves(analysis, "Z")  # who is no subject of A, B and C
 
 
 def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
     rows = "0 0.2 30 40, 0 0.4 38 40, 0.2 0 16 40, 0.4 0 3 40"
     subject = made_subject(rows, task=WHICH_STRONGER)
     ax = new_figure(4.0, 3.0).subplots()
+    # All nine draws have P('second') = .5 + s2 - .9 s1, which is linear so that it can be checked.
     correct_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
     assert ax.get_ylabel() == "proportion correct"
     weaker_first, stronger_first, *_ = marks_of(ax, "None")
@@ -78,6 +82,8 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
+    # 0 is the weaker stimulus of two pairs, and .1 of one. Of equal pairs alone, the lowest is
+    # taken.
     shared = made_subject("0 0.1 1 2, 0 0.3 1 2, 0.1 0.3 1 2")
     assert main_weaker(shared) == 0.0
     assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) == 0.0
@@ -91,6 +97,8 @@ def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(
     require_legible(figure)
     panels, draws = figure.axes, stronger.draws
     assert panels[-1].get_xlabel() == "second stimulus,\n% of the first"
+    # A panel for each first stimulus. With the offset c, the contraction p and the mean sbar of the
+    # first stimuli, second - first = c - p (first - sbar) where both seem equal.
     offset, pull = (draws.values("pulled", name).mean() for name in ("offset", "pull"))
     firsts = np.unique(stronger.study["pulled"].s1)
     shifts = offset - pull * (firsts - draws.posterior("pulled").sbar)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from conftest import renamed_rows
+from conftest import enlarged_table
 from legible import marks_of, require_legible, words_of
 from populations import made_result
 
@@ -14,13 +14,13 @@ from bayes_toe.answers.words import Word
 from bayes_toe.plots.order_effect import QUESTION_STYLES
 
 
-def changed(row, **values):
-    """A row of the table whose answer has other values."""
+def row_with_answer(row, **values):
+    """A row of the evidence table whose answer has other values in these fields."""
     return replace(row, answer=replace(row.answer, **values))
 
 
 def medians(ax):
-    """The markers of a forest, by their rows."""
+    """The x of the squares and diamonds of a forest in the order of its rows: the medians."""
     by_row = {}
     for line in [*marks_of(ax, "s"), *marks_of(ax, "D")]:
         by_row |= zip(line.get_ydata(), line.get_xdata(), strict=True)
@@ -28,7 +28,7 @@ def medians(ax):
 
 
 def intervals(ax):
-    """The ends of the lines of a forest, by their rows."""
+    """The left and right ends of the lines of a forest in the order of its rows."""
     by_row = {}
     for collection in ax.collections:
         for (low, row), (high, _) in collection.get_segments():
@@ -42,6 +42,7 @@ def test_forests_have_sizes_and_words_of_every_subject(analysis):
     for ax, question in zip((errors, contractions), QUESTION_STYLES, strict=True):
         lines = [answer.lines[question.name] for answer in analysis.answers]
         assert words_of(ax.texts) == [line.word + line.marks for line in lines]
+        # Subjects of whom an effect cannot be told have a word, but no size.
         sizes = []
         for answer in analysis.answers:
             if answer.words[question.name] is not Word.CANNOT_BE_TOLD:
@@ -51,8 +52,11 @@ def test_forests_have_sizes_and_words_of_every_subject(analysis):
 
 
 def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
-    _, unknown = bt.plots.order_effect(analysis.evidence, made_result(small_study)).axes
-    assert marks_of(unknown, "d") == []
+    # The pairs of this study identify no contraction of the group, which then has no mark "d".
+    _, contractions = bt.plots.order_effect(analysis.evidence, made_result(small_study)).axes
+    assert marks_of(contractions, "d") == []
+
+    # As if they did: another result, because a result keeps its table.
     group = made_result(small_study)
     monkeypatch.setattr(type(group), "identified", {"constant_error", "contraction"})
     errors, contractions = bt.plots.order_effect(analysis.evidence, group).axes
@@ -63,41 +67,45 @@ def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
     ):
         [mark] = marks_of(ax, "d")
         assert mark.get_xdata()[0] == pytest.approx(interval[1])
+        # An interval is the lower end, the median and the upper end.
         assert intervals(ax)[-1] == pytest.approx((interval[0], interval[2]))
 
 
 def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     first, second, third = analysis.evidence
     words = dict.fromkeys(second.answer.words, Word.NOT_INTERPRETABLE)
-    rejected = changed(
+    rejected = row_with_answer(
         second, words=words, is_interpretable=False, problems={"swapped blocks": None}
     )
     table = EvidenceTable((first, rejected, third))
     errors, _ = bt.plots.order_effect(table).axes
     assert words_of(errors.texts)[1] == "not interpreted"
-    assert len(medians(errors)) == 2
+    assert len(medians(errors)) == 2  # of the first and the third subject
 
 
 @pytest.mark.parametrize("size", [1, 8, 40])
 def test_figures_of_any_study_are_legible(analysis, size):
-    table = renamed_rows(analysis.evidence, size, "participant of the study number {}")
+    # `size` is the number of subjects, who have long names.
+    table = enlarged_table(analysis.evidence, size, "participant of the study number {}")
     require_legible(bt.plots.order_effect(table, synthetic=True))
 
 
 def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
     figures = [
-        bt.plots.order_effect(renamed_rows(analysis.evidence, size)) for size in (60, 61, 500)
+        bt.plots.order_effect(enlarged_table(analysis.evidence, size)) for size in (60, 61, 500)
     ]
-    labelled, crowded, extra = figures
-    assert len(labelled.axes[0].get_yticklabels()) == 60
-    assert labelled.get_figheight() > crowded.get_figheight() == extra.get_figheight()
-    assert not extra.axes[0].get_yticklabels()
+    # Up to 60 subjects have their names beside rows; more are sorted in a figure of one height.
+    of_60, of_61, of_500 = figures
+    assert len(of_60.axes[0].get_yticklabels()) == 60
+    assert of_60.get_figheight() > of_61.get_figheight() == of_500.get_figheight()
+    assert not of_500.axes[0].get_yticklabels()
 
 
 def test_wide_intervals_do_not_hide_the_others_and_are_counted(analysis):
     first, second, third = analysis.evidence
+    # The interval of the first subject reaches to 10^9 per cent.
     size = first.answer.sizes["pse_shift_percent"]._replace(q975=1e9)
-    wide = changed(first, sizes={**first.answer.sizes, "pse_shift_percent": size})
+    wide = row_with_answer(first, sizes={**first.answer.sizes, "pse_shift_percent": size})
     errors = bt.plots.order_effect(EvidenceTable((wide, second, third))).axes[0]
     assert errors.get_xlim()[1] < 1e6
     assert "1 interval beyond the panel" in words_of(errors.texts)

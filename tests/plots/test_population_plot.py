@@ -14,51 +14,58 @@ from bayes_toe.plots.style import new_figure
 
 
 @pytest.fixture(scope="module")
-def few():
+def group_of_four():
+    # The result for a simulated group of four subjects, made without a sampler.
     return made_result(simulated_group(1, n_subjects=4))
 
 
-def panels(figure):
-    """The forests; below them are the means with their priors."""
+def forests_of(figure):
+    """The three forests of the figure by their labels; means with their priors are below."""
     return {ax.get_xlabel(): ax for ax in figure.axes[:3]}
 
 
-def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
-    forests = panels(bt.plots.population(few))
+def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(group_of_four):
+    forests = forests_of(bt.plots.population(group_of_four))
     ax = forests["contraction (%)"]
     lines = {line.get_label(): line.get_xdata() for line in ax.lines}
-    medians = np.median(few.draws.subjects, axis=(0, 1))
+    medians = np.median(group_of_four.draws.subjects, axis=(0, 1))  # (subjects, quantities)
+    # Quantity 0 is the constant error, and 1 the contraction.
     assert lines["subject, median and 95 % interval"] == pytest.approx(medians[:, 1])
 
     bands = {band.get_label(): band.get_bbox().intervalx for band in ax.patches}
-    for label, draws in (("group mean", few.draws.mean), ("new subject", few.new_subject)):
+    for label, draws in (
+        ("group mean", group_of_four.draws.mean),
+        ("new subject", group_of_four.new_subject),
+    ):
         expected = np.quantile(draws[..., 1], [0.025, 0.975])
         assert bands[label] == pytest.approx(expected)
 
     ax = forests["PSE shift (%)"]
     [points] = marks_of(ax, "o")
-    shifts = few.in_units("constant_error", medians[:, 0])
+    shifts = group_of_four.in_units("constant_error", medians[:, 0])
     assert points.get_xdata() == pytest.approx(shifts, rel=1e-3)
-    assert words_of(ax.get_yticklabels()) == list(few.subjects)
+    assert words_of(ax.get_yticklabels()) == list(group_of_four.subjects)
 
 
-def test_the_title_has_both_effects_and_warns(few):
-    title = bt.plots.population(few).get_suptitle()
+def test_the_title_has_both_effects_or_says_that_they_are_not_reliable(group_of_four):
+    # With three divergent trajectories, the result is not reliable.
+    title = bt.plots.population(group_of_four).get_suptitle()
     assert re.match(
         r"Group of 4 subjects \(synthetic data\)\nmean PSE shift .*\nmean contraction .*", title
     )
-    wrong = made_result(few.study, n_divergent=3)
-    assert bt.plots.population(wrong).get_suptitle().startswith("NOT RELIABLE")
+    diverged = made_result(group_of_four.study, n_divergent=3)
+    assert bt.plots.population(diverged).get_suptitle().startswith("NOT RELIABLE")
 
 
-def test_the_mean_stands_before_its_prior(few):
+def test_the_mean_of_the_group_is_shown_with_its_prior(group_of_four):
     contraction_panel = 4  # after three forests, and the mean constant error
-    ax = bt.plots.population(few).axes[contraction_panel]
+    ax = bt.plots.population(group_of_four).axes[contraction_panel]
     [prior] = [line for line in ax.lines if line.get_label() == "its prior"]
     x, density = prior.get_data()
-    hyperprior = few.settings.hyperprior.contraction
+    hyperprior = group_of_four.settings.hyperprior.contraction
     expected = stats.norm(hyperprior.mean, hyperprior.mean_scale).pdf(x)
     assert density == pytest.approx(expected, rel=1e-6)
+    # The mean's draws are a histogram whose area is 1.
     areas = [bar.get_height() * bar.get_width() for bar in ax.patches]
     assert sum(areas) == pytest.approx(1.0)
 
@@ -67,10 +74,12 @@ def test_the_mean_stands_before_its_prior(few):
 def test_the_figure_is_legible_and_fits_a_page(n_subjects):
     figure = bt.plots.population(made_result(simulated_group(3, n_subjects, n_each=6)))
     require_legible(figure)
+    # In millimetres; a page of A4 has 297 with its margins.
     assert 25.4 * figure.get_figheight() < 270.0
 
 
 def test_many_subjects_are_sorted_and_have_no_names():
+    # One subject more than can have names in a forest.
     built = made_result(simulated_group(2, n_subjects=MAX_NAMES_IN_GROUP + 1, n_each=4))
     ax = new_figure(3.0, 3.0).subplots()
     forest(ax, built, "constant_error")
@@ -79,24 +88,29 @@ def test_many_subjects_are_sorted_and_have_no_names():
     assert not ax.get_yticklabels()
 
 
-def require_effect(result, label, middle):
-    """A forest with one effect on the PSE shift."""
+def require_effect(result, label, median):
+    """The third forest of the PSE shift has one effect, with a label and a median.
+
+    The median `median` is in the unit of the constant error.
+    """
     axes = bt.plots.population(result).axes
     ax = [ax for ax in axes if ax.get_xlabel() == "PSE shift (%)"][2]
     assert [text.replace("\n", " ") for text in words_of(ax.get_yticklabels())] == [label]
     [point] = marks_of(ax, "o")
     assert point.get_xdata() == pytest.approx(
-        [float(result.in_units("constant_error", middle))], rel=1e-3
+        [float(result.in_units("constant_error", median))], rel=1e-3
     )
 
 
 def test_the_figure_shows_the_effect_of_a_covariate():
+    # The ages of six subjects have the mean 29.5 and the SD 7.176.
     result = made_result(*with_ages())
-    middle = np.median(result.draws.effects[..., 0, 0])
-    require_effect(result, "age, per sd of 7.176 about 29.5", middle)
+    median = np.median(result.draws.effects[..., 0, 0])
+    require_effect(result, "age, per sd of 7.176 about 29.5", median)
 
 
 def test_the_figure_shows_the_effect_of_a_condition():
+    # The constant errors of the conditions left and right of the hand differ.
     result = made_result(two_conditions(1, n_subjects=3))
     draws, *_ = result.difference("constant_error", ("right", "left"))
     require_effect(result, "hand right − left", np.median(draws))

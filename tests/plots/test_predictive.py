@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import renamed_rows
+from conftest import enlarged_table
 from legible import require_legible
 from scipy.stats import binom
 
@@ -12,9 +12,9 @@ import bayes_toe as bt
 from bayes_toe.plots.predictive import predictive_interval
 
 
-def numerous(analysis, size):
-    """The analysis with so many subjects under other names."""
-    evidence = renamed_rows(analysis.evidence, size, "participant number {}")
+def enlarged_analysis(analysis, size):
+    """An analysis with `size` subjects: those of an analysis again and again, renamed."""
+    evidence = enlarged_table(analysis.evidence, size, "participant number {}")
     subjects, curves = [], []
     for i, row in enumerate(evidence):
         position = i % len(analysis.study)
@@ -26,28 +26,31 @@ def numerous(analysis, size):
 
 def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distribution(stronger):
     fitted = stronger.curve("pulled")
-    counts = fitted.target.subject
+    subject = fitted.target.subject
     # The same draw many times, so that the ends are precise.
     one_draw = replace(fitted, x=np.repeat(fitted.x[:1], 2000, axis=0))
-    share = one_draw.yes(counts.s1, counts.s2)[0]
+    # P('second') of each pair; its responses are binomial.
+    share = one_draw.yes(subject.s1, subject.s2)[0]
     ends = predictive_interval(one_draw, seed=1)
-    expected = binom.ppf([[0.025], [0.975]], counts.n_trials, share)
-    assert counts.n_trials * ends == pytest.approx(expected, abs=1.0)
+    expected = binom.ppf([[0.025], [0.975]], subject.n_trials, share)
+    assert subject.n_trials * ends == pytest.approx(expected, abs=1.0)  # one response
 
 
 @pytest.mark.parametrize("size", [1, 8, 40])
 def test_figures_are_legible_and_as_wide_as_a_column_or_a_page(analysis, stronger, size):
     for source in (analysis, stronger):
-        figure = bt.plots.posterior_predictive(numerous(source, size))
+        figure = bt.plots.posterior_predictive(enlarged_analysis(source, size))
         require_legible(figure)
+        # In millimetres, as journals print columns and pages.
         width = 25.4 * figure.get_figwidth()
         assert width == pytest.approx(85.0) or width == pytest.approx(175.0)
         assert 25.4 * figure.get_figheight() < 240.0
         assert figure.get_suptitle() == "synthetic data"
 
 
-def test_what_cannot_be_drawn_is_refused(analysis):
+def test_too_many_subjects_and_unknown_ones_are_refused(analysis):
+    # More subjects than a figure has panels, and a subject that is not there.
     with pytest.raises(bt.InputError, match="found 41, allowed: 1 to 40"):
-        bt.plots.posterior_predictive(numerous(analysis, 41))
+        bt.plots.posterior_predictive(enlarged_analysis(analysis, 41))
     with pytest.raises(bt.InputError, match="Z"):
         bt.plots.posterior_predictive(analysis, ["Z"])

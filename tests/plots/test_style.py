@@ -4,6 +4,7 @@ import io
 import json
 
 import numpy as np
+from legible import words_of
 from matplotlib.image import imread
 from matplotlib.text import Text
 
@@ -13,12 +14,12 @@ from bayes_toe.plots.style import new_figure, plain
 
 
 def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
-    marked = bt.Draws(analysis.draws.tree.copy())
-    record = json.loads(marked.tree.attrs["study"])
-    marked.tree.attrs["study"] = json.dumps(record | {"synthetic": True})
-    for figure in (bt.plots.corner(marked, "A"), bt.plots.curves(marked, "A")):
-        words = " ".join(text.get_text() for text in figure.findobj(Text))
-        assert "synthetic" in words
+    # The draws as if their study were synthetic, which their attribute says in JSON.
+    synthetic = bt.Draws(analysis.draws.tree.copy())
+    record = json.loads(synthetic.tree.attrs["study"])
+    synthetic.tree.attrs["study"] = json.dumps(record | {"synthetic": True})
+    for figure in (bt.plots.corner(synthetic, "A"), bt.plots.curves(synthetic, "A")):
+        assert "synthetic" in " ".join(words_of(figure.findobj(Text)))
     figure = bt.plots.order_effect(analysis.evidence, synthetic=True)
     assert "synthetic" in figure.get_suptitle()
 
@@ -27,6 +28,7 @@ def test_names_are_drawn_as_text_not_as_mathematics_and_shortened_to_what_tells_
     assert plain("$x_1$") == r"\$x_1\$"
     assert len(plain("n" * 100)) == 32
     names = [f"participant_of_the_study_{i:03d}" for i in range(40)]
+    # The names differ in their last three characters, which stay also in ten characters.
     for limit in (10, 16, 24):
         short = {plain(name, limit) for name in names}
         assert len(short) == len(names)
@@ -34,6 +36,7 @@ def test_names_are_drawn_as_text_not_as_mathematics_and_shortened_to_what_tells_
 
 
 def test_figures_of_a_subject_say_that_its_draws_did_not_converge(analysis):
+    # The draws as if those of A, the first subject, had not converged.
     tree = analysis.draws.tree.copy(deep=True)
     tree["sample_stats"]["converged"][0] = 0
     tree["sample_stats"]["shortfall"][0] = "too few"
@@ -42,12 +45,14 @@ def test_figures_of_a_subject_say_that_its_draws_did_not_converge(analysis):
     assert "NOT CONVERGED" not in bt.plots.curves(doubtful, "B").get_suptitle()
 
 
-def test_a_picture_is_what_the_figure_is_and_the_same_each_time():
+def test_a_file_of_a_figure_has_its_size_and_is_the_same_each_time():
     figure = new_figure(3.0, 2.0)
     ax = figure.subplots()
     ax.set_title("words")
+    # 3 by 2 inches with 100 pixels each, and colours between black and white.
     image = imread(io.BytesIO(figure_bytes(figure, "png", dpi=100)))
     assert image.shape[:2] == (200, 300)
     assert len(np.unique(image)) > 2
+    # Files have no time or random number in them.
     for suffix in ("pdf", "png", "svg"):
         assert figure_bytes(figure, suffix) == figure_bytes(figure, suffix)

@@ -11,7 +11,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import pytest
-from commands import captured
+from commands import run_captured
 from conftest import text_table
 
 import bayes_toe as bt
@@ -24,7 +24,7 @@ def inside(line, cwd):
     name, *words = shlex.split(line)
     path = str(SCRIPTS / name)
     with patch.object(sys, "argv", [path, *words]):
-        return captured(partial(runpy.run_path, path, run_name="__main__"), cwd)
+        return run_captured(partial(runpy.run_path, path, run_name="__main__"), cwd)
 
 
 def good(line, cwd):
