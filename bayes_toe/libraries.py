@@ -12,7 +12,7 @@ __version__ = version("bayes_toe")
 
 
 def library_versions(*names: str) -> dict[str, str]:
-    """By name, of all that decides numbers, and of others."""
+    """The versions of this package, of the libraries that decide numbers, and of `names`."""
     return {
         name: version(name)
         for name in ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "arviz-stats", *names)

@@ -72,7 +72,7 @@ NO_TESTS = SerialScreen()
 
 
 def subject_screen(evidence: OrderEvidence) -> SerialScreen:
-    """The score tests of a subject at the maximum of the model 'both'."""
+    """The score tests of a subject at the maximum of the model 'both', which sets the slopes g."""
     posterior = OrderModel("both").posterior(evidence.subject, evidence.prior)
     return serial_screen(posterior, evidence.modes[MODEL_NAMES.index("both")])
 
@@ -100,7 +100,7 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
     if subject.task.has_three_answers:  # `tested` lacks the pairs that were always 'equal'
         slopes = slopes[subject.n_trials > subject.n_yes]
     scores, variance = _scores(tested, trials, slopes)
-    # A test given other regressors has these first.
+    # A test given some regressors has these first, and says how many they are.
     return SerialScreen(
         joint_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND),
         answer_p=_p_value(scores, variance, _FIRST, _SECOND, _ANSWER, n_adjusted=2),
@@ -115,8 +115,8 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     A constant error shifts s2 - s1 the other way, so that its slope is this one turned round. Of
     three answers, P is that of 'second' where the answer is not 'equal'.
     """
-    # Slopes of both log P have the shape (1, 1, coordinates, rows). The last rows are the pairs:
-    # before them, three answers have the pairs by 'equal'.
+    # Slopes of both log P have the shape (1, 1, coordinates, entries). Three answers have entries
+    # for 'equal' or not, and then entries for 'second' or 'first', which are the last ones.
     _, yes_slopes, no_slopes = posterior.rows.answer_slopes(posterior.full_points(point))
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
     in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate, -posterior.subject.n_pairs :]
@@ -127,8 +127,8 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
 
 def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> ArrayPair:
     """U, shape (3,), and V, shape (3, 3), of the regressors, as in the module's docstring."""
-    # The tested trials, each with a trial before, which may be without an answer.
-    previous = trials.previous
+    # The tested trials have an answer and a trial before, which may be without an answer.
+    previous = trials.previous  # -1 where there is none
     rows = np.flatnonzero(trials.is_answered & (previous >= 0))
     previous = previous[rows]
     pair = trials.pair[rows]
@@ -140,7 +140,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
     n = np.bincount(pair, minlength=n_pairs).astype(np.float64)
     k = np.bincount(pair, is_yes, n_pairs)
     n_safe = np.maximum(n, 1.0)
-    pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))
+    pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))  # k (n - k) / (n (n - 1))
 
     mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
     regressors = np.stack(  # (3, tested trials)
@@ -150,7 +150,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
             slopes[pair] * (trials.second[previous] - mean_stimulus),
         ]
     )
-    # Each pair's mean is subtracted.
+    # Each pair's mean is subtracted; a regressor is a row of the array, which changes.
     residual = is_yes - (k / n_safe)[pair]
     for regressor in regressors:
         regressor -= (np.bincount(pair, regressor, n_pairs) / n_safe)[pair]
@@ -174,7 +174,7 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     """
     answered = np.flatnonzero(trials.is_answered)
 
-    residual = np.zeros(len(answered))
+    residual = np.zeros(len(answered))  # e
     rows_by_pair = []  # where the trials of each pair stand among the answered ones
     for i in range(subject.n_pairs):
         rows = np.flatnonzero(trials.pair[answered] == i)
@@ -224,7 +224,7 @@ def _p_value(
     """
     statistics = [0.0]  # U' V^-1 U of the first regressors: none, one, two, ...
     remaining = variance  # V, given the regressors so far
-    degrees_of_freedom = 0
+    degrees_of_freedom = 0  # of the regressors that are tested
     for position, i in enumerate(regressors):
         own_variance = remaining[i, i]
         own_score = scores[i]
@@ -239,5 +239,5 @@ def _p_value(
         statistics.append(statistic)
     if not degrees_of_freedom:
         return None
-    difference = statistics[-1] - statistics[n_adjusted]
+    difference = statistics[-1] - statistics[n_adjusted]  # all regressors, less the given ones
     return float(chdtrc(degrees_of_freedom, max(difference, 0.0)))  # rounding may go below 0
