@@ -161,13 +161,14 @@ class InputError(BayesToeError, ValueError):
         for remedy in self.remedies:
             if remedy is first_answers[remedy.question]:
                 continue
+            # The first answers, but this one to its question.
             answers = {**first_answers, remedy.question: remedy}.values()
             chosen = [answer for answer in answers if answer.step <= remedy.step]
             choices.append((chosen, [remedy.meaning]))
 
         # The options that are typed with these remedies.
         for chosen, _ in choices:
-            for remedy in list(chosen):
+            for remedy in list(chosen):  # a copy, because the list grows
                 chosen += remedy.together
         return choices
 
@@ -205,7 +206,7 @@ def with_next_questions(
 
         step += 1
         for remedy in error.remedies:
-            question = len(problems) + remedy.question
+            question = len(problems) + remedy.question  # behind those of earlier steps
             remedies.append(remedy._replace(question=question, step=step))
         problems += error.problems
     return InputError(problems, remedies)

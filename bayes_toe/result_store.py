@@ -196,6 +196,7 @@ class _RecordReader(pickle.Unpickler):
             return super().find_class(module, name)
         if library == "bayes_toe":
             record = super().find_class(module, name)
+            # Not a function, which a damaged file could call with any arguments.
             is_class = isinstance(record, type)
             if is_class and (is_dataclass(record) or issubclass(record, (tuple, Enum))):
                 return record

@@ -405,18 +405,19 @@ def subject_contrast(
     name = units[0].subject_name
     levels = tuple(unit.condition for unit in units)
     models = ConditionModels(tuple(units), conditions.design(levels), prior)
-    evidence, with_lapses = condition_evidences(models, seed)
+    same_lapses, free_lapses = condition_evidences(models, seed)
     rng = generator(seed, name, "differences")
 
     rows = []
     for quantity, parameters in QUANTITIES.items():
         # Whether the quantity differs, for each model.
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
-        log_bf = evidence.log_bayes_factor(differs)
-        error = evidence.bayes_factor_error(differs)
-        is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs))
+        log_bf = same_lapses.log_bayes_factor(differs)
+        error = same_lapses.bayes_factor_error(differs)
+        is_robust = word_of(log_bf) == word_of(free_lapses.log_bayes_factor(differs))
         robust = "yes" if is_robust else "no"
-        draws = evidence.averaged(differs).resampled(rng, 4000)  # all of one weight
+        # Draws of equal weight.
+        draws = same_lapses.averaged(differs).resampled(rng, size=4000)
         values = models.quantities(draws)  # (conditions, draws) each
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
@@ -455,9 +456,9 @@ def _difference(
 
 
 def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, ModelSet]:
-    """The models of :data:`CHOICES`, and those in which lapses differ too.
+    """Evidences and draws of the models of :data:`CHOICES`, and of those with other lapses too.
 
-    Lapses are the lapse rate and, in 'same or different', the peak.
+    In the latter, lapses also differ: the lapse rate and, in 'same or different', the peak.
     """
     lapses = [parameter for parameter in (PEAK, LAPSE_RATE) if parameter in models.differing]
     with_lapses = [(*choice, *lapses) for choice in CHOICES]
@@ -478,7 +479,7 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
         mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
-    # More than usual, because intervals of differences come from these draws too.
+    # More draws than usual, because intervals of differences come from them too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
     _, draws = fitted_draws(array, mixtures, generators, precision)
 

@@ -156,6 +156,7 @@ def subject_evidence(
     # H1 predicts only the counted response. So that it compares with H0, it gets the part of H0 for
     # the other question.
     of_direction = direction_evidence(subject)
+    # An array of one posterior; NaN where the approximation does not exist.
     _, laplace_evidence = laplace(fitted.target.array, [fitted.maxima])
     by_laplace = float(laplace_evidence[0])
     return SubjectEvidence(

@@ -262,6 +262,7 @@ class OrderEffect:
             "Responses depend on the previous trial ({}). The command `history` estimates by how "
             "much."
         )
+        # Flag, p-value and message of each test; the braces are the place of the p-value.
         tests = (
             (MISFIT_FLAG, self.fit_p, "The model does not fit: {}."),
             (PREVIOUS_TRIAL_FLAG, self.history_p, previous_trial),
@@ -643,19 +644,19 @@ def order_effect(
     """
     # Whether each model has the effect, by question. Where these pairs cannot distinguish a
     # contraction from a constant error, both appear as an error, which is then the whole effect.
-    with_effect = dict(QUESTIONS)
+    models_with_effect = dict(QUESTIONS)
     if identification.contraction_adds_to_error:
-        with_effect["order_effect"] = HAS_ERROR
+        models_with_effect["order_effect"] = HAS_ERROR
     sizes, upper_bounds, size_flags = _sizes(evidence)
 
     is_interpretable = all(finding.is_interpretable for finding in findings)
     answerable = [question for question in QUESTIONS if question not in identification.reasons]
     words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
     if is_interpretable:
-        words = _words(evidence, with_effect, answerable)
+        words = _words(evidence, models_with_effect, answerable)
 
     problems = _problems_of_responses(findings)
-    problems |= _prior_problems(evidence, words, answerable, with_effect)
+    problems |= _prior_problems(evidence, words, answerable, models_with_effect)
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
@@ -666,10 +667,12 @@ def order_effect(
         direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
         is_interpretable=is_interpretable,
         probabilities={
-            question: evidence.probability(models) for question, models in with_effect.items()
+            question: evidence.probability(models)
+            for question, models in models_with_effect.items()
         },
         log_bayes_factors={
-            question: evidence.log_bayes_factor(models) for question, models in with_effect.items()
+            question: evidence.log_bayes_factor(models)
+            for question, models in models_with_effect.items()
         },
         sizes=sizes,
         upper_bounds=upper_bounds,
@@ -690,16 +693,16 @@ def order_effect(
 
 
 def _words(
-    models: ModelSet, with_effect: Mapping[str, BoolArray], answerable: Sequence[str]
+    models: ModelSet, models_with_effect: Mapping[str, BoolArray], answerable: Sequence[str]
 ) -> dict[str, Word]:
     """The word for each question, from its posterior probability and Bayes factor.
 
-    `with_effect` says, for each question, which models have the effect. The design cannot show the
-    answer to a question that is not in `answerable`.
+    `models_with_effect` says, for each question, which models have the effect. The design cannot
+    show the answer to a question that is not in `answerable`.
     """
     words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
     for question in answerable:
-        has_effect = with_effect[question]
+        has_effect = models_with_effect[question]
         probability = models.probability(has_effect)
         words[question] = word_for(probability, models.log_bayes_factor(has_effect))
     return words
@@ -812,7 +815,7 @@ def _prior_problems(
     evidence: OrderEvidence,
     words: Mapping[str, Word],
     answerable: Sequence[str],
-    with_effect: Mapping[str, BoolArray],
+    models_with_effect: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
     """The flag of the questions whose `yes` or `no` is less than probable with another prior.
 
@@ -823,7 +826,7 @@ def _prior_problems(
     for effect in (CONSTANT_ERROR, CONTRACTION):
         for width, factor in (("half", 0.5), ("twice", 2.0)):
             models = evidence.with_prior_scale(effect, factor)
-            rescaled_words.append((width, _words(models, with_effect, answerable)))
+            rescaled_words.append((width, _words(models, models_with_effect, answerable)))
 
     # The first change of each question: width, word and other word. Questions with the same change
     # share a sentence.

@@ -132,6 +132,7 @@ class SubjectDependence:
             return ""
         word = word_for(self.probability(effect), self.log_bayes_factor(effect))
         if effect == "previous_response" and word.is_positive:
+            # The sign of the median.
             direction = "repetition" if self.kappa[1] > 0.0 else "alternation"
             return f"{word} ({direction})"
         return str(word)
@@ -308,7 +309,7 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
     history_points = 0.7 * rng.standard_normal((_CLOUD_POINTS, len(posterior.model.effects)))
     points = np.concatenate([order_points, history_points], axis=1)
     mixture = mixture_of_points(points, posterior.array.is_free[0])
-    # More than usual, because intervals of rho and kappa come from these draws too.
+    # More draws than usual, because intervals of rho and kappa come from them too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)
     _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], precision)
     return draws

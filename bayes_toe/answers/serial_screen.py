@@ -188,7 +188,7 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     # power of e times the spectrum of w. Weights begin at a lag of 2 trials.
     n_trials = len(trials.pair)
     n_padded = 2 * n_trials  # so that the last trial is no neighbour of the first
-    kernel = np.zeros(n_padded)
+    kernel = np.zeros(n_padded)  # w at all lags; the negative ones stand at the end
     lags = np.arange(2, n_trials)
     kernel[lags] = kernel[-lags] = 1.0 / np.sqrt(lags)
     weights = np.fft.rfft(kernel).real

@@ -307,6 +307,7 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     """
     directions = defaultdict(list)  # of each word; '' where it has none
     for text in sorted(words):
+        # 'yes (repulsion)' -> 'yes' and 'repulsion'
         word, _, direction = text.removesuffix(")").partition(" (")
         directions[word].append(direction)
 

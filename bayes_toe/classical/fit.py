@@ -435,13 +435,13 @@ def fit(
     require_number("replicates", replicates)
     require_study(study)
     root = root_seed(seed)
-    penalty = prior_for(study, prior)
+    study_prior = prior_for(study, prior)
     jobs = [
-        partial(subject_fit, subject, penalty, seed=root, replicates=replicates)
+        partial(subject_fit, subject, study_prior, seed=root, replicates=replicates)
         for subject in study
     ]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return FitTable(tuple(rows), level, replicates, root, penalty, study.task)
+    return FitTable(tuple(rows), level, replicates, root, study_prior, study.task)
 
 
 def subject_fit(
@@ -451,6 +451,7 @@ def subject_fit(
 
     The seed and the name of the subject determine the random stream.
     """
+    # With the mean and the standard deviation of the prior of mu1.
     likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     # The counts of the subject come first, then those of the bootstrap.

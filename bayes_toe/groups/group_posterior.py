@@ -318,6 +318,8 @@ class GroupPosterior:
         mode = fits.mode[:, :q]
         spread = np.maximum(mode.std(axis=0), 0.3 * self.numbers.sd_scale)  # (q,)
         standard_error = spread / np.sqrt(self.rows.n_subjects)
+
+        # Means, scores of standard deviations, effects, and the blocks of the subjects.
         theta = np.zeros((n_points, self.n_coordinates))
         theta[:, :q] = mode.mean(axis=0) + 2.0 * standard_error * rng.standard_normal((n_points, q))
         sd = spread * np.exp(0.7 * rng.standard_normal((n_points, q)))

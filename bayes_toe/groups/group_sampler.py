@@ -90,6 +90,7 @@ class Metric:
         # B is the regression of the blocks on the shared coordinates, L the root of what it leaves.
         # Before the first draws B is 0, toward which the weight shrinks the covariance.
         covariance = weight * shared.T @ blocks / len(draws)
+        # S S' is the covariance of the shared coordinates.
         self._following[:] = np.linalg.solve(self._shared @ self._shared.T, covariance)
         residual = (blocks - shared @ self._following).reshape(-1, n_blocks, size).swapaxes(0, 1)
         self._blocks = _shrunk_root(residual, self._blocks)

@@ -150,8 +150,8 @@ def _compare(
     if is_compared.sum() > 1:  # one subject has no spread
         # Laplace's estimator of the frequency of a wrong response. Its mean difference between the
         # orders is the mean asymmetry.
-        wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)
-        total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))
+        wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)  # (rows, groups, pairs)
+        total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))  # (subjects, groups)
         asymmetry = total[is_compared] / n_compared[is_compared, None]
         yield from _statistics("mean asymmetry", asymmetry, ("spread", "farthest"))
 
