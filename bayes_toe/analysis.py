@@ -145,6 +145,7 @@ def run(
     # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 
+    # Draws move to the stack as soon as a subject is done, so that none are in memory twice.
     stack = DrawsStack(study.names)
     results = _analyse_study(
         study,
@@ -253,6 +254,7 @@ def sample(
     # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 
+    # Draws move to the stack as soon as a subject is done, so that none are in memory twice.
     stack = DrawsStack(study.names)
     results = run_stored(
         partial(try_each, partial(_sample_subject, settings=settings)),

@@ -26,6 +26,6 @@ def import_without_folder_settings() -> None:
     one. Nothing is imported where there is no such file.
     """
     if any(map(os.path.lexists, ("matplotlibrc", "arvizrc"))):
-        with chdir(Path(__file__).parent):
+        with chdir(Path(__file__).parent):  # the folder of this package has none
             import_module("arviz")
             import_module("matplotlib")

@@ -28,7 +28,7 @@ def root_seed(seed: int | None) -> int:
 
 def require_seed(seed: int) -> int:
     """The seed as an integer; an InputError if it is not in 0 to 2**63 - 1."""
-    require_number("seed", seed, 0, LARGEST_SEED)
+    require_number("seed", seed, smallest=0, largest=LARGEST_SEED)
     return int(seed)  # an integer of NumPy becomes one of Python
 
 

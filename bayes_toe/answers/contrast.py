@@ -421,35 +421,29 @@ def subject_contrast(
         values = models.quantities(draws)  # (conditions, draws) each
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
-                positions = levels.index(level), levels.index(reference)
-                summary = _difference(quantity, values, *positions, models.shared.scales)
+                i = levels.index(level)
+                j = levels.index(reference)
+                changes = {key: array[i] - array[j] for key, array in values.items()}
+                summary = _summary(quantity, changes, models.shared.scales)
                 comparison = f"{level} - {reference}"
                 row = (name, quantity, comparison, *summary, log_bf, error, robust)
                 rows.append(Difference._make(row))
     return rows
 
 
-def _difference(
-    quantity: str,
-    values: NamedArrays,
-    level: int,
-    reference: int,
-    scales: StimulusScales,
-) -> tuple[Any, ...]:
+def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tuple[Any, ...]:
     """Mean, standard deviation, quantiles and direction of a difference between two conditions.
 
-    `values` has draws of each quantity of the observer, shape (conditions, draws); `level` and
-    `reference` are rows of them. The entries are those of :class:`Difference` from `mean` to
-    `p_direction`.
+    `changes` has draws of the change of each quantity of the observer, shape (draws,). The result
+    has the entries of :class:`Difference` from `mean` to `p_direction`.
     """
-    change = {key: draws[level] - draws[reference] for key, draws in values.items()}
     p_direction = None
     if quantity == ORDER_EFFECT:
         # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
-        contraction_shift = change["contraction"] * scales.first_spread
-        difference = np.hypot(change["constant_error"], contraction_shift)
+        contraction_shift = changes["contraction"] * scales.first_spread
+        difference = np.hypot(changes["constant_error"], contraction_shift)
     else:
-        difference = change[observer_name(quantity)]
+        difference = changes[observer_name(quantity)]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
     quantiles = np.quantile(difference, [0.025, 0.05, 0.5, 0.95, 0.975]).tolist()
     return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction

@@ -883,7 +883,7 @@ def answer_evidence(
 
 def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     """Goodness of fit of the model with the highest evidence."""
-    best = int(np.argmax(evidence.log_evidence))
+    best = np.argmax(evidence.log_evidence)
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")

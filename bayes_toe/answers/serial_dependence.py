@@ -116,7 +116,7 @@ class SubjectDependence:
     @property
     def best_history(self) -> str:
         """The one of the four models that has the highest evidence."""
-        return HISTORIES[int(np.argmax(self.log_evidence))] if self.has_result else ""
+        return HISTORIES[np.argmax(self.log_evidence)] if self.has_result else ""
 
     def probability(self, effect: str) -> float:
         """Posterior probability of one of the two effects."""
@@ -276,7 +276,7 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     rng = generator(seed, subject.name, "history draws")
     static_draws = static.resampled(rng, _FIGURE_DRAWS)
     best_draws = static_draws
-    best = int(np.argmax(models.log_evidence))
+    best = np.argmax(models.log_evidence)
     if best > 0:  # not the model without history
         best_draws = draws[best].resampled(rng, _FIGURE_DRAWS)
     return replace(

@@ -146,7 +146,7 @@ def not_interpreted(study: Study) -> dict[str, str]:
     return faults
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=4)  # a command asks for the findings of its study several times
 def check_answers(study: Study) -> tuple[Finding, ...]:
     """Findings about the responses of every subject, with codes of :data:`FLAG_WORDS`."""
     require_study(study)
@@ -439,7 +439,7 @@ class AnswerTable:
 
 
 def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTable:
-    """The table of a subject's answers.
+    """The counts of a subject's answers by pair and column.
 
     `column` is the column of the table, a block or a stretch, for each row of `answers`.
     """

@@ -259,7 +259,7 @@ def _similar_names(names: Iterable[str]) -> Findings:
 
 
 def _prior_scale(study: Study, prior: Prior) -> Findings:
-    """Stimuli in another unit than a prior of numbers.
+    """A prior whose numbers do not suit the unit of the stimuli.
 
     Such a prior has sigma_p within a factor of 10 of the stimuli's steps with a probability below
     0.1, so evidence and posterior depend on the prior alone.

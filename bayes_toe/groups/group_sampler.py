@@ -256,7 +256,7 @@ class Hamiltonian:
 
 
 def _kinetic(momentum: FloatArray) -> FloatArray:
-    """Kinetic energy, (chains,)."""
+    """Kinetic energy of momenta, (chains, coordinates): half the sum of squares, (chains,)."""
     # Where the density is 0 its slope may be anything; such a trajectory is divergent.
     with np.errstate(over="ignore"):
         return 0.5 * np.square(momentum).sum(axis=1)

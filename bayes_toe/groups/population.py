@@ -107,7 +107,7 @@ class GroupSettings:
 
     def __post_init__(self) -> None:
         require_seed(self.seed)
-        require_number("draws", self.draws, 100, 100_000)
+        require_number("draws", self.draws, smallest=100, largest=100_000)
 
 
 def study_scales(study: Study) -> StimulusScales:
@@ -161,7 +161,7 @@ class PopulationResult:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that the group has a distribution of."""
+        """The parameters that have a distribution over subjects."""
         return tuple(row.name for row in group_parameters(self.study.task))
 
     @cached_property
@@ -283,7 +283,7 @@ class PopulationResult:
         values = {name: coefficients[..., j] for j, name in enumerate(self.names)}
         for name, quantity in COMPUTED.items():
             if name in values:
-                values[quantity] = self.in_units(name, values[name])
+                values[quantity] = self.in_units(name, values[name])  # in per cent by default
         return values
 
     @property
