@@ -100,7 +100,8 @@ class Analysis:
         InputError
             For an unknown subject.
         """
-        return self.curves[self.study.names.index(self.study[subject].name)]
+        name = self.study[subject].name  # refuses an unknown subject
+        return self.curves[self.study.names.index(name)]
 
     def summary(self) -> pd.DataFrame:
         """The same as :meth:`bayes_toe.inference.draws.Draws.summary`."""
@@ -141,7 +142,10 @@ def run(
         Without a seed, that of the stored subjects is used.
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
+    # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
+
+    # Draws move to the stack as soon as a subject is done, so that none are in memory twice.
     stack = DrawsStack(study.names)
     results = _analyse_study(
         study,
@@ -160,7 +164,7 @@ def run(
     summary: list[SummaryRow] = []
     curves = []
     for subject, analysis in zip(study, analyses, strict=True):
-        # Both are there, because each subject has chains.
+        # Always true here, because has_chains gives every analysis both. The types allow None.
         if analysis.draws is not None and analysis.curve_draws is not None:
             all_draws.append(analysis.draws)
             summary += analysis.draws.summary
@@ -184,11 +188,12 @@ def _group(
 ) -> PopulationResult | None:
     """The group of the interpretable subjects; None if they are too few.
 
-    A subject with several conditions has an answer in each. If one of them is not interpretable,
-    the subject is left out. The result itself says whether it is reliable, so no warning is raised.
+    A unit of the study is a subject, or a subject in one condition, and has an answer of its own.
+    If one answer of a subject is not interpretable, all its units are left out. The result itself
+    says whether it is reliable, so no warning is raised.
     """
-    chosen = {answer.subject for answer in answers if answer.is_interpretable}
-    left_out = {unit.subject_name for unit in study if unit.name not in chosen}
+    interpretable = {answer.subject for answer in answers if answer.is_interpretable}
+    left_out = {unit.subject_name for unit in study if unit.name not in interpretable}
     names = [unit.name for unit in study if unit.subject_name not in left_out]
     if len({unit.subject_name for unit in study} - left_out) < FEWEST_FOR_GROUP:
         return None
@@ -246,8 +251,10 @@ def sample(
     name = require_model(model)
 
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
+    # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 
+    # Draws move to the stack as soon as a subject is done, so that none are in memory twice.
     stack = DrawsStack(study.names)
     results = run_stored(
         partial(try_each, partial(_sample_subject, settings=settings)),
@@ -262,6 +269,7 @@ def sample(
     study, finished, failed = _survivors(study, results)
     all_draws = Draws(subjects_tree(study, stack, finished, settings, failed, faults))
 
+    # What stands in a warning between a subject and its reason, and the reasons by subject.
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
         (" did not converge: ", all_draws.not_converged),
@@ -309,9 +317,10 @@ def evidence(
 
 @dataclass(frozen=True, eq=False)
 class _SubjectAnalysis:
-    """The row of one subject in the evidence table, with draws if they are wanted.
+    """The row of one subject in the evidence table; with chains also draws.
 
-    `curve_draws`, shape (draws, k), are averaged over the four models.
+    `draws` are those of the paper's model. `curve_draws`, shape (draws, k), are those of the four
+    models together, each model by its posterior probability.
     """
 
     evidence: SubjectEvidence
@@ -333,7 +342,8 @@ def _analyse_subjects(
 ) -> list[_SubjectAnalysis | NumericalError]:
     """The analysis of each subject, or its error; options are those of :func:`_analyse_subject`.
 
-    The evidences of all subjects are computed together, which is faster.
+    The evidences of all subjects are computed together, which is faster. Each subject comes with
+    the findings on its responses, as :func:`run_stored` gives a job one argument.
     """
     subjects, flags = zip(*flagged_subjects, strict=True)
     evidences = unchecked_evidence(subjects, settings.seed, settings.prior.observer)
@@ -351,6 +361,7 @@ def _analyse_subject(
     evidence, flags = flagged_evidence
     seed = settings.seed
     subject = evidence.subject
+    # An evidence that is not finite raises an error here, where it costs this subject only.
     answer = answer_evidence(evidence.checked(), seed, flags)
     target = paper_posterior(subject, settings.prior)
     fitted = fit_subject(target, seed, has_chains=has_chains)
@@ -360,9 +371,9 @@ def _analyse_subject(
 
     draws = subject_draws(fitted, settings.sampler, seed, summarised=True)
     row = subject_evidence(fitted, h1, answer, draws.fit)
-    # So many draws suffice for the bands of curves in figures.
-    rng = generator(seed, subject.name, "shown")
-    return _SubjectAnalysis(row, draws, evidence.averaged().resampled(rng, 400))
+    # 400 draws suffice for the bands of curves in figures.
+    curve_draws = evidence.averaged().resampled(generator(seed, subject.name, "shown"), 400)
+    return _SubjectAnalysis(row, draws, curve_draws)
 
 
 def _settings(
@@ -379,7 +390,10 @@ def _settings(
 def _table(
     analyses: Sequence[_SubjectAnalysis], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
-    """The evidence table; its answers judge p-values by the number of subjects in the table."""
+    """The evidence table of the subjects that did not fail.
+
+    The limits of p-values in its answers are those for as many subjects as the table has.
+    """
     rows = []
     for analysis in analyses:
         row = analysis.evidence
@@ -395,7 +409,7 @@ def _analyse_study(
     has_chains: bool = False,
     **options: Any,
 ) -> list[_SubjectAnalysis | NumericalError]:
-    """The analysis of every subject, or its error, by batches in parallel.
+    """The analysis of every subject, or its error, by batches of subjects in parallel.
 
     The options are those of :func:`bayes_toe.result_store.run_stored`.
     """

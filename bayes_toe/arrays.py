@@ -35,7 +35,7 @@ np.empty(1 << 21)
 
 
 def thinned(points: FloatArray, n_points: float) -> FloatArray:
-    """At most `n_points` of the points, evenly spaced and the first one among them."""
+    """At most `n_points` of the points, shape (points, ...): every n-th one from the first on."""
     return points[:: max(1, math.ceil(len(points) / n_points))]
 
 

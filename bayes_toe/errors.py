@@ -66,7 +66,7 @@ class Remedy(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether it can be typed as it is, without a NAME or REF that the user replaces."""
+        """Whether it can be typed as it is; a value NAME or REF is a blank that the user fills."""
         texts = {self.value} if isinstance(self.value, str) else set(dict(self.value).values())
         return texts.isdisjoint({"NAME", "REF"})
 
@@ -84,6 +84,7 @@ def option_values(remedies: Iterable[Remedy]) -> dict[str, Any]:
         if isinstance(remedy.value, str):
             values[remedy.option] = remedy.value or True  # a flag has no text
         else:
+            # Several remedies may each name some of the columns.
             values[remedy.option] = {**values.get(remedy.option, {}), **dict(remedy.value)}
     return values
 
@@ -121,7 +122,7 @@ class InputError(BayesToeError, ValueError):
         last_question = len(self.problems) - 1
         numbered = []
         for remedy in remedies:
-            if remedy.question < 0:
+            if remedy.question < 0:  # its default: the remedy solves the last problem
                 remedy = remedy._replace(question=last_question)
             numbered.append(remedy)
         self.remedies = tuple(numbered)
@@ -160,18 +161,20 @@ class InputError(BayesToeError, ValueError):
         for remedy in self.remedies:
             if remedy is first_answers[remedy.question]:
                 continue
+            # The first answers, but this one to its question.
             answers = {**first_answers, remedy.question: remedy}.values()
             chosen = [answer for answer in answers if answer.step <= remedy.step]
             choices.append((chosen, [remedy.meaning]))
 
         # The options that are typed with these remedies.
         for chosen, _ in choices:
-            for remedy in list(chosen):
+            for remedy in list(chosen):  # a copy, because the list grows
                 chosen += remedy.together
         return choices
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Errors cross process borders when subjects run in parallel.
+        # Errors cross process borders when subjects run in parallel. By default, they would carry
+        # the message alone, and lose the remedies.
         return type(self), (self.problems, self.remedies)
 
 
@@ -203,14 +206,14 @@ def with_next_questions(
 
         step += 1
         for remedy in error.remedies:
-            question = len(problems) + remedy.question
+            question = len(problems) + remedy.question  # behind those of earlier steps
             remedies.append(remedy._replace(question=question, step=step))
         problems += error.problems
     return InputError(problems, remedies)
 
 
 def with_remedies(options: Any, remedies: Iterable[Remedy]) -> Any:
-    """The options with the values of remedies, which are added to earlier names and lists."""
+    """The options with the values of remedies; mappings and tuples keep their earlier entries."""
     new_values = option_values(remedies)
     for name, value in new_values.items():
         earlier = getattr(options, name)
@@ -239,6 +242,7 @@ class OutputExistsError(OutputError):
         super().__init__(f"{problem}; overwrite=True replaces it")
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # By default, a process that reads the error would add to its message a second time.
         return type(self), (self.problem,)
 
 
@@ -261,6 +265,7 @@ def require_kind(name: str, value: object, kinds: type | tuple[type, ...], rule:
     bayes_toe.errors.InputError: draws: found '4000', allowed: a whole number
     """
     if not isinstance(value, kinds):
+        # The text of a table or an array would fill the screen, so these show their type.
         finding = repr(value) if isinstance(value, str | Real) else type(value).__name__
         raise InputError(f"{name}: found {finding}, allowed: {rule}")
 

@@ -12,7 +12,7 @@ __version__ = version("bayes_toe")
 
 
 def library_versions(*names: str) -> dict[str, str]:
-    """By name, of all that decides numbers, and of others."""
+    """The versions of this package, of the libraries that decide numbers, and of `names`."""
     return {
         name: version(name)
         for name in ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "arviz-stats", *names)
@@ -26,6 +26,6 @@ def import_without_folder_settings() -> None:
     one. Nothing is imported where there is no such file.
     """
     if any(map(os.path.lexists, ("matplotlibrc", "arvizrc"))):
-        with chdir(Path(__file__).parent):
+        with chdir(Path(__file__).parent):  # the folder of this package has none
             import_module("arviz")
             import_module("matplotlib")

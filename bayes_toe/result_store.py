@@ -54,12 +54,12 @@ def resumed_seed(seed: int | None, folder: StrPath | None) -> int:
     """
     if folder is not None:
         require_kind("keep", folder, (str, os.PathLike), "the path of a folder")
-
-    if seed is None and folder is not None:
-        for file in sorted(stored_files(Path(folder)), key=os.path.getmtime, reverse=True):
-            stored = _read(file)
-            if stored is not None:
-                return root_seed(stored["seed"])
+        if seed is None:
+            newest_first = sorted(stored_files(Path(folder)), key=os.path.getmtime, reverse=True)
+            for file in newest_first:
+                stored = _read(file)
+                if stored is not None:  # a damaged file has no seed
+                    return root_seed(stored["seed"])
     return root_seed(seed)
 
 
@@ -106,12 +106,11 @@ def run_stored(
     OutputError
         If the folder cannot be written to.
     """
-    # By the index of the job.
-    results = {}
-    files = {}
+    results = {}  # by the index of the job
+    files = {}  # by the index of the job; none without a folder
     if folder is not None:
         path = Path(folder)
-        require_writable(path / SUFFIX, overwrite=True)  # before the work
+        require_writable(path / SUFFIX, overwrite=True)  # any file there, before the work
         for index, job in enumerate(jobs):
             job_hash = joblib.hash((versions(), work, job))
             files[index] = path / f"{job_hash}{SUFFIX}"
@@ -120,7 +119,8 @@ def run_stored(
                 results[index] = stored["result"]
                 receive(index, stored["result"])
                 report_progress(progress, [names[index]])
-        under_way[path] = Standing(files.values(), len(results))  # for the message of a stop
+        # If the command is stopped, its message says how many results the folder has.
+        under_way[path] = Standing(files.values(), len(results))
 
     missing = [index for index in range(len(jobs)) if index not in results]
     batches = in_batches(missing, batch, workers)
@@ -132,7 +132,7 @@ def run_stored(
         for position, batch_results in outcomes:
             for index, result in zip(batches[position], batch_results, strict=True):
                 results[index] = result
-                if not isinstance(result, NumericalError):
+                if not isinstance(result, NumericalError):  # an error is tried again next time
                     if index in files:
                         _write(files[index], seed, result)
                     receive(index, result)
@@ -167,7 +167,7 @@ def stored_files(folder: Path) -> list[Path]:
 
 def discard(folder: Path) -> None:
     """Remove the results in a folder, and the folder if nothing else is in it."""
-    under_way.pop(folder, None)
+    under_way.pop(folder, None)  # no message will name these results
     with reporting(folder):
         for file in stored_files(folder):
             file.unlink(missing_ok=True)
@@ -178,7 +178,7 @@ def discard(folder: Path) -> None:
 
 
 def _read(file: Path) -> Record | None:
-    """The seed and the result in a file; None where there is none, or those of another job."""
+    """The seed and the result in a file; None if it is missing, damaged or of another job."""
     with suppress(Exception):  # A damaged file can raise anything.
         stored = _RecordReader(io.BytesIO(file.read_bytes())).load()
         if stored["job"] == file.stem:
@@ -196,6 +196,7 @@ class _RecordReader(pickle.Unpickler):
             return super().find_class(module, name)
         if library == "bayes_toe":
             record = super().find_class(module, name)
+            # Not a function, which a damaged file could call with any arguments.
             is_class = isinstance(record, type)
             if is_class and (is_dataclass(record) or issubclass(record, (tuple, Enum))):
                 return record

@@ -28,7 +28,7 @@ def root_seed(seed: int | None) -> int:
 
 def require_seed(seed: int) -> int:
     """The seed as an integer; an InputError if it is not in 0 to 2**63 - 1."""
-    require_number("seed", seed, 0, LARGEST_SEED)
+    require_number("seed", seed, smallest=0, largest=LARGEST_SEED)
     return int(seed)  # an integer of NumPy becomes one of Python
 
 
@@ -37,10 +37,12 @@ def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
 
     Do not spawn from it, because spawning changes its state.
     """
-    # Length-prefixed, so that no two lists of keys run together to the same text.
+    # Each key follows its length, because ("ab", "c") and ("a", "bc") would else be one text. A
+    # name may have characters that UTF-8 cannot write, hence "surrogatepass".
     text = "".join(f"{len(str(key))}:{key};" for key in keys)
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()
-    return np.random.SeedSequence([require_seed(seed), *np.frombuffer(digest, np.uint32).tolist()])
+    words = np.frombuffer(digest, np.uint32)  # NumPy seeds with words of 32 bits
+    return np.random.SeedSequence([require_seed(seed), *words.tolist()])
 
 
 def generator(seed: int, *keys: str | int) -> np.random.Generator:

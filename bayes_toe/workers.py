@@ -40,15 +40,16 @@ _TERMINAL_SIGNALS = [
 ]
 #: Keeps Python from putting the working folder on the search path.
 _SAFE_PATH = "PYTHONSAFEPATH"
-#: Processes that have started workers. A copy that `fork` makes of one has none of its workers, and
-#: cannot start others.
+#: Numbers of processes that have started workers. A copy that `fork` makes of such a process has
+#: none of its workers, and cannot start others, so that it does its jobs itself.
 _parents: set[int] = set()
 
 
 def local_processes(workers: Workers) -> int | None:
-    """A number of processes of this machine; None, for all cores, in place of a cluster.
+    """The number of processes for jobs that this machine must do: `workers`, if it is a number.
 
-    Jobs on files use it, because the workers of a cluster may not see the files.
+    None, which means one process per core, in place of a cluster: its workers may not see the
+    files of this machine.
     """
     return int(workers) if isinstance(workers, Integral) else None
 
@@ -78,7 +79,7 @@ def in_batches(values: Sequence[Value], largest: int, workers: Workers) -> list[
 def run_jobs(jobs: Jobs[Result], workers: Workers) -> Outcomes[Result]:
     """Yield the index of each job with its result, in the order in which jobs finish.
 
-    Every process uses one BLAS thread.
+    Every process uses one BLAS thread. Jobs run in this process if one suffices.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def run_jobs(jobs: Jobs[Result], workers: Workers) -> Outcomes[Result]:
         return run_on(workers, jobs)
 
     n_processes = min(count_processes(workers), len(jobs))
-    # In a process that a parent has forked, see `_parents`, which it has from its parent.
+    # A process that was forked has a copy of `_parents`, with the number of its parent.
     is_copy_of_parent = bool(_parents - {os.getpid()})
     if n_processes <= 1 or is_copy_of_parent:
         return _run_here(jobs)
@@ -136,7 +137,7 @@ def run_in_order(
 def try_each(
     function: Callable[[Value], Result], values: Iterable[Value]
 ) -> list[Result | NumericalError]:
-    """The result of a function for each value, or its error."""
+    """The result of a function for each value, or the NumericalError that it raised."""
     results: list[Result | NumericalError] = []
     for value in values:
         try:
@@ -224,7 +225,10 @@ def _run_numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Keep workers that start in the block from importing files of the working folder."""
+    """Keep workers that start in the block from importing files of the working folder.
+
+    A worker reads the variable when it starts; this process keeps its own search path.
+    """
     earlier_value = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"
     try:
@@ -268,6 +272,6 @@ def _start_worker(parent: int) -> None:
 
 def _end_with_parent(parent: int) -> None:
     """End this worker when its parent is gone: a parent that is killed cannot end its workers."""
-    while os.getppid() == parent:  # An orphan gets another parent.
+    while os.getppid() == parent:  # The system gives an orphan another parent.
         time.sleep(1.0)
     os._exit(1)

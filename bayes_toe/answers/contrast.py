@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: The sets of parameters that may differ, from none to all three.
+#: The models: the sets of parameters that differ in each, from () to all three.
 CHOICES = tuple(
     chain.from_iterable(combinations((CONSTANT_ERROR, CONTRACTION, NOISE), n) for n in range(4))
 )
@@ -99,7 +99,7 @@ LEGEND = (
 
 
 def observer_name(quantity: str) -> str:
-    """The name that the observer has for a quantity, such as 'jnd' for 'JND'."""
+    """The name of a quantity among those of the observer: 'JND' -> 'jnd'."""
     return quantity.lower().replace(" ", "_")
 
 
@@ -147,6 +147,7 @@ class Difference(NamedTuple):
     @property
     def short_word(self) -> str:
         """The word of screens: 'yes' for 'differs', as in answers."""
+        # Both lists begin with the surest word and end with 'no'.
         return str(list(Word)[WORDS.index(self.word)])
 
     def interval(self, unit: StimulusUnit) -> Size:
@@ -174,6 +175,7 @@ class Difference(NamedTuple):
         if self.quantity == "contraction":
             return format_share(self.interval(unit), "+")
         sign = "" if self.p_direction is None else "+"
+        # In the unknown unit, differences are per cents, from which this function chooses a unit.
         return format_difference(self.interval(UNKNOWN_UNIT), unit, sign)
 
 
@@ -189,7 +191,8 @@ def word_of(log_bf: float) -> str:
     >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1)]
     ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference']
     """
-    # The words are in the order of falling evidence: each limit above it leads to the next word.
+    # The words are in the order of falling evidence. The number of limits that it does not reach
+    # is the position of its word.
     limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
     return WORDS[int((log_bf < limits).sum())]
 
@@ -244,7 +247,8 @@ class ContrastTable(Table[Difference]):
         """Sentences on the conditions, and in how many subjects each quantity differs."""
         lines = [f"Condition {self.conditions.about}."]
         for quantity in self.quantities:
-            # The word and the Bayes factor are the same in all rows of a subject. It counts once.
+            # The word and the Bayes factor are the same in all rows of a subject, so that one of
+            # the rows, the last one, stands for them.
             row_of_subject = {row.subject: row for row in self.select(quantity)}
             words = [row.short_word for row in row_of_subject.values()]
             counts = count_words(words, f" of {plural(len(row_of_subject), 'subject')}")
@@ -349,7 +353,7 @@ def _compared_subjects(
     left_out = {}
     for name, units in units_by_subject(study).items():
         levels = [unit.condition for unit in units]
-        # Whether the subject met both levels of any comparison.
+        # A comparison is a pair of levels. The subject must have met both of one pair.
         if any(map(set(levels).issuperset, conditions.comparisons)):
             compared[name] = units
         else:
@@ -373,17 +377,21 @@ SubjectContrasts: TypeAlias = tuple[list[Difference], OrderEffect | None]
 def _contrasts(
     units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
 ) -> SubjectContrasts:
-    """The differences of one subject, whose units are given."""
+    """The differences of one subject, whose units are given; with several tasks also an answer."""
     answer = None
     if len({unit.task for unit in units}) > 1:
-        # The observer's answer has the questions of the task that can show most.
-        identification = min(map(identify, units), key=lambda of_unit: len(of_unit.reasons))
+        # What one task can show, one observer of all tasks can show. So the questions are those of
+        # the task that has the fewest reasons why a question cannot be told.
+        identification = min(map(identify, units), key=lambda design: len(design.reasons))
         answer = order_effect(one_observer(units, prior, seed), identification)
     return subject_contrast(units, conditions, prior, seed), answer
 
 
 def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> OrderEvidence:
-    """The evidences of a subject's four models, if one observer does the tasks of all units."""
+    """The evidences of a subject's four models, if one observer does the tasks of all units.
+
+    A NumericalError is raised if one is not a finite number.
+    """
     # Without columns in the design nothing differs between the units.
     models = ConditionModels(tuple(units), np.zeros((len(units), 0)), prior)
     (evidence,) = evidences_of(models.without_differences, [models.subject], seed, prior)
@@ -393,62 +401,58 @@ def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> O
 def subject_contrast(
     units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
 ) -> list[Difference]:
-    """The differences of one subject between its conditions, a row for quantity and comparison."""
+    """The differences of one subject: a row for each quantity and comparison of two conditions."""
     name = units[0].subject_name
     levels = tuple(unit.condition for unit in units)
     models = ConditionModels(tuple(units), conditions.design(levels), prior)
-    evidence, with_lapses = condition_evidences(models, seed)
+    same_lapses, free_lapses = condition_evidences(models, seed)
     rng = generator(seed, name, "differences")
 
     rows = []
     for quantity, parameters in QUANTITIES.items():
-        # The models in which the quantity differs.
+        # Whether the quantity differs, for each model.
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
-        log_bf = evidence.log_bayes_factor(differs)
-        error = evidence.bayes_factor_error(differs)
-        is_robust = word_of(log_bf) == word_of(with_lapses.log_bayes_factor(differs))
+        log_bf = same_lapses.log_bayes_factor(differs)
+        error = same_lapses.bayes_factor_error(differs)
+        is_robust = word_of(log_bf) == word_of(free_lapses.log_bayes_factor(differs))
         robust = "yes" if is_robust else "no"
-        draws = evidence.averaged(differs).resampled(rng, 4000)  # all of one weight
-        values = models.quantities(draws)
+        # Draws of equal weight.
+        draws = same_lapses.averaged(differs).resampled(rng, size=4000)
+        values = models.quantities(draws)  # (conditions, draws) each
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
-                pair = levels.index(level), levels.index(reference)
-                summary = _difference(quantity, values, *pair, models.shared.scales)
+                i = levels.index(level)
+                j = levels.index(reference)
+                changes = {key: array[i] - array[j] for key, array in values.items()}
+                summary = _summary(quantity, changes, models.shared.scales)
                 comparison = f"{level} - {reference}"
                 row = (name, quantity, comparison, *summary, log_bf, error, robust)
                 rows.append(Difference._make(row))
     return rows
 
 
-def _difference(
-    quantity: str,
-    values: NamedArrays,
-    level: int,
-    reference: int,
-    scales: StimulusScales,
-) -> tuple[Any, ...]:
+def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tuple[Any, ...]:
     """Mean, standard deviation, quantiles and direction of a difference between two conditions.
 
-    `values` has draws of each quantity of the observer, shape (conditions, draws); `level` and
-    `reference` are rows of them.
+    `changes` has draws of the change of each quantity of the observer, shape (draws,). The result
+    has the entries of :class:`Difference` from `mean` to `p_direction`.
     """
-    change = {key: draws[level] - draws[reference] for key, draws in values.items()}
     p_direction = None
     if quantity == ORDER_EFFECT:
         # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
-        contraction_shift = change["contraction"] * scales.first_spread
-        difference = np.hypot(change["constant_error"], contraction_shift)
+        contraction_shift = changes["contraction"] * scales.first_spread
+        difference = np.hypot(changes["constant_error"], contraction_shift)
     else:
-        difference = change[observer_name(quantity)]
+        difference = changes[observer_name(quantity)]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
     quantiles = np.quantile(difference, [0.025, 0.05, 0.5, 0.95, 0.975]).tolist()
     return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
 
 
 def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, ModelSet]:
-    """The models of :data:`CHOICES`, and those in which lapses differ too.
+    """Evidences and draws of the models of :data:`CHOICES`, and of those with other lapses too.
 
-    Lapses are the lapse rate and, in 'same or different', the peak.
+    In the latter, lapses also differ: the lapse rate and, in 'same or different', the peak.
     """
     lapses = [parameter for parameter in (PEAK, LAPSE_RATE) if parameter in models.differing]
     with_lapses = [(*choice, *lapses) for choice in CHOICES]
@@ -456,10 +460,10 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     array = models.array(all_choices)
 
     # All searches start at the maxima of the model in which nothing differs, but not at those that
-    # are 10 nats below the best one.
+    # are 10 nats below the best one, whose weight is below exp(-10).
     nothing_differs = np.array([CHOICES.index(())])
-    (shared,) = observer_maxima(array.part(nothing_differs))
-    starts = shared.x[shared.value > shared.value.max() - 10.0]
+    (maxima,) = observer_maxima(array.part(nothing_differs))
+    starts = maxima.x[maxima.value > maxima.value.max() - 10.0]
     owners = np.repeat(np.arange(len(array)), len(starts))  # the model of each search
     searches = ascend_from(array, owners, np.tile(starts, (len(array), 1)))
 
@@ -469,7 +473,7 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
         mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
-    # More than usual, because intervals of differences come from these draws too.
+    # More draws than usual, because intervals of differences come from them too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
     _, draws = fitted_draws(array, mixtures, generators, precision)
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from operator import attrgetter
 
 import numpy as np
 import pandas as pd
@@ -77,7 +76,7 @@ class SubjectEvidence:
 
     @property
     def cells(self) -> Mapping[str, object]:
-        """The entries of evidence.csv but the prior's; None where one is empty."""
+        """The entries of evidence.csv by column, without the prior; None where one is empty."""
         cells = dict(self.answer.cells)
         for column in _COMPARISON_COLUMNS:
             cells[column] = getattr(self, column)
@@ -95,8 +94,8 @@ class SubjectEvidence:
     @property
     def log_bayes_factor_laplace(self) -> float | None:
         """The log Bayes factor of H1 over H0 by Laplace's approximation of both, Appendix C."""
-        laplace = self.log_evidence_h1_laplace
-        return None if laplace is None else laplace - self.log_evidence_h0_laplace
+        h1 = self.log_evidence_h1_laplace
+        return None if h1 is None else h1 - self.log_evidence_h0_laplace
 
 
 @dataclass(frozen=True)
@@ -125,8 +124,9 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         """
         if full:
             return self._full_frame()
-        failed = [{"subject": name} for name in self.failed]
-        return pd.DataFrame([*map(attrgetter("texts"), self.answers), *failed])
+        rows = [answer.texts for answer in self.answers]
+        rows += [{"subject": name} for name in self.failed]
+        return pd.DataFrame(rows)
 
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of evidence.csv.
@@ -139,7 +139,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         rows = [row.cells for row in self.rows]
         rows += [{"subject": name} for name in self.failed]
         frame = pd.DataFrame(rows, columns=EVIDENCE_COLUMNS).assign(prior=prior)
-        # Counts with missing ones would be written as 400.0.
+        # A column of counts in which some are missing would be written as decimals, as in 400.0.
         return frame.astype({"n_pairs": "Int64", "n_trials": "Int64"}) if self.failed else frame
 
     @property
@@ -153,8 +153,10 @@ def subject_evidence(
 ) -> SubjectEvidence:
     """The row of one subject in the evidence table, from mixture, evidence and fit of H1."""
     subject = fitted.target.subject
-    # H1 and H0 both have this part, which H1 says nothing of.
+    # H1 predicts only the counted response. So that it compares with H0, it gets the part of H0 for
+    # the other question.
     of_direction = direction_evidence(subject)
+    # An array of one posterior; NaN where the approximation does not exist.
     _, laplace_evidence = laplace(fitted.target.array, [fitted.maxima])
     by_laplace = float(laplace_evidence[0])
     return SubjectEvidence(
@@ -199,11 +201,12 @@ def frequency_evidence_laplace(subject: Subject) -> float:
     It is the sum over pairs of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi)/2.
     qhat is the Laplace estimator, and sigmahat_q^2 = qhat (1 - qhat)/(n + 3) (Eq. e:2b).
     """
-    k = subject.n_yes.astype(np.float64)
-    n = subject.n_trials.astype(np.float64)
+    k = subject.n_yes
+    n = subject.n_trials
     log_q = np.log(k + 1.0) - np.log(n + 2.0)
     log_complement = np.log(n - k + 1.0) - np.log(n + 2.0)
     log_sigma = 0.5 * (log_q + log_complement - np.log(n + 3.0))
     log_likelihood = k * log_q + (n - k) * log_complement
+    # Without 'second' or 'first' of three answers, which H0 and H1 have in common.
     log_counted = float((log_likelihood + log_sigma + 0.5 * LOG_2PI).sum())
     return log_counted + direction_evidence(subject)

@@ -21,17 +21,17 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.words import Word, claim
 from bayes_toe.data.messages import capitalized, format_estimate, plural
-from bayes_toe.groups.population_table import COMPUTED
+from bayes_toe.groups.population_table import COMPUTED, EFFECTS, QUANTILES
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
 if TYPE_CHECKING:
     from bayes_toe.groups.population import PopulationResult
     from bayes_toe.groups.population_table import PopulationRow
 
-EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
 #: Parameters between 0 and 1, or -1 and 1; the others are in the unit of differences.
 _SHARES = (CONTRACTION.name, PEAK.name)
-#: Names of the parameters of a group in sentences, as rows of its table, and of differences.
+#: Names of the parameters of a group: in sentences, as rows of its table, and as rows of the tables
+#: of differences.
 LABELS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction", NOISE.name: "JND"}
 _ROW_LABELS = {
     **LABELS,
@@ -48,13 +48,13 @@ TextTable = tuple[str, list[str], list[list[str]]]
 def parameter_row(result: PopulationResult, name: str) -> list[str]:
     """Name, mean, SD between subjects, Bayes factor and word of a parameter.
 
-    Name and reason only if it cannot be told.
+    If the parameter cannot be told, there are only its name and the reason.
     """
     label = _ROW_LABELS[name]
     if name not in result.identified:
         return [label, "cannot be told: no subject has pairs that can show it"]
     factor_and_word = ["-", ""]
-    if name in EFFECTS:
+    if name in EFFECTS:  # for other parameters, 0 is no question
         factor_and_word = _factor_and_word(log_factor_of_mean(result, name))
     return [label, group_estimate(result, name), _spread(result, name), *factor_and_word]
 
@@ -75,7 +75,7 @@ def log_factor_of_mean(result: PopulationResult, name: str) -> float:
 
 
 def _log_factor(row: PopulationRow) -> float:
-    """The log Bayes factor of a value that is not 0; the row has that of 0."""
+    """The log Bayes factor of a value that is not 0, from that of 0 in a row that has one."""
     return -cast(float, row.ln_bf_zero)
 
 
@@ -90,18 +90,20 @@ def _spread(result: PopulationResult, name: str) -> str:
     j = result.index(name)
     mean = result.draws.mean[..., j]
     sd = result.draws.sd[..., j]
-    # In the unit shown: half the difference of subjects one SD above and one SD below the mean.
+    # The unit may be no linear function of the parameter. So the SD is half the difference between
+    # a subject one SD above the mean and one SD below it, in the unit.
     above = result.in_units(name, mean + sd, unit)
     below = result.in_units(name, mean - sd, unit)
     with np.errstate(invalid="ignore"):  # both may be infinite
         spread = 0.5 * (above - below)
-    *interval, upper_bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()  # 95 % each
 
     is_share = name in _SHARES
     if result.table.row("sd", name).q025 < _SMALL_SD.get(name, 0.0):
+        upper_bound = np.quantile(spread, 0.95)
         if is_share:
             return f"at most {100.0 * upper_bound:.0f} %"
         return f"at most {format_number(upper_bound)} {unit.of_differences}"
+    interval = np.quantile(spread, QUANTILES)
     if is_share:
         return format_share(interval)
     return format_signed(interval, unit.of_differences, sign="")
@@ -148,10 +150,11 @@ def _describe_effect(result: PopulationResult, name: str) -> str:
 
 def _reference(result: PopulationResult) -> str:
     """The values of covariates for which the means hold, as in ' (age mean, sex f)'."""
-    levels = {}  # a covariate with several levels has a column for each
+    references = {}  # by covariate: one with several levels has several columns
     for column in result.regressors.columns:
-        levels[column.covariate] = f"{column.covariate} {column.reference or 'mean'}"
-    return f" ({', '.join(levels.values())})" if levels else ""
+        # A numeric covariate has no reference level.
+        references[column.covariate] = f"{column.covariate} {column.reference or 'mean'}"
+    return f" ({', '.join(references.values())})" if references else ""
 
 
 # --- Tables ---------------------------------------------------------------------------------------
@@ -183,7 +186,7 @@ def _comparison_rows(result: PopulationResult, quantity: str) -> list[list[str]]
 
 
 def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
-    """An effect on a mean: a shift of the PSE, p, the ratio of JNDs, or a logit."""
+    """A difference of means with its interval: in PSE, in p, a ratio of JNDs, or in logits."""
     values = row.interval
     sign = "+"
     if row.parameter == CONSTANT_ERROR.name:
@@ -193,7 +196,8 @@ def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     if row.parameter == NOISE.name:  # a difference of logs is the log of a ratio
         values = np.exp(values)
         sign = ""
-    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))  # '{:+.2f}' or '{:.2f}'
+    # The format is '{:+.2f}' or '{:.2f}'.
+    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))
 
 
 def group_tables(result: PopulationResult) -> list[TextTable]:
@@ -201,7 +205,7 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
     rows = []
     for name in result.names:
         cells = parameter_row(result, name)
-        if name in result.identified:
+        if name in result.identified:  # else the row ends with a reason
             cells.insert(3, group_estimate(result, name, "new_subject"))  # behind the SD
             cells += _convergence(result, name)
         rows.append(cells)

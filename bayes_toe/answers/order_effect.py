@@ -63,6 +63,7 @@ SIZES = (
 )
 #: The size that stands beside the word for an effect.
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
+#: How a sentence on an effect ends with that size.
 _SIZE_TEXTS = {"constant_error": ", PSE shift {}", "contraction": ", {} of the way to the mean"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 PROBABILITIES = tuple(QUANTILES.values())
@@ -90,7 +91,7 @@ _Numbers = Mapping[str, float]
 COUNTS_WITHIN = 5.0
 #: Decimals that any number may have; more would show the error of rounding.
 _MOST_DECIMALS = 15
-#: Flags that are not about the responses alone.
+#: Flags that do not come from :data:`bayes_toe.checks.answer_checks.FLAG_WORDS`.
 MISFIT_FLAG = "the model does not fit"
 PRIOR_FLAG = "depends on the prior"
 PREVIOUS_TRIAL_FLAG = "responses depend on the previous trial"
@@ -242,7 +243,7 @@ class OrderEffect:
 
     @property
     def mark(self) -> str:
-        """`!` if the subject needs a decision, `?` if a word depends on the prior, or nothing."""
+        """`!` if the subject needs a decision, else `?` if a word depends on the prior, or ''."""
         if self.fits is False or self.options or not self.is_interpretable:
             return "!"
         return "?" if self.depends_on_prior else ""
@@ -253,13 +254,15 @@ class OrderEffect:
         The limit of a p-value depends on their number, so earlier flags of this kind are replaced.
         """
         wandering = "The preference for a response wanders over the trials ({})."
-        # Without a zone the task is 'which was stronger?', where both have the same effect.
+        # Without a zone the task is 'which was stronger?', where a preference for a response and a
+        # constant error predict the same responses.
         if "zone_percent" not in self.sizes:
             wandering += " A constant error may be due to it."
         previous_trial = (
             "Responses depend on the previous trial ({}). The command `history` estimates by how "
             "much."
         )
+        # Flag, p-value and message of each test; the braces are the place of the p-value.
         tests = (
             (MISFIT_FLAG, self.fit_p, "The model does not fit: {}."),
             (PREVIOUS_TRIAL_FLAG, self.history_p, previous_trial),
@@ -267,7 +270,7 @@ class OrderEffect:
         )
         problems = dict(self.problems)
         for flag, p_value, message in tests:
-            problems.pop(flag, None)
+            problems.pop(flag, None)  # of a study of another size
             if p_value is not None and p_value < flag_limit(n_subjects):
                 problems[flag] = Problem(message.format(format_limit(p_value, n_subjects)))
         return replace(self, n_subjects=n_subjects, problems=problems)
@@ -302,7 +305,7 @@ class OrderEffect:
                 if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
                     size = self.format_size(SIZE_OF[question])
                 marks = " !" if self.fits is False else ""
-                # The flag names the questions that depend on the prior.
+                # The flag of the prior names the questions that depend on it.
                 if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
                     marks += " ?"
                 lines[question] = Line(
@@ -321,27 +324,29 @@ class OrderEffect:
         if name == "contraction_p":
             return format_share(size)
         sign = "+" if name.startswith("pse_shift") else ""
-        if name.endswith("jnd"):
+        if name.endswith("jnd"):  # a multiple of the JND has no unit
             return format_signed(size, sign=sign)
         return format_difference(size, self.unit, sign)
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """A row of a short table by its headings: each word with its size, or with the mark."""
+        """A row of a short table by its headings: each word with its size.
+
+        An order effect has no size of its own. The mark of the subject takes its place.
+        """
         texts = {"subject": self.subject}
         for question, line in self.lines.items():
-            # An order effect has no size of its own.
-            addition = line.size if question in SIZE_OF else self.mark
-            texts[line.question] = f"{self.words[question]} {addition}".rstrip()
+            size_or_mark = line.size if question in SIZE_OF else self.mark
+            texts[line.question] = f"{self.words[question]} {size_or_mark}".rstrip()
         return texts
 
     @property
     def cells(self) -> Mapping[str, object]:
         """The entries of :data:`ANSWER_COLUMNS`, in their order; None where one is empty."""
-        sizes = []
+        quantiles = []
         for name in SIZES:
-            for number in self.sizes.get(name, [np.nan] * 3):  # a task may lack a size
-                sizes.append(number if np.isfinite(number) else None)
+            for quantile in self.sizes.get(name, [np.nan] * 3):  # a task may lack a size
+                quantiles.append(quantile if np.isfinite(quantile) else None)
         # All numbers of the first model, then those of the next one.
         columns = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
         entries = (
@@ -351,7 +356,7 @@ class OrderEffect:
             "; ".join(self.flags),
             *map(self.probabilities.get, QUESTIONS),
             *map(self.log_bayes_factors.get, QUESTIONS),
-            *sizes,
+            *quantiles,
             self.best_model,
             self.fit_p,
             self.history_p,
@@ -364,7 +369,7 @@ class OrderEffect:
         """The conclusion in sentences, without the name of the subject."""
         if not self.is_interpretable:
             return f"Not interpreted: {', '.join(self.flags)}."
-        sentences = [self._describe_line(key, line) for key, line in self.lines.items()]
+        sentences = [self._describe_line(question, line) for question, line in self.lines.items()]
         sentences += [f"{capitalized(flag)}." for flag in self.flags]
         return " ".join(sentences)
 
@@ -379,6 +384,7 @@ class OrderEffect:
             return f"{text}, because {line.reason}."
         if line.probability:
             text += f" (P {line.probability})"
+        # 'Yes' and 'probably' have the size of the effect, and other words its upper bound.
         bound = self.upper_bounds.get(question, 0.0)
         if self.words[question].is_positive:
             text += _SIZE_TEXTS.get(question, "").format(line.size)
@@ -426,7 +432,7 @@ def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -
     >>> format_difference(Size(900.0, 3.2e4, 9.1e9), StimulusUnit())
     '+6 ln [+2, +18]'
     """
-    shown_unit = unit.for_percent(size)
+    shown_unit = unit.for_percent(size)  # the unit, or natural logs where per cents end
     return format_signed(shown_unit.from_percent(size).tolist(), shown_unit.of_differences, sign)
 
 
@@ -443,6 +449,7 @@ def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:
     >>> format_signed(Size(2e-5, 3e-5, 4e-5), "%"), format_signed(Size(5.601, 5.61, 5.62))
     ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
+    # An infinite number is printed as a bound, without decimals.
     largest = max(map(abs, filter(np.isfinite, size)), default=0.0)
     return _format_interval(size, unit, decimals_of(largest), sign)
 
@@ -462,9 +469,10 @@ def _format_interval(size: ThreeNumbers, unit: str, decimals: int, sign: str = "
 
 def decimals_of(value: float) -> int:
     """Decimals that show two significant digits of a positive number: 0.031 has 3, 110 has 0."""
-    if not np.isfinite(value) or value <= 0.0:  # neither has a logarithm
+    if not np.isfinite(value) or value <= 0.0:  # these have no digits to count
         return 0
     printed = float(f"{value:.2g}")  # 0.0996 is printed as 0.10, and has two decimals
+    # The logarithm of 0.031 is -1.5, and its first digit is in decimal 2.
     return int(min(max(1 - np.floor(np.log10(printed)), 0), _MOST_DECIMALS))
 
 
@@ -478,7 +486,7 @@ def _format_value(value: float, decimals: int, sign: str = "") -> str:
     if np.isinf(value):
         return "> 700" if value > 0.0 else "< -30"
     if round(value, decimals) == 0.0:
-        decimals = max(decimals, decimals_of(abs(value)) - 1)
+        decimals = max(decimals, decimals_of(abs(value)) - 1)  # one digit, not two
     return f"{value + 0.0:{sign}.{decimals}f}"  # + 0.0 makes 0 of -0
 
 
@@ -519,7 +527,7 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
     '1.00 [0.05, 1.95]'
     """
     quantiles = np.quantile(draws, PROBABILITIES)
-    error = float(quantile_errors(draws, PROBABILITIES, n_effective).max())
+    error = quantile_errors(draws, PROBABILITIES, n_effective).max()
     decimals = most_decimals
     if 0.0 < error < np.inf:
         # The exponent of the error with one digit: 0.0096 is '1e-02', which leaves two decimals.
@@ -634,21 +642,21 @@ def order_effect(
     screen : SerialScreen, optional
         Score tests of the trial before.
     """
-    # The models that have each effect. Where these pairs cannot distinguish a contraction from a
-    # constant error, both appear as an error, which is then the whole order effect.
-    with_effect = dict(QUESTIONS)
+    # Whether each model has the effect, by question. Where these pairs cannot distinguish a
+    # contraction from a constant error, both appear as an error, which is then the whole effect.
+    models_with_effect = dict(QUESTIONS)
     if identification.contraction_adds_to_error:
-        with_effect["order_effect"] = HAS_ERROR
+        models_with_effect["order_effect"] = HAS_ERROR
     sizes, upper_bounds, size_flags = _sizes(evidence)
 
     is_interpretable = all(finding.is_interpretable for finding in findings)
     answerable = [question for question in QUESTIONS if question not in identification.reasons]
     words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
     if is_interpretable:
-        words = _words(evidence, with_effect, answerable)
+        words = _words(evidence, models_with_effect, answerable)
 
     problems = _problems_of_responses(findings)
-    problems |= _prior_problems(evidence, words, answerable, with_effect)
+    problems |= _prior_problems(evidence, words, answerable, models_with_effect)
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
@@ -659,10 +667,12 @@ def order_effect(
         direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
         is_interpretable=is_interpretable,
         probabilities={
-            question: evidence.probability(models) for question, models in with_effect.items()
+            question: evidence.probability(models)
+            for question, models in models_with_effect.items()
         },
         log_bayes_factors={
-            question: evidence.log_bayes_factor(models) for question, models in with_effect.items()
+            question: evidence.log_bayes_factor(models)
+            for question, models in models_with_effect.items()
         },
         sizes=sizes,
         upper_bounds=upper_bounds,
@@ -683,24 +693,25 @@ def order_effect(
 
 
 def _words(
-    models: ModelSet, with_effect: Mapping[str, BoolArray], answerable: Sequence[str]
+    models: ModelSet, models_with_effect: Mapping[str, BoolArray], answerable: Sequence[str]
 ) -> dict[str, Word]:
     """The word for each question, from its posterior probability and Bayes factor.
 
-    `with_effect` has, for each question, the models with the effect. A question that is not in
-    `answerable` cannot be told by the design.
+    `models_with_effect` says, for each question, which models have the effect. The design cannot
+    show the answer to a question that is not in `answerable`.
     """
     words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
     for question in answerable:
-        has_effect = with_effect[question]
+        has_effect = models_with_effect[question]
         probability = models.probability(has_effect)
         words[question] = word_for(probability, models.log_bayes_factor(has_effect))
     return words
 
 
 def _problems_of_responses(findings: Sequence[Finding]) -> dict[str, Problem]:
-    """Problems by their flags; those that forbid an interpretation come first."""
+    """The problems of findings by their flags; those that forbid an interpretation come first."""
     problems = {}
+    # False comes before True.
     for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
         problems[finding.words] = Problem(finding.message, finding.option)
     return problems
@@ -728,7 +739,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str
         "contraction_p": _size(with_contraction, with_contraction.quantities["contraction"]),
         "jnd_percent": _size(all_models, percent(jnd)),
     }
-    if "zone" in all_models.quantities:
+    if "zone" in all_models.quantities:  # the task has the answer 'equal'
         zone = all_models.quantities["zone"]
         sizes["zone_percent"] = _size(all_models, percent(zone))
         sizes["zone_jnd"] = _size(all_models, zone / jnd)
@@ -746,6 +757,7 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     constant_error = draws.quantities["constant_error"]
     p = draws.quantities["contraction"]
     # The scales belong to all conditions, whose mean first stimulus differs from this subject's.
+    # The shift at a first stimulus s1 is c - p (s1 - sbar).
     mean_first = np.average(subject.s1, weights=subject.n_trials)
     mean_shift = constant_error - p * (mean_first - scales.sbar)
     # The order effect is the root mean square over the first stimuli of the shift: the root of the
@@ -769,7 +781,8 @@ def _size_flags(
     subject = evidence.subject
     scales = subject.scales
     size_of_error = np.abs(with_error.quantities["constant_error"])
-    if _size(with_error, size_of_error).q50 > np.abs(subject.s2 - subject.s1).max():
+    largest_difference = np.abs(subject.s2 - subject.s1).max()
+    if _size(with_error, size_of_error).q50 > largest_difference:
         flags.append("the PSE lies outside the pairs shown, so its size rests on the prior")
     # The stimuli of a pair are about a step apart, so a shift of three steps lies beyond them.
     roving_shift = np.abs(with_contraction.quantities["contraction"]) * scales.first_spread
@@ -786,10 +799,10 @@ def _size(draws: OrderDraws, values: FloatArray) -> Size:
 def _error_flags(evidence: OrderEvidence) -> list[str]:
     """A flag if a model near the best has evidence with a standard error above 0.1 nats.
 
-    Such an error changes a Bayes factor by 10 %.
+    Such an error changes a Bayes factor by 10 %. The list is empty or has this flag.
     """
     is_near = evidence.log_evidence > evidence.log_evidence.max() - COUNTS_WITHIN
-    largest = float(evidence.standard_error[is_near].max())
+    largest = evidence.standard_error[is_near].max()
     if largest <= 0.1:
         return []
     return [f"the log evidences have a standard error of {largest:.2g}"]
@@ -802,20 +815,21 @@ def _prior_problems(
     evidence: OrderEvidence,
     words: Mapping[str, Word],
     answerable: Sequence[str],
-    with_effect: Mapping[str, BoolArray],
+    models_with_effect: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
     """The flag of the questions whose `yes` or `no` is less than probable with another prior.
 
-    In each other prior, one of the two effects has half or twice its scale. Empty without such a
-    question.
+    In each other prior, one of the two effects has half or twice its scale. Without such a question
+    the dictionary is empty.
     """
-    rescaled_words = []  # the words with each of four other priors
+    rescaled_words = []  # the width and the words of each of four other priors
     for effect in (CONSTANT_ERROR, CONTRACTION):
         for width, factor in (("half", 0.5), ("twice", 2.0)):
             models = evidence.with_prior_scale(effect, factor)
-            rescaled_words.append((width, _words(models, with_effect, answerable)))
+            rescaled_words.append((width, _words(models, models_with_effect, answerable)))
 
-    # The first change of each question. Questions with the same change share a sentence.
+    # The first change of each question: width, word and other word. Questions with the same change
+    # share a sentence.
     questions_by_change = defaultdict(list)
     for question in answerable:
         word = words[question]
@@ -831,8 +845,8 @@ def _prior_problems(
         sentences.append(
             f"A prior {width} as wide changes {join_words(names)} from '{word}' to '{other_word}'."
         )
-    dependent = ", ".join(chain(*questions_by_change.values()))
-    return {f"{PRIOR_FLAG}: {dependent}": Problem(" ".join(sentences))}
+    questions = ", ".join(chain(*questions_by_change.values()))
+    return {f"{PRIOR_FLAG}: {questions}": Problem(" ".join(sentences))}
 
 
 # --- The whole way of one subject ----------------------------------------------------------------
@@ -857,7 +871,7 @@ def answer_subject(
 def answer_evidence(
     evidence: OrderEvidence, seed: int, findings: Sequence[Finding] = ()
 ) -> OrderEffect:
-    """The answer of a subject from its evidences, with tests of fit and of trial order."""
+    """The answer of a subject from its evidences; tests of fit and of trial order are made here."""
     return order_effect(
         evidence,
         identify(evidence.subject),
@@ -869,7 +883,7 @@ def answer_evidence(
 
 def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     """Goodness of fit of the model with the highest evidence."""
-    best = int(np.argmax(evidence.log_evidence))
+    best = np.argmax(evidence.log_evidence)
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")

@@ -44,8 +44,9 @@ from bayes_toe.result_store import resumed_seed, run_stored
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers, try_each
 
-#: The four models, in the order of their evidences, and which have each effect.
+#: The four models, in the order of their evidences.
 HISTORIES = ("static", "previous_response", "carry_over", "carry_over_and_previous_response")
+#: The two effects, each with the models that have it.
 EFFECT_MODELS = {
     "carry_over": np.array([False, False, True, True]),
     "previous_response": np.array([False, True, False, True]),
@@ -70,14 +71,14 @@ HISTORY_COLUMNS = (
     "note",
 )
 #: Points from which a mixture is made.
-_CLOUD = 500
+_CLOUD_POINTS = 500
 #: Draws of a subject for the figure.
 _FIGURE_DRAWS = 300
 
 
 @dataclass(frozen=True, eq=False)
 class SubjectDependence:
-    """The conclusion for one subject.
+    """The conclusion for one subject. Without a result there are only its tests and a note.
 
     Attributes
     ----------
@@ -115,7 +116,7 @@ class SubjectDependence:
     @property
     def best_history(self) -> str:
         """The one of the four models that has the highest evidence."""
-        return HISTORIES[int(np.argmax(self.log_evidence))] if self.has_result else ""
+        return HISTORIES[np.argmax(self.log_evidence)] if self.has_result else ""
 
     def probability(self, effect: str) -> float:
         """Posterior probability of one of the two effects."""
@@ -131,17 +132,19 @@ class SubjectDependence:
             return ""
         word = word_for(self.probability(effect), self.log_bayes_factor(effect))
         if effect == "previous_response" and word.is_positive:
+            # The sign of the median.
             direction = "repetition" if self.kappa[1] > 0.0 else "alternation"
             return f"{word} ({direction})"
         return str(word)
 
     def size(self, effect: str) -> str:
-        """The size of an effect with its interval; empty without a result."""
+        """The size of an effect with its interval, as '.12 [.05, .20]'; empty without a result."""
         quantiles = self.rho if effect == "carry_over" else self.kappa
         return format_estimate(*map(format_decimals, quantiles)) if quantiles else ""
 
     def history(self, name: str) -> TrialHistory:
         """The model with one of :data:`HISTORIES` and the model of order that goes with it."""
+        # The name has the effects of the model.
         has_carry_over = "carry_over" in name
         without_carry_over, with_carry_over = self.order_models
         order = OrderModel(with_carry_over if has_carry_over else without_carry_over)
@@ -178,7 +181,7 @@ class SubjectDependence:
 
 @dataclass(frozen=True, eq=False)
 class SerialDependence(SubjectTable[SubjectDependence]):
-    """Every subject's row, with the study, seed and prior."""
+    """The serial dependence of every subject, with the study, seed and prior."""
 
     study: Study
     seed: int
@@ -257,7 +260,7 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     prior = evidence.prior
     screen = subject_screen(evidence.checked())
     row = SubjectDependence(subject.name, _order_models(evidence), screen=screen)
-    # The first history is the model of order itself, whose draws are known.
+    # The first of the histories is the model of order itself, whose draws are known.
     static = evidence.draws[MODEL_NAMES.index(row.order_models[0])]
     histories = []
     draws = [static]
@@ -273,8 +276,8 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     rng = generator(seed, subject.name, "history draws")
     static_draws = static.resampled(rng, _FIGURE_DRAWS)
     best_draws = static_draws
-    best = int(np.argmax(models.log_evidence))
-    if best > 0:  # not the model without history, whose draws are there
+    best = np.argmax(models.log_evidence)
+    if best > 0:  # not the model without history
         best_draws = draws[best].resampled(rng, _FIGURE_DRAWS)
     return replace(
         row,
@@ -296,15 +299,17 @@ def _order_models(evidence: OrderEvidence) -> tuple[str, str]:
 def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int) -> WeightedDraws:
     """Weighted draws from the posterior of a model with history.
 
-    The mixture that proposes them is made from draws of the same model of order without history.
+    The mixture that proposes them is made from points: draws of the same model of order without
+    history, with random values of rho and kappa.
     """
     rng = generator(seed, posterior.subject.name, posterior.model.name, "history")
     order_index = MODEL_NAMES.index(posterior.model.order.name)
-    order_points = evidence.draws[order_index].resampled(rng, _CLOUD)
-    # The prior of rho and kappa is standard normal here, and the posterior is narrower.
-    history_points = 0.7 * rng.standard_normal((_CLOUD, len(posterior.model.effects)))
+    order_points = evidence.draws[order_index].resampled(rng, _CLOUD_POINTS)
+    # The coordinates of rho and kappa have standard normal priors, and the posterior is narrower.
+    history_points = 0.7 * rng.standard_normal((_CLOUD_POINTS, len(posterior.model.effects)))
     points = np.concatenate([order_points, history_points], axis=1)
     mixture = mixture_of_points(points, posterior.array.is_free[0])
+    # More draws than usual, because intervals of rho and kappa come from them too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)
     _, (draws,) = fitted_draws(posterior.array, [mixture], [rng], precision)
     return draws
@@ -315,7 +320,7 @@ def _quantiles(
 ) -> tuple[float, ...]:
     """Quantiles of rho or kappa over the models that have it, weighted by their evidence.
 
-    `histories` lacks the first model, which has no history.
+    `histories` are the models but the first one, which has no history.
     """
     has_effect = EFFECT_MODELS[effect]
     values = [

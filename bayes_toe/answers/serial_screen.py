@@ -72,7 +72,7 @@ NO_TESTS = SerialScreen()
 
 
 def subject_screen(evidence: OrderEvidence) -> SerialScreen:
-    """The score tests of a subject at the maximum of the model 'both'."""
+    """The score tests of a subject at the maximum of the model 'both', which sets the slopes g."""
     posterior = OrderModel("both").posterior(evidence.subject, evidence.prior)
     return serial_screen(posterior, evidence.modes[MODEL_NAMES.index("both")])
 
@@ -100,7 +100,7 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
     if subject.task.has_three_answers:  # `tested` lacks the pairs that were always 'equal'
         slopes = slopes[subject.n_trials > subject.n_yes]
     scores, variance = _scores(tested, trials, slopes)
-    # A test given other regressors has these first.
+    # A test given some regressors has these first, and says how many they are.
     return SerialScreen(
         joint_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND),
         answer_p=_p_value(scores, variance, _FIRST, _SECOND, _ANSWER, n_adjusted=2),
@@ -126,8 +126,8 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
 
 def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> ArrayPair:
     """U, shape (3,), and V, shape (3, 3), of the regressors, as in the module's docstring."""
-    # The tested trials, each with a trial before, which may be without an answer.
-    previous = trials.previous
+    # The tested trials have an answer and a trial before, which may be without an answer.
+    previous = trials.previous  # -1 where there is none
     rows = np.flatnonzero(trials.is_answered & (previous >= 0))
     previous = previous[rows]
     pair = trials.pair[rows]
@@ -139,7 +139,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
     n = np.bincount(pair, minlength=n_pairs).astype(np.float64)
     k = np.bincount(pair, is_yes, n_pairs)
     n_safe = np.maximum(n, 1.0)
-    pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))
+    pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))  # k (n - k) / (n (n - 1))
 
     mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
     regressors = np.stack(  # (3, tested trials)
@@ -149,7 +149,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
             slopes[pair] * (trials.second[previous] - mean_stimulus),
         ]
     )
-    # Each pair's mean is subtracted.
+    # Each pair's mean is subtracted; a regressor is a row of the array, which changes.
     residual = is_yes - (k / n_safe)[pair]
     for regressor in regressors:
         regressor -= (np.bincount(pair, regressor, n_pairs) / n_safe)[pair]
@@ -173,7 +173,7 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     """
     answered = np.flatnonzero(trials.is_answered)
 
-    residual = np.zeros(len(answered))
+    residual = np.zeros(len(answered))  # e
     rows_by_pair = []  # where the trials of each pair stand among the answered ones
     for i in range(subject.n_pairs):
         rows = np.flatnonzero(trials.pair[answered] == i)
@@ -187,7 +187,7 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     # power of e times the spectrum of w. Weights begin at a lag of 2 trials.
     n_trials = len(trials.pair)
     n_padded = 2 * n_trials  # so that the last trial is no neighbour of the first
-    kernel = np.zeros(n_padded)
+    kernel = np.zeros(n_padded)  # w at all lags; the negative ones stand at the end
     lags = np.arange(2, n_trials)
     kernel[lags] = kernel[-lags] = 1.0 / np.sqrt(lags)
     weights = np.fft.rfft(kernel).real
@@ -223,7 +223,7 @@ def _p_value(
     """
     statistics = [0.0]  # U' V^-1 U of the first regressors: none, one, two, ...
     remaining = variance  # V, given the regressors so far
-    degrees_of_freedom = 0
+    degrees_of_freedom = 0  # of the regressors that are tested
     for position, i in enumerate(regressors):
         own_variance = remaining[i, i]
         own_score = scores[i]
@@ -238,5 +238,5 @@ def _p_value(
         statistics.append(statistic)
     if not degrees_of_freedom:
         return None
-    difference = statistics[-1] - statistics[n_adjusted]
+    difference = statistics[-1] - statistics[n_adjusted]  # all regressors, less the given ones
     return float(chdtrc(degrees_of_freedom, max(difference, 0.0)))  # rounding may go below 0

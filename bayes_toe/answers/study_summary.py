@@ -31,7 +31,7 @@ def study_lines(
     group: PopulationResult | None = None,
     *,
     synthetic: bool = False,
-    units: bool = False,
+    by_condition: bool = False,
 ) -> list[str]:
     """The answer of a study: its meaning, then for each question how many subjects have which word.
 
@@ -44,15 +44,15 @@ def study_lines(
         The group of these subjects.
     synthetic : bool
         Whether the subjects are simulated.
-    units : bool
-        Whether each is a subject in one condition.
+    by_condition : bool
+        Whether each answer is that of a subject in one condition.
     """
-    meaning = describe_meaning(answers, group, "condition" if units else "subject")
+    meaning = describe_meaning(answers, group, "condition" if by_condition else "subject")
     interpretable = [answer for answer in answers if answer.is_interpretable]
     if len(answers) == 1:
         name = answers[0].subject
         lines = [f"{name}: {answers[0].describe()}"]
-        if interpretable:
+        if interpretable:  # the meaning of another answer would only repeat why it is not
             lines.insert(0, f"{name}: {meaning}")
         return lines + misfit_lines(answers)
     if not interpretable:
@@ -60,11 +60,11 @@ def study_lines(
 
     lines = [meaning]
     noun = "synthetic subject" if synthetic else "subject"
-    of_total = f" of {count_all(interpretable, noun, units)}"
+    of_total = f" of {count_all(interpretable, noun, by_condition)}"
     for question in QUESTIONS:
         words = [answer.word(question) for answer in interpretable]
         text = count_words(words, of_total)
-        if set(words) == {Word.CANNOT_BE_TOLD}:  # a count of all would say less
+        if set(words) == {Word.CANNOT_BE_TOLD}:  # clearer than a count of all subjects
             text = f"{Word.CANNOT_BE_TOLD} in any subject"
         lines.append(f"{capitalized(question.replace('_', ' '))}: {text}.")
         of_total = ""  # only the first line has the total
@@ -73,7 +73,7 @@ def study_lines(
 
 # --- What the answer means ------------------------------------------------------------------------
 
-#: How the first stimulus seems by an effect, in one direction and in the other.
+#: How the first stimulus seems by an effect: if its sign is positive, and if it is negative.
 _DIRECTIONS = {
     CONSTANT_ERROR.name: ("overestimated", "underestimated"),
     CONTRACTION.name: (
@@ -135,9 +135,10 @@ def _describe_subject(answer: OrderEffect) -> str:
 
 
 def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
-    """How many subjects the order matters for, and what holds for most of the others.
+    """Sentences on the subjects for whom the order matters, and on those for whom it does not.
 
-    If some subjects have an effect, another word is only said of more than half of all subjects.
+    If some subjects have an effect, another word has a sentence only if more than half of all
+    subjects have it.
     """
     counts = Counter(answer.words["order_effect"] for answer in answers)
     n_total = len(answers)
@@ -159,7 +160,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
 
 
 def _in_subjects(count: int, n_total: int, noun: str) -> str:
-    """A share of subjects at the head of a sentence.
+    """The words for `count` of so many subjects at the head of a sentence.
 
     Examples
     --------
@@ -174,13 +175,13 @@ def _in_subjects(count: int, n_total: int, noun: str) -> str:
 
 
 def _direction(answer: OrderEffect, effect: str) -> str:
-    """How the first stimulus seems by an effect, as in 'overestimated'; empty where it is open.
+    """How the first stimulus seems by an effect, as in 'overestimated'.
 
-    That is without the effect, and if the interval of the PSE shift holds 0.
+    It is empty without the effect, and if the interval of the PSE shift holds 0.
     """
     if not answer.words[effect].is_positive:
         return ""
-    has_positive_sign = answer.first_is_overestimated
+    has_positive_sign = answer.first_is_overestimated  # None if the interval holds 0
     if effect == CONTRACTION.name:
         has_positive_sign = answer.direction == "contraction"
     if has_positive_sign is None:
@@ -202,7 +203,7 @@ def _direction_sentences(
     """
     words = [answer.words[effect] for answer in answers]
     word = Word.YES if Word.YES in words else Word.PROBABLY
-    counts = Counter[str]()  # subjects by their direction, which is empty where it is open
+    counts = Counter[str]()  # subjects by their direction, which may be empty
     for answer in answers:
         if answer.words[effect] is word:
             counts[_direction(answer, effect)] += 1
@@ -219,10 +220,10 @@ def _direction_sentences(
     probably = "probably " if word is Word.PROBABLY else ""
     sentences = [f"The first stimulus is {probably}{' and '.join(texts)}."]
 
-    # Directions explain a mean near 0 if at least a sixth of the subjects have the rarer one, and
-    # the other one is at most twice as frequent.
-    fewest, most = sorted(counts[direction] for direction in _DIRECTIONS[effect])
-    is_mixed = fewest >= max(len(answers) / 6, 0.5 * most)
+    # Opposite directions explain a mean near 0 if the rarer one is frequent: at least a sixth of
+    # the subjects have it, and at most twice as many have the other one.
+    n_fewer, n_more = sorted(counts[direction] for direction in _DIRECTIONS[effect])
+    is_mixed = n_fewer >= max(len(answers) / 6, 0.5 * n_more)
     near_0 = _near_0(group, effect)
     if is_mixed and near_0:
         sentences.append(f"These directions differ, so the mean {LABELS[effect]} {near_0}.")
@@ -254,7 +255,7 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     misfits = []
     good_fits = []
     for answer in answers:
-        if answer.fits is False:
+        if answer.fits is False:  # None: not testable, which is no poor fit
             misfits.append(answer)
         else:
             good_fits.append(answer)
@@ -278,7 +279,7 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
 
 
 def with_article(question: str) -> str:
-    """A question with its indefinite article, as in 'an order effect'."""
+    """A question with its indefinite article: 'order_effect' -> 'an order effect'."""
     name = question.replace("_", " ")
     return f"an {name}" if name.startswith("o") else f"a {name}"
 
@@ -306,6 +307,7 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     """
     directions = defaultdict(list)  # of each word; '' where it has none
     for text in sorted(words):
+        # 'yes (repulsion)' -> 'yes' and 'repulsion'
         word, _, direction = text.removesuffix(")").partition(" (")
         directions[word].append(direction)
 
@@ -314,8 +316,8 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
         if word not in directions:
             continue
         text = f"{len(directions[word])}{of_total} {word}"
-        counts = Counter(filter(None, directions[word]))
-        if len(counts) == 1:
+        counts = Counter(filter(None, directions[word]))  # without ''
+        if len(counts) == 1:  # all have this direction, so that no number is needed
             text += f" ({', '.join(counts)})"
         elif counts:
             text += f" ({', '.join(f'{count} {name}' for name, count in counts.items())})"
@@ -324,9 +326,9 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     return ", ".join(texts)
 
 
-def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
-    """All that count, as in '12 subjects' or '24 conditions of 12 subjects'."""
-    if not units:
+def count_all(answers: Sequence[OrderEffect], noun: str, by_condition: bool) -> str:
+    """The number of all answers, as in '12 subjects' or '24 conditions of 12 subjects'."""
+    if not by_condition:
         return plural(len(answers), noun)
     # The name of a unit is that of its subject and of its condition, as in 'S01@left'.
     n_subjects = len({answer.subject.rpartition(CONDITION_SEPARATOR)[0] for answer in answers})

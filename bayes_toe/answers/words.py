@@ -53,7 +53,9 @@ def word_for(probability: float, log_bayes_factor: float) -> Word:
 
 
 def remains(word: Word, other: Word) -> bool:
-    """Whether a `yes` is still at least `probably`, and a `no` at least `probably not`.
+    """Whether a sure word, `yes` or `no`, is still at least probable when it becomes `other`.
+
+    Other words say less, and always remain.
 
     Examples
     --------
@@ -87,4 +89,5 @@ def claim(word: Word, noun: str, verb: str, complement: str) -> str:
         Word.PROBABLY_NOT: f"{noun} probably does not {verb} {complement}",
         Word.NO: f"{noun} does not {verb} {complement}",
     }
+    # CANNOT_BE_TOLD is left.
     return claims.get(word, f"the design cannot show whether {positive}")

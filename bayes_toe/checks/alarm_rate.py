@@ -63,12 +63,13 @@ def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) ->
     >>> simulated_p_value(9.0, rng.standard_normal) < 0.0001
     True
     """
-    least = observed - 1e-9 * abs(observed)  # the rounding of equal statistics
+    # Statistics that differ by rounding count as equal.
+    least = observed - 1e-9 * abs(observed)
     n_larger = n_drawn = 0
     while n_drawn < 20_000 and n_larger < 20:
         # A large p-value needs few draws, so that batches are small at first.
         size = min(max(100, n_drawn), 1000, 20_000 - n_drawn)
         n_larger += int(np.count_nonzero(simulate(size) >= least))
         n_drawn += size
-    # The observed statistic counts as one of them, so that the p-value is above 0.
+    # The observed statistic counts as one of the simulated ones, so that the p-value is above 0.
     return (1 + n_larger) / (1 + n_drawn)

@@ -30,7 +30,7 @@ OTHER_TASK = {SAME_DIFFERENT: WHICH_STRONGER, WHICH_STRONGER: SAME_DIFFERENT}
 
 
 class Alternatives(NamedTuple):
-    """Log Bayes factors of other explanations against the four models, in nats."""
+    """Log Bayes factors of other explanations against the observer of the four models, in nats."""
 
     guesses: float
     swapped: float
@@ -40,8 +40,9 @@ class Alternatives(NamedTuple):
 def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     """The other explanations of the responses, for subjects who leave a doubt.
 
-    A subject leaves none where the responses clearly change with s2 - s1 as the task expects, or
-    where no two stimuli differ. Of three answers, only 'second' and 'first' count.
+    A subject leaves none if the responses clearly change with s2 - s1 as the task expects, if no
+    two stimuli differ, or if all responses are the same. Of three answers, only 'second' and
+    'first' count.
 
     Examples
     --------
@@ -54,11 +55,11 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     with_two_answers = filter(None, (subject.two_answers for subject in study))
     subjects = [subject for subject in with_two_answers if _is_doubtful(subject)]
 
-    # The responses as they are, then with both response codes exchanged.
+    # Each subject with the responses as they are, then each with both response codes exchanged.
     inverted = [replace(subject, n_yes=subject.n_trials - subject.n_yes) for subject in subjects]
     both_codes = [*subjects, *inverted]
 
-    # Log evidence of each explanation, (subjects,).
+    # The log evidences have the shape (subjects,), for each explanation.
     same_codes, swapped = np.split(_log_evidence(both_codes), 2)
 
     n_yes = np.array([subject.n_yes.sum() for subject in subjects])
@@ -69,7 +70,7 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     other = np.full(len(subjects), -np.inf)  # no other task has three answers
     if study.task in OTHER_TASK:
         as_other = [replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes]
-        # Which response is which is not known in another task: both codes are equally probable.
+        # Which response is which is not known in another task. Both codes have the probability 1/2.
         other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
 
     log_bayes_factors = np.column_stack([guesses, swapped, other]) - same_codes[:, None]
@@ -85,13 +86,13 @@ def log_bayes_factor(changed: Subject, subject: Subject) -> float:
 def _is_doubtful(subject: Subject) -> bool:
     """Whether the responses do not clearly change with s2 - s1 as the task expects."""
     difference = subject.s2 - subject.s1
-    # Without different stimuli, or with one response only, all explanations are alike.
+    # Without different stimuli, or with one response only, no explanation predicts better.
     if not difference.any() or subject.n_yes.sum() in (0, subject.total_trials):
         return False
     expected_trend = -np.abs(difference) if subject.task == SAME_DIFFERENT else difference
     covariance, variance = response_trend(subject, expected_trend / np.abs(difference).max())
-    # Without any variance, all pairs differ by as much, so that there is no trend to see. Beyond 5
-    # standard errors of the expected trend, no other explanation can win.
+    # Without variance, the trend expects the same of all pairs, and there is nothing to see. If the
+    # responses follow it by more than 5 standard errors, no other explanation can win.
     return variance == 0.0 or covariance / math.sqrt(variance) < 5.0
 
 

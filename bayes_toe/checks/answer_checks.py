@@ -52,7 +52,6 @@ OTHER_TASK_LIMITS = {WHICH_STRONGER: 5.0, SAME_DIFFERENT: 4.0}
 #: Trials below which a subject is flagged.
 FEW_TRIALS = 60
 
-
 #: The words that tables have for a flag after which a subject is not interpreted.
 FAULTS = {
     "repeated_trials": "trials are repeated",
@@ -147,7 +146,7 @@ def not_interpreted(study: Study) -> dict[str, str]:
     return faults
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=4)  # a command asks for the findings of its study several times
 def check_answers(study: Study) -> tuple[Finding, ...]:
     """Findings about the responses of every subject, with codes of :data:`FLAG_WORDS`."""
     require_study(study)
@@ -171,7 +170,7 @@ def uninterpretable_findings(study: Study) -> list[Finding]:
 def subject_findings(
     subject: Subject, n_subjects: int, alternatives: Alternatives | None
 ) -> Findings:
-    """Findings about the responses of one subject in a study of so many.
+    """Findings about the responses of one subject, with limits for a study of `n_subjects`.
 
     `alternatives` are the Bayes factors of other explanations; None if the subject leaves no doubt.
     """
@@ -199,10 +198,11 @@ def subject_findings(
 
 
 def _drawable_answers(subject: Subject) -> Answers | None:
-    """The answered rows; None if there are only counts, or if tables of them cannot be drawn.
+    """The answered rows, of which the tests of blocks and of drift draw random tables.
 
-    NumPy draws no multivariate hypergeometric numbers of 10^9 trials and more. Tables of so many
-    also take long, so the limit is lower.
+    None if the subject has counts only, or too many trials. NumPy draws no multivariate
+    hypergeometric numbers of 10^9 trials and more. Tables of so many also take long, so the limit
+    is lower.
     """
     if subject.answers is None or subject.total_trials > 10**8:
         return None
@@ -221,7 +221,7 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
     if n_rows < 2 * _WINDOW:  # no room for a window and its copy
         return
     is_copy = _copied_rows(subject, answers, n_subjects)
-    if is_copy.any():  # the first one is at argmax
+    if is_copy.any():  # argmax is the first one; trials are counted from 1
         yield Finding(
             subject.name,
             "repeated_trials",
@@ -233,19 +233,19 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
 
 
 def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArray:
-    """Whether each row belongs to a long sequence that repeats earlier rows.
+    """Whether each row belongs to a long sequence that repeats the stimuli and answers of another.
 
-    A list of stimuli may be used again on purpose, so only equal answers count, by the probability
-    that two answers to a pair agree. A sequence is a copy if the probability that all of its
-    answers agree is below exp(-12) in one subject.
+    A list of stimuli may be used again on purpose, so that equal stimuli are no evidence. What
+    counts is the probability that all answers agree by chance. A sequence is a copy if it is below
+    exp(-12) in a study of one subject.
     """
     # Rows with the same stimuli and answers have the same code.
     rows = np.column_stack([answers.keys, answers.counts.T])
     _, codes = np.unique(rows, axis=0, return_inverse=True)
 
-    # For each window of rows, how many rows before it the first equal window begins; 0 if it is the
-    # first one. Equal windows have equal hashes, and others hardly ever have.
-    windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)
+    # For each window of rows, its lag: how many rows before it the first equal window begins, 0 if
+    # it is the first one. Equal windows have equal hashes, and others hardly ever have.
+    windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)  # (windows, _WINDOW)
     hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
     hashes = windows @ hash_weights
     _, first_window, group = np.unique(hashes, return_index=True, return_inverse=True)
@@ -254,7 +254,7 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     # Windows in a run have the same lag, so that the run repeats one earlier sequence. It ends with
     # the last row of its last window.
     run_start = run_starts(lag)
-    run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW
+    run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW  # the row after the last one
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
 
@@ -268,14 +268,15 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
 
 
 def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
-    """Minus the log probability that the same answer comes again, for each row.
+    """Minus the log probability that the same answer comes again by chance, for each row.
 
-    Two answers agree as often as the answers to the pair do, or, if that is more often, as often as
-    right and wrong answers to all pairs do: chance repeats are then never made to look rarer.
+    Two estimates of this probability are made, from the answers to the pair of the row and from
+    right and wrong answers to all pairs. The larger one counts, so that repeats by chance do not
+    look rarer than they are.
     """
     n = subject.n_trials
     k = subject.n_yes
-    # The pairs of a subject are those of its answered rows, sorted, as np.unique numbers them.
+    # The pair of each row: those of a subject are sorted, as np.unique numbers the rows' pairs.
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
     n_right = int(k[right > 0].sum() + (n - k)[right < 0].sum())
@@ -286,7 +287,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
 
 def _agreement(k: IntArray | int, n: IntArray | int) -> FloatArray:
     """Probability that two answers are the same, if one of two answers was given k times in n."""
-    p = (k + 0.5) / (n + 1.0)  # the posterior mean with Jeffreys' prior
+    p = (k + 0.5) / (n + 1.0)  # the posterior mean with Jeffreys' prior, never 0 or 1
     return np.square(p) + np.square(1.0 - p)
 
 
@@ -295,7 +296,7 @@ def _agreement(k: IntArray | int, n: IntArray | int) -> FloatArray:
 
 def _explained_otherwise(subject: Subject, alternatives: Alternatives, n_subjects: int) -> Findings:
     """Swapped keys or guesses, if one of them explains the responses best, and beyond its limit."""
-    best = max(alternatives)
+    best = max(alternatives)  # the largest Bayes factor
     has_both_answers = _RARE_SHARE < subject.fraction_yes < 1.0 - _RARE_SHARE
     if best == alternatives.swapped and best > evidence_limit(n_subjects, REFUSAL_SHARE):
         yield Finding(
@@ -326,8 +327,8 @@ def has_other_task(alternatives: Alternatives, task: Task) -> bool:
 def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, Finding]:
     """Findings by subject, if more than half of the subjects seem to answer another task.
 
-    In 'same or different?', a large constant error that all subjects share looks like 2AFC. So
-    there it is a flag of these subjects, and in 2AFC every subject is refused.
+    In 2AFC no subject is then interpreted. In 'same or different?', a large constant error that
+    subjects share looks like 2AFC, so that these subjects have a flag only.
     """
     names = [name for name in alternatives if has_other_task(alternatives[name], study.task)]
     if len(names) <= 0.5 * len(study):
@@ -339,7 +340,7 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
         f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
         "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
     )
-    if study.task.has_criterion:
+    if study.task.has_criterion:  # 'same or different?'
         code = "like_2afc"
         flagged = tuple(names)
         message = (
@@ -365,14 +366,14 @@ class AnswerTable:
 
     @property
     def is_mixed(self) -> BoolArray:
-        """Whether a pair has both answers, shape (pairs,); otherwise its blocks cannot differ."""
+        """Whether a pair got both answers, shape (pairs,); otherwise its blocks cannot differ."""
         n_yes = self.k.sum(1)
         return (n_yes > 0) & (n_yes < self.n.sum(1))
 
     @property
     def excess_yes(self) -> IntArray:
         """The number of counted answers minus that of the other ones, (pairs, blocks)."""
-        return 2 * self.k - self.n
+        return 2 * self.k - self.n  # k - (n - k)
 
     def of_mixed_pairs(self) -> AnswerTable:
         """The table of the pairs with both answers, without which X^2 divides by 0."""
@@ -384,10 +385,10 @@ class AnswerTable:
         return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
-        """Each block's part of X^2 for counts k of other tables with the margins of this one.
+        """Each block's part of X^2 for counts k of tables with the margins of this one.
 
-        X^2 is the sum of (k - n p)^2 / (n p (1 - p)), with the share p of counted answers to a
-        pair. From the shape (..., pairs, blocks) to (..., blocks).
+        That is the sum over pairs of (k - n p)^2 / (n p (1 - p)), with the share p of counted
+        answers to a pair. From the shape (..., pairs, blocks) to (..., blocks).
         """
         share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
         expected = self.n * share
@@ -399,7 +400,7 @@ class AnswerTable:
         return self.block_chi_square(k).sum(-1)
 
     def other_logits(self) -> FloatArray:
-        """Logit of the counted answer to a pair in all other blocks, (pairs, blocks).
+        """Logit of the counted answer to a pair in all blocks but this one, (pairs, blocks).
 
         The half answer of Jeffreys' prior keeps it finite.
         """
@@ -438,11 +439,11 @@ class AnswerTable:
 
 
 def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTable:
-    """The table of a subject's answers.
+    """The counts of a subject's answers by pair and column.
 
     `column` is the column of the table, a block or a stretch, for each row of `answers`.
     """
-    # The pairs of a subject are those of its answered rows, sorted, as np.unique numbers them.
+    # The pair of each row: those of a subject are sorted, as np.unique numbers the rows' pairs.
     _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     n, k = np.zeros((2, subject.n_pairs, column.max() + 1), np.int64)
     np.add.at(n, (pair.ravel(), column), answers.n_trials)
@@ -469,16 +470,17 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
         return
 
     is_swapped = _find_swapped(table, two_answers.task, two_answers.s2 - two_answers.s1)
-    if not is_swapped.any() or is_swapped.all():  # all: the keys were swapped throughout
+    # If all blocks are swapped, the keys are, which is another finding.
+    if not is_swapped.any() or is_swapped.all():
         return
-    # Turning these blocks must halve the difference between blocks at least. Blocks that differ by
-    # chance have a ratio of 1.
+    # The swap must halve the difference between blocks at least. Blocks that differ by chance have
+    # a ratio of 1.
     excess = mixed_pairs.chi_square_ratio - 1.0
-    remaining_excess = _turned(table, is_swapped).of_mixed_pairs().chi_square_ratio - 1.0
+    remaining_excess = _swap_blocks(table, is_swapped).of_mixed_pairs().chi_square_ratio - 1.0
     if remaining_excess >= 0.5 * max(0.0, excess):
         return
 
-    corrected_answers = answers.swapped(is_swapped[answers.block])
+    corrected_answers = answers.swapped(is_swapped[answers.block])  # whether, for each row
     corrected = Subject.from_answers(subject.name, corrected_answers, two_answers.task)
     n_tests = n_subjects * len(is_swapped)  # one for each block
     if log_bayes_factor(corrected, two_answers) > evidence_limit(n_tests, REFUSAL_SHARE):
@@ -513,51 +515,52 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Findings:
         )
 
 
-def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
-    """The table where each answer of some blocks is the other one: k becomes n - k."""
-    return AnswerTable(table.n, np.where(is_turned, table.n - table.k, table.k))
+def _swap_blocks(table: AnswerTable, is_swapped: BoolArray) -> AnswerTable:
+    """The table where each answer in some blocks is the other one: k becomes n - k."""
+    return AnswerTable(table.n, np.where(is_swapped, table.n - table.k, table.k))
 
 
 def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> BoolArray:
-    """Blocks whose answers agree with those of the others only if they are swapped.
+    """Whether the answers of each block agree with those of the others only if they are swapped.
 
-    A block is first turned if its counted answers are rarer where the task expects them more
-    often. Blocks that disagree with the others are then turned until nothing changes. This leaves
-    two camps. The one with the expected relation counts as right, and the other one is swapped.
-    `difference` is s2 - s1 of each pair.
+    A block is first swapped if its counted answers are rarer where the task expects them more
+    often. Blocks that disagree with the others are then swapped, or swapped back, until nothing
+    changes. This leaves two camps: swapped blocks and others. The camp with the expected relation
+    counts as right. `difference` is s2 - s1 of each pair.
     """
-    # The counted answer is expected more often where the trend of a pair is above 0. Each block's
-    # sum of trend times excess is then above 0.
+    # The counted answer is expected more often where the trend of a pair is above 0. The sum of
+    # trend times excess over the pairs of a block is then above 0.
     expected_trend = difference
     tilt = np.zeros(len(difference))
     if task == SAME_DIFFERENT:
         expected_trend = -np.abs(difference)
-        # Another point of subjective equality tilts the answers 'equal'.
+        # A constant error makes 'equal' more frequent on one side of s2 = s1.
         tilt = difference
     expected_trend = expected_trend - expected_trend.mean()
-    is_turned: BoolArray = expected_trend @ table.excess_yes < 0
-    for _ in range(20):  # blocks might turn each other without an end
-        turned = _turned(table, is_turned)
-        disagrees = (turned.excess_yes * turned.other_logits()).sum(axis=0) < 0
+    is_swapped: BoolArray = expected_trend @ table.excess_yes < 0
+    for _ in range(20):  # two blocks might swap each other without an end
+        corrected = _swap_blocks(table, is_swapped)
+        # A block disagrees if the answers that it has more often are the rarer ones in the others.
+        disagrees = (corrected.excess_yes * corrected.other_logits()).sum(axis=0) < 0
         if not disagrees.any():
             break
-        is_turned = is_turned ^ disagrees
-    # If all blocks together contradict the task, the blocks that were not turned are the swapped
-    # ones.
-    if np.sum(expected_trend @ _turned(table, is_turned).excess_yes) < 0:
-        is_turned = ~is_turned
-    return _surely_swapped(table, is_turned, tilt)
+        is_swapped = is_swapped ^ disagrees
+    # If all blocks together contradict the task, the other camp is the swapped one.
+    if np.sum(expected_trend @ _swap_blocks(table, is_swapped).excess_yes) < 0:
+        is_swapped = ~is_swapped
+    return _surely_swapped(table, is_swapped, tilt)
 
 
 def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
     """The candidates that are likely swapped; none if no candidate is surely swapped.
 
     A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure. Each candidate that
-    is not likely returns to the blocks with which the others are compared.
+    is not likely returns to the blocks with which the others are compared, which changes the
+    evidence of the others.
     """
     no_block = np.zeros_like(candidates)
     while candidates.any():
-        gain = _swap_gain(_turned(table, candidates), tilt)
+        gain = _swap_gain(_swap_blocks(table, candidates), tilt)
         likely: BoolArray = candidates & (gain > 2.0)
         if np.array_equal(likely, candidates):
             return candidates if gain[candidates].max() > 5.0 else no_block
@@ -569,12 +572,12 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     """Log evidence that each block is answered as the others, minus that of its swapped form.
 
     Under both, a block may prefer one answer more than the others do, and its answers may tilt. So
-    a block whose criterion moved does not look swapped. Both are averaged over a grid of logits,
-    whose constants cancel.
+    a block whose criterion moved does not look swapped. Both are averaged over a grid of shifts of
+    the logits, with weights whose constants cancel. The shape is (blocks,).
     """
     logits = table.other_logits()
-    # From -1 to 1, shape (pairs, 1). In 2AFC, and without different stimuli, there is no tilt: all
-    # are 0, and 1 avoids 0/0.
+    # From -1 to 1, shape (pairs, 1). In 2AFC, and without different stimuli, all tilts are 0, and
+    # 0/1 avoids 0/0.
     relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
     slopes = _TILT_SCALE * _LOGIT_SHIFTS if tilt.any() else np.zeros(1)
     unswapped = []
@@ -604,7 +607,7 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     answers = _drawable_answers(subject)
     if answers is None or not answers.has_trial_rows:
         return
-    # Stretches of equally many trials; ten follow three half waves well.
+    # Stretches of equally many trials in place of blocks; ten follow three half waves well.
     n_rows = len(answers.n_trials)
     n_stretches = min(10, n_rows)
     table = _tabulate(subject, answers, np.arange(n_rows) * n_stretches // n_rows)
@@ -613,14 +616,15 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     if table.freedom == 0:
         return
 
-    # What may drift, with the value that each pair's counted answer adds to it.
+    # What may drift. The counted answer to a pair raises it where the value of the pair is 1, and
+    # lowers it where that is -1.
     kinds = {
         f"P({subject.task.yes})": np.ones(len(difference)),
         "share of correct responses": subject.task.right(difference),
     }
     if subject.task.has_criterion:
         kinds["order effect"] = np.sign(difference)
-    time = (np.arange(n_stretches) + 0.5) / n_stretches
+    time = (np.arange(n_stretches) + 0.5) / n_stretches  # the middle of each stretch
     # Half a wave, a whole one, and one and a half, from the first trial to the last one.
     waves = np.cos(np.pi * np.outer([1, 2, 3], time))
     weights = _wave_weights(table.n, waves, np.array(list(kinds.values())))
@@ -636,7 +640,7 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     # The kind that drifts most, and the range of its fitted course over the trials.
     observed = amplitudes(table.k)  # (kinds, waves)
     largest = np.square(observed).sum(-1).argmax()
-    change = np.ptp((observed @ waves)[largest])
+    change = np.ptp((observed @ waves)[largest])  # of (kinds, stretches)
     if change < 0.2:
         return
     p = table.p_value(largest_power, subject.name)

@@ -66,14 +66,16 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
     require_study(study)
     paper_prior = None if prior is None else preset_or_file(prior)
     findings = (*check_design(study, paper_prior), *check_answers(study))
-    # Findings about the whole study come first.
+    # Findings about the whole study come first, as False comes before True.
     return tuple(sorted(findings, key=lambda finding: finding.subject != _WHOLE_STUDY))
 
 
 def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """The findings of :func:`check` that do not use the responses."""
-    findings = [*urgent_findings(study, prior), *_similar_names(study.names)]
-    findings += [*_conditions(study), *_columns(study.reading)]
+    findings = list(urgent_findings(study, prior))
+    findings += _similar_names(study.names)
+    findings += _conditions(study)
+    findings += _columns(study.reading)
     findings += identification_findings(study)
     if study.task in CRITERION_NOTES:
         findings.append(
@@ -89,7 +91,9 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
     findings = [
         Finding(_WHOLE_STUDY, "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts
     ]
-    findings += [*_raw_stimuli(study), *_two_scales(study), *_scales_of_subjects(study)]
+    findings += _raw_stimuli(study)
+    findings += _two_scales(study)
+    findings += _scales_of_subjects(study)
     if prior is not None:
         findings += _prior_scale(study, prior)
     return tuple(findings)
@@ -103,11 +107,12 @@ def _raw_stimuli(study: Study) -> Findings:
 
     A file of them is refused when it is read; this is for studies that are made in Python.
     """
-    if study.unit.name or "i1" in study.reading.read:  # the unit, or the column, says what they are
+    # A unit, or the column i1 of intensities, says what the stimuli are.
+    if study.unit.name or "i1" in study.reading.read:
         return
     first = np.concatenate([subject.s1 for subject in study])
     second = np.concatenate([subject.s2 for subject in study])
-    sign, _ = sign_of_intensities(first, second)
+    sign, _ = sign_of_intensities(first, second)  # what makes them look so, in words
     if sign:
         yield Finding(
             _WHOLE_STUDY,
@@ -134,7 +139,7 @@ def _two_scales(study: Study) -> Findings:
         n_above = subject.n_trials[~is_below.all(axis=0)].sum()
         n_in_smaller_group = min(n_below, n_above)
 
-        # The ratio of the stimuli at the gap, with two digits; exp(700) is near the largest float.
+        # The ratio of the stimuli at the gap, with two digits. No float is as large as exp(710).
         rounded_ratio = float(f"{math.exp(min(gap.size, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
         ranges = [_range_of(group, subject.unit, study.reading) for group in (gap.below, gap.above)]
@@ -207,7 +212,7 @@ def _widest_gap(levels: FloatArray) -> _Gap:
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
     """The weakest and the strongest of some stimuli as the file has them: '0.1 to 0.35 g'."""
     ends = levels[[0, -1]]
-    if "i1" in reading.read or unit.of_stimuli:
+    if "i1" in reading.read or unit.of_stimuli:  # the file has intensities, not logs
         ends = unit.stimuli(ends)
     # Ends with the same four digits are one number.
     text = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
@@ -235,13 +240,13 @@ def _similar_names(names: Iterable[str]) -> Findings:
     """Names that are probably one subject's: they look alike, or are the same number."""
     groups = defaultdict(list)  # names by their number, or by their letters in lower case
     for name in names:
-        # '01' and '1' are the same number, which is NaN for a text.
+        # '01' and '1' are the same number. A name that is no number gives NaN.
         letters = unicodedata.normalize("NFKC", name).casefold()
         value = number(name)
         groups[letters if math.isnan(value) else value].append(name)
     for alike in groups.values():
         if len(alike) > 1:
-            # In ASCII, letters that look alike differ.
+            # In ASCII, letters that look alike are printed differently.
             subjects = ", ".join(map(ascii, alike))
             yield Finding(
                 _WHOLE_STUDY,
@@ -254,13 +259,13 @@ def _similar_names(names: Iterable[str]) -> Findings:
 
 
 def _prior_scale(study: Study, prior: Prior) -> Findings:
-    """Stimuli in another unit than a prior of numbers.
+    """A prior whose numbers do not suit the unit of the stimuli.
 
     Such a prior has sigma_p within a factor of 10 of the stimuli's steps with a probability below
     0.1, so evidence and posterior depend on the prior alone.
     """
     scales = common_scales(*study)
-    # A prior in units of the stimuli suits any of them.
+    # Without different stimuli there is no step. A prior in units of the stimuli suits any of them.
     if scales is None or prior.depends_on_stimuli(prior.spread):
         return
     step = scales.step
@@ -304,7 +309,7 @@ def _one_order(subject: Subject) -> Findings:
     """A few pairs in one order among others that were shown in both."""
     presented = set(subject.pairs)
     lone = [pair for pair in subject.pairs if pair[::-1] not in presented]
-    # Where most pairs have one order, this is the design and no mistake.
+    # Where at least half of the pairs have one order, this is the design and no mistake.
     if not 0 < len(lone) < 0.5 * len(presented):
         return
     describe = subject.unit.describe
@@ -341,7 +346,7 @@ def _conditions(study: Study) -> Findings:
         if order:
             orders[order] += 1
 
-    # One order for most subjects: the others overlap, have one condition, or have no known order.
+    # All known orders are the same, and more than half of the subjects have one.
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         yield Finding(
             _WHOLE_STUDY,
@@ -355,10 +360,11 @@ def _conditions(study: Study) -> Findings:
 def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
     """Conditions of a subject that differ in their mean stimulus, or share no pair.
 
-    A mean differs by more than a quarter of the standard deviation of all stimuli.
+    Means differ if it is by more than a quarter of the standard deviation of all stimuli.
     """
     means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
+    # Without scales no two stimuli differ.
     distance = 0.0 if scales is None else np.ptp(means) / scales.spread
     if distance > 0.25:
         message = (

@@ -93,7 +93,7 @@ def identify(subject: Subject) -> Identification:
 
     # Tuples have a hash for the cache of the function, and arrays have none.
     columns = map(tuple, (subject.s1, subject.s2, subject.n_trials))
-    reason = _no_contraction(subject.task, subject.shared_scales, *columns)
+    reason = _why_no_contraction(subject.task, subject.shared_scales, *columns)
     return Identification({"contraction": reason} if reason else {}, notes)
 
 
@@ -105,7 +105,7 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=1024)
-def _no_contraction(
+def _why_no_contraction(
     task: Task, shared_scales: StimulusScales | None, *columns: tuple[Any, ...]
 ) -> str:
     """The reason why only a constant error can be identified; empty if a contraction can too.
@@ -118,10 +118,11 @@ def _no_contraction(
     offsets = stimuli - stimuli.mean(axis=0)
     if np.ptp(s1) <= ROUNDING * np.abs(offsets).max():
         return ONE_FIRST_STIMULUS
+    # The extents of the pairs along and across the line that is nearest to them.
     largest, smallest = np.linalg.svd(offsets, compute_uv=False)
     if smallest <= ROUNDING * largest:
         return ONE_LINE
-    # A subject needs counts of answers, which play no role here.
+    # A subject needs counts of answers, which do not change the expected information.
     subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
     if contraction_information(subject) < 1.0:  # less than the prior has
         return IMITATION
@@ -136,18 +137,18 @@ def _order_fills_blocks(answers: Answers) -> bool:
 
     A change between them then looks like an effect of order. Equal stimuli do not count.
     """
-    order = _order_sign(answers.keys[:, 0], answers.keys[:, 1])
+    order = _order_sign(answers.keys[:, 0], answers.keys[:, 1])  # of each row
     is_unequal = order != 0
     order = order[is_unequal]
     n_trials = answers.n_trials[is_unequal]
     if answers.block is not None and _holds_one_order(answers.block[is_unequal], order, n_trials):
         return True
-    if answers.place is None:
+    if answers.place is None:  # the order of the rows in time is not known
         return False
     session = np.cumsum(answers.is_session_start)[is_unequal]
     if _holds_one_order(session, order, n_trials):
         return True
-    # Whether stretches of one order are long on average, wherever they begin.
+    # Stretches may begin anywhere. Whether those of one order are long on average.
     return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * len(run_starts(order)))
 
 
@@ -159,7 +160,7 @@ def _holds_one_order(block: IntArray, order: FloatArray, n_trials: IntArray) -> 
     blocks, index = np.unique(block, return_inverse=True)
     has_rising = np.bincount(index, order > 0) > 0
     has_falling = np.bincount(index, order < 0) > 0
-    is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(blocks)
+    is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(blocks)  # the mean over blocks
     return bool(is_long and not (has_rising & has_falling).any())
 
 
@@ -175,12 +176,14 @@ def contraction_information(subject: Subject) -> float:
     posterior = OrderModel("both").posterior(subject)
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
     quantities[NOISE.name] *= posterior.scales.step  # typical numbers are in units of D
-    point = posterior.full_points(posterior.points(quantities)[None])  # (1, 1, k)
+    # One posterior and one point: arrays have the shape (1, 1, k), and matrices (1, 1, k, k).
+    point = posterior.full_points(posterior.points(quantities)[None])
     _, _, information = posterior.rows.scoring(point)
-    information = information[0, 0] * TYPICAL_TRIALS / subject.total_trials  # (k, k)
+    information = information[0, 0] * TYPICAL_TRIALS / subject.total_trials
     _, curvature = posterior.array.prior_slopes(point)
 
-    # p is the last coordinate, in units of its prior. What remains is a Schur complement.
+    # p is the last coordinate, in units of its prior. What remains of its information is a Schur
+    # complement: I_pp - I_po (I_oo + prior)^-1 I_op, with o for the others.
     others_precision = information[:-1, :-1] + np.diag(curvature[0, 0, :-1])
     shared = information[-1, :-1]
     return float(information[-1, -1] - shared @ np.linalg.solve(others_precision, shared))

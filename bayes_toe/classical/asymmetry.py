@@ -121,7 +121,7 @@ class SubjectAsymmetry:
 
     @property
     def maximal(self) -> Comparison | None:
-        """The comparison with the largest absolute asymmetry."""
+        """The comparison with the largest absolute asymmetry; None without any comparison."""
         return next((row for row in self.comparisons if row.is_maximal), None)
 
 
@@ -140,7 +140,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     @property
     def share_of(self) -> str:
-        """The response of which q is the share: 'equal' in quotes, or wrong."""
+        """The responses of which q is the share: 'equal', with quotes, or wrong, without."""
         answer = self.task.compared_answer
         return f"'{answer}'" if answer == self.task.yes else answer
 
@@ -150,9 +150,9 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         In 'which is stronger?' the columns n_wrong take the place of the columns n_equal.
         """
         rows = []
-        for row in self.rows:
-            for comparison in row.comparisons:
-                rows.append([*comparison, row.accuracy])
+        for subject in self.rows:
+            for comparison in subject.comparisons:
+                rows.append([*comparison, subject.accuracy])
         columns = [key.replace("equal", self.task.compared_answer) for key in ASYMMETRY_COLUMNS]
         return pd.DataFrame(rows, columns=columns)
 
@@ -163,17 +163,17 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         at p < 0.05) ...'. The data choose the maximum, so 'significant' means Holm's p-value over
         the subject's comparisons. There is no correction over subjects.
         """
-        maxima = [row.maximal for row in self.rows if row.maximal is not None]
-        total = plural(len(maxima), "subject")
+        maxima = [subject.maximal for subject in self.rows if subject.maximal is not None]
+        n_subjects = plural(len(maxima), "subject")
         sentences = ["The counts are for the pair of each subject whose two orders differ most."]
         for sign, stimulus in ((1, "stronger"), (-1, "weaker")):
-            rows = [row for row in maxima if sign * row.asymmetry > 0]
-            significant = sum(row.p_value < 0.05 for row in rows)
-            corrected = sum(row.p_adjusted < 0.05 for row in rows)
+            of_sign = [maximum for maximum in maxima if sign * maximum.asymmetry > 0]
+            n_significant = sum(maximum.p_value < 0.05 for maximum in of_sign)
+            n_corrected = sum(maximum.p_adjusted < 0.05 for maximum in of_sign)
             sentences.append(
-                f"{len(rows)} of {total} gave more {self.share_of} responses with the {stimulus}"
-                " stimulus first than in the other order. The difference is significant "
-                f"(p < .05) in {significant} of them, in {corrected} after Holm's correction."
+                f"{len(of_sign)} of {n_subjects} gave more {self.share_of} responses with the "
+                f"{stimulus} stimulus first than in the other order. The difference is significant "
+                f"(p < .05) in {n_significant} of them, in {n_corrected} after Holm's correction."
             )
         return " ".join(sentences)
 
@@ -224,14 +224,15 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 
     There is no comparison if no pair was presented in both orders.
     """
-    # Indices of the pairs with the weaker stimulus first, and of the same with the stronger first.
-    weak, strong = pairs_in_both_orders(subject).T
+    # For each comparison, the index of (r, c) and that of (c, r) among the pairs of the subject.
+    weak_first, strong_first = pairs_in_both_orders(subject).T
+    # In 'same or different?', the wrong responses to different stimuli are those with 'equal'.
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
     q = laplace_estimate(n_wrong, subject.n_trials)
     error = laplace_error(n_wrong, subject.n_trials)
-    difference = q[strong] - q[weak]
+    difference = q[strong_first] - q[weak_first]
     counts = np.column_stack([n_wrong, subject.n_trials])
-    tables = np.hstack([counts[strong], counts[weak]]).tolist()  # k1, n1, k2, n2
+    tables = np.hstack([counts[strong_first], counts[weak_first]]).tolist()  # k1, n1, k2, n2
     tests = pd.DataFrame(starmap(equality_test, tables), columns=["p_value", "test"])
     p_values = tests["p_value"].to_numpy(np.float64)
     # Of differences that are equal up to rounding, the one with the smaller p-value comes first.
@@ -239,22 +240,22 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     largest_first = np.lexsort((p_values, -np.abs(difference).round(12)))
 
     columns = {
-        "s_weak": subject.s1[weak],
-        "s_strong": subject.s2[weak],
-        "n_equal_weak_first": n_wrong[weak],
-        "n_trials_weak_first": subject.n_trials[weak],
-        "n_equal_strong_first": n_wrong[strong],
-        "n_trials_strong_first": subject.n_trials[strong],
-        "q_weak_first": q[weak],
-        "q_weak_first_se": error[weak],
-        "q_strong_first": q[strong],
-        "q_strong_first_se": error[strong],
+        "s_weak": subject.s1[weak_first],
+        "s_strong": subject.s2[weak_first],
+        "n_equal_weak_first": n_wrong[weak_first],
+        "n_trials_weak_first": subject.n_trials[weak_first],
+        "n_equal_strong_first": n_wrong[strong_first],
+        "n_trials_strong_first": subject.n_trials[strong_first],
+        "q_weak_first": q[weak_first],
+        "q_weak_first_se": error[weak_first],
+        "q_strong_first": q[strong_first],
+        "q_strong_first_se": error[strong_first],
         "asymmetry": difference,
-        "asymmetry_se": np.hypot(error[weak], error[strong]),
+        "asymmetry_se": np.hypot(error[weak_first], error[strong_first]),
         "p_value": p_values,
         "p_adjusted": holm(p_values),
         "test": tests["test"],
-        "is_maximal": np.arange(len(tests)) == largest_first[:1],  # empty without comparisons
+        "is_maximal": np.arange(len(tests)) == largest_first[:1],  # [:1], not [0]: may be empty
     }
     rows = pd.DataFrame(columns).itertuples(index=False, name=None)
     comparisons = tuple(Comparison(subject.name, *row) for row in rows)
@@ -265,7 +266,7 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) -> tuple[float, str]:
     """Exact two-sided test that k1 of n1 and k2 of n2 have one probability: p-value and name.
 
-    Boschloo's test, which takes 25 ms at 150 trials; Fisher's test for more trials.
+    Boschloo's test, which takes 25 ms at 150 trials; Fisher's, which is faster, for more trials.
 
     Examples
     --------
@@ -274,6 +275,7 @@ def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) ->
     (0.008382, 'boschloo')
     """
     table = [[k1, k2], [n1 - k1, n2 - k2]]
+    # The side on which the data lie has the smaller one-sided p-value, which is doubled.
     side = "less" if k1 * n2 < k2 * n1 else "greater"  # k1/n1 < k2/n2
     if n1 + n2 > most_trials:
         return min(1.0, 2.0 * float(fisher_exact(table, side).pvalue)), "fisher"

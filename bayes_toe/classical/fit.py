@@ -59,7 +59,10 @@ _DETERMINED_WITHIN = 0.01
 
 
 class Maxima(NamedTuple):
-    """The ends of searches, at most one maximum each."""
+    """The points at which searches from several starts ended, for one row of counts.
+
+    A search that has converged ends at a maximum, several perhaps at the same one.
+    """
 
     x: FloatArray  # (starts, 4)
     value: FloatArray  # log likelihood minus penalty, (starts,)
@@ -67,12 +70,12 @@ class Maxima(NamedTuple):
 
     @property
     def best(self) -> FloatArray:
-        """The highest end, (4,)."""
+        """The end with the highest value, (4,)."""
         return self.x[self.value.argmax()]
 
     @property
     def is_highest(self) -> BoolArray:
-        """The ends that are as high as the highest one, (starts,)."""
+        """Whether each end is as high as the highest one, (starts,)."""
         return self.value > self.value.max() - _EQUAL_HEIGHT
 
 
@@ -80,7 +83,8 @@ class Maxima(NamedTuple):
 class PenalisedLikelihood:
     """The function that a fit maximises: log likelihood of a subject's counts minus the penalty.
 
-    A point x is (mu1, log width, gamma, share); the share is q0 or the lapse rate.
+    A point x is (mu1, log width, gamma, share); the share is q0 or the lapse rate. The penalty is
+    (mu1 - mu1_mean)^2 / (2 mu1_sd^2).
     """
 
     subject: Subject
@@ -98,6 +102,7 @@ class PenalisedLikelihood:
     @cached_property
     def bounds(self) -> FloatArray:
         """Lowest and highest value of each coordinate, (4, 2). The paper has gamma from 0 to 1."""
+        # From step / _LARGEST_WIDTH to step * _LARGEST_WIDTH.
         log_widths = np.log(self.step) + np.log(_LARGEST_WIDTH) * np.array([-1.0, 1.0])
         return np.array([(-np.inf, np.inf), log_widths, (0.0, 1.0), _SHARES])
 
@@ -120,11 +125,12 @@ class PenalisedLikelihood:
         """The best point of the grid with each mu1, for counts (rows, pairs): (rows, mu1, 4)."""
         starts = []
         for points in self.grid:  # with one mu1
-            starts.append(points[self.objective(points, n_yes).argmax(axis=1)])
+            best = self.objective(points, n_yes).argmax(axis=1)  # of the points, for each row
+            starts.append(points[best])
         return np.stack(starts, axis=1)
 
     def minus_objective(self, x: FloatArray, n_yes: FloatArray) -> tuple[float, FloatArray]:
-        """Penalty minus log likelihood of counts, and its gradient, (4,)."""
+        """Penalty minus log likelihood of counts, and its gradient, (4,), at one point, (4,)."""
         # z = (s2 - s1 + p (s1 - mu1)) / width, for each pair.
         mu1, log_width, gamma, share = x.tolist()
         p = float(pull(gamma))
@@ -132,14 +138,15 @@ class PenalisedLikelihood:
         distance = self.subject.s1 - mu1
         z = (self.subject.s2 - self.subject.s1 + p * distance) / width
 
-        # The log likelihood, and its slopes in z of each pair and in the logit of the share.
+        # The log likelihood, and its slopes in z of each pair and in the logit of the share. Curve
+        # and slopes have two arrays each: for the counted answer, and for the other one.
         answers_at, slopes_at = CURVES[self.subject.task.lapses]
         logit_share = np.asarray(logit(share))
         log_p = answers_at(z, logit_share)
         in_z, in_logit = slopes_at(z, logit_share, log_p)
         n_no = self.subject.n_trials - n_yes
         value = n_yes @ log_p.yes + n_no @ log_p.no
-        by_z = n_yes * in_z[0] + n_no * in_z[1]
+        by_z = n_yes * in_z[0] + n_no * in_z[1]  # (pairs,)
         by_logit = (n_yes * in_logit[0] + n_no * in_logit[1]).sum()
 
         # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = distance/w.
@@ -152,13 +159,13 @@ class PenalisedLikelihood:
         return 0.5 * deviation**2 - value, -gradient
 
     def search(self, n_yes: IntArray, starts: FloatArray) -> Maxima:
-        """Search the maxima for counts, (pairs,), from starts, (starts, 4)."""
+        """Search the maximum for counts, (pairs,), from each of the starts, (starts, 4)."""
         counts = n_yes.astype(np.float64)
         # The first step of a search has the length 1. So each coordinate is searched in a unit that
-        # is small for it.
+        # is small for it: mu1 in a part of the step, log width and gamma in 0.1, shares in 0.05.
         unit = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
 
-        def minus_objective(point: FloatArray) -> tuple[float, FloatArray]:
+        def in_units(point: FloatArray) -> tuple[float, FloatArray]:
             """What is minimised and its gradient, at a point in these units."""
             value, gradient = self.minus_objective(point * unit, counts)
             return value, gradient * unit
@@ -168,11 +175,11 @@ class PenalisedLikelihood:
         has_converged = []
         for start in starts:
             end = minimize(
-                minus_objective,
+                in_units,
                 start / unit,
                 method="L-BFGS-B",
                 jac=True,  # the function returns its gradient, too
-                bounds=self.bounds / unit[:, None],
+                bounds=self.bounds / unit[:, None],  # (4, 2)
                 options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
             )
             points.append(end.x * unit)
@@ -186,7 +193,7 @@ class PenalisedLikelihood:
         The shape is (rows, points). :meth:`minus_objective` is its negative for one row of counts
         and one point, with the gradient.
         """
-        mu1, log_width, gamma, share = x.T[:, :, None]  # (points, 1) each
+        mu1, log_width, gamma, share = x.T[:, :, None]  # (points, 1) each; pairs are the last axis
         pairs = self.subject
         z = (pairs.s2 - pairs.s1 + pull(gamma) * (pairs.s1 - mu1)) / np.exp(log_width)
         answers_at, _ = CURVES[pairs.task.lapses]
@@ -198,7 +205,8 @@ class PenalisedLikelihood:
     def natural(self, x: FloatArray) -> FloatArray:
         """mu1, sigma_p, sigma_l and q0 or lapse rate at points, (points, 4).
 
-        The width is sigma_p G^power, with the power of the task.
+        The width is sigma_p G^power, with the variance ratio G of gamma and the power of the task.
+        The square of sigma_l / sigma_p is gamma.
         """
         mu1, log_width, gamma, share = x.T
         sigma_p = np.exp(log_width) / variance_ratio(gamma) ** POWERS[self.subject.task.lapses]
@@ -208,9 +216,10 @@ class PenalisedLikelihood:
         """The bounds on which a point lies, such as 'gamma=0;q0=1'; empty inside."""
         names = ("mu1", "width", "gamma", self.subject.task.lapses)
         reached = []
+        # An infinite bound, which mu1 has, is never near.
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
-            if np.abs(bounds - value).min() < 1e-6:  # on a bound, but for rounding
-                number = round(value, 6)  # 1, not the bound 1 - 1e-9
+            if np.abs(bounds - value).min() < 1e-6:  # on a bound, up to rounding
+                number = round(value, 6)  # the bound 1 - 1e-9 of a share becomes 1
                 if name == "width":  # its coordinate is the logarithm
                     number = np.exp(value)
                 reached.append(f"{name}={number:.3g}")
@@ -223,7 +232,7 @@ class PenalisedLikelihood:
 def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
     """New counts of every pair, (replicates, pairs).
 
-    With q' ~ Beta(n_yes + 1, n_no + 1), they are n' ~ Binomial(n, q').
+    With q' ~ Beta(n_yes + 1, n_no + 1), they are n' ~ Binomial(n, q'), see the module.
     """
     q = rng.beta(
         subject.n_yes + 1.0,
@@ -251,7 +260,7 @@ class SubjectFit:
     replicates : ndarray, shape (replicates, 4)
         The parameters of the bootstrap replicates.
     n_failed : int
-        Searches that did not converge: of the fit and of the replicates.
+        Fits that did not converge: of the subject itself and of the replicates.
     """
 
     subject: str
@@ -283,6 +292,7 @@ class SubjectFit:
 
         s1 and s2 are natural-log intensities.
         """
+        # Each parameter has the shape (replicates, 1).
         return p_counted(self.task, s1, s2, Natural(*self.replicates.T[:, :, None]))
 
     def bands(
@@ -300,12 +310,12 @@ class SubjectFit:
         remarks = []
         names = np.array(self.names)
         if self.n_failed:
-            remarks.append(
+            remarks.append(  # the fit itself has a search, too
                 f"{self.n_failed} of {len(self.replicates) + 1} searches did not converge"
             )
-        is_open = np.isnan(self.parameters)
-        if is_open.any():
-            remarks.append(f"not determined by these answers: {', '.join(names[is_open])}")
+        is_unknown = np.isnan(self.parameters)
+        if is_unknown.any():
+            remarks.append(f"not determined by these answers: {', '.join(names[is_unknown])}")
         low, high = self.intervals().T
         is_outside = (self.parameters < low) | (self.parameters > high)
         if is_outside.any():
@@ -425,13 +435,13 @@ def fit(
     require_number("replicates", replicates)
     require_study(study)
     root = root_seed(seed)
-    penalty = prior_for(study, prior)
+    study_prior = prior_for(study, prior)
     jobs = [
-        partial(subject_fit, subject, penalty, seed=root, replicates=replicates)
+        partial(subject_fit, subject, study_prior, seed=root, replicates=replicates)
         for subject in study
     ]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return FitTable(tuple(rows), level, replicates, root, penalty, study.task)
+    return FitTable(tuple(rows), level, replicates, root, study_prior, study.task)
 
 
 def subject_fit(
@@ -441,16 +451,17 @@ def subject_fit(
 
     The seed and the name of the subject determine the random stream.
     """
+    # With the mean and the standard deviation of the prior of mu1.
     likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     # The counts of the subject come first, then those of the bootstrap.
-    counts = np.vstack([subject.n_yes, resampled])
+    counts = np.vstack([subject.n_yes, resampled])  # (1 + replicates, pairs)
     searches = list(map(likelihood.search, counts, likelihood.starts(counts)))
-    natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
-    # A search has failed if it has converged at none of its highest ends.
+    natural = likelihood.natural(np.array([maxima.best for maxima in searches]))  # a row of 4 each
+    # The fit to a row of counts has failed if no search converged at one of the highest ends.
     has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in searches]
 
-    # What differs between equally high maxima is not determined.
+    # The subject itself. A parameter that differs between equally high maxima is not determined.
     maxima = searches[0]
     parameters = natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])

@@ -51,16 +51,17 @@ def accuracy(subject: Subject) -> float:
     0.75
     """
     difference = subject.s2 - subject.s1
+    # Equal stimuli have no correct answer in some tasks, where `right` is 0.
     n_judged = subject.n_trials[subject.task.right(difference) != 0].sum()
     if not n_judged:
         return np.nan
     n_wrong = subject.task.wrong(difference, subject.n_yes, subject.n_trials).sum()
-    directions = subject.two_answers
-    if directions is not None and subject.task.has_three_answers:
+    unequal = subject.two_answers  # of three answers, 'first' and 'second'
+    if unequal is not None and subject.task.has_three_answers:
         # So far, 'equal' is wrong for different stimuli. 'First' or 'second' is wrong, too, where
         # the other one would be right.
-        steps = directions.s2 - directions.s1
-        n_wrong += directions.task.wrong(steps, directions.n_yes, directions.n_trials).sum()
+        difference = unequal.s2 - unequal.s1
+        n_wrong += unequal.task.wrong(difference, unequal.n_yes, unequal.n_trials).sum()
     return float(1.0 - n_wrong / n_judged)
 
 

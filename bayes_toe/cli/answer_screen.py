@@ -207,7 +207,7 @@ def print_answer(
 def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | None) -> list[str]:
     """The sentences of the answer of a study: counts and directions for each question."""
     return study_lines(
-        answers, group, synthetic=study.synthetic, units=study.conditions is not None
+        answers, group, synthetic=study.synthetic, by_condition=study.conditions is not None
     )
 
 

@@ -37,8 +37,10 @@ from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ObserverPrior, group_parameters, task_parameters
 from bayes_toe.model.posterior_array import LinearLikelihood
 
-#: With these units a coordinate of the likelihood is c/D, p, log(sigma_d/D) or logit q0 itself.
+#: In these units a coordinate of the observer is c/D, p, log(sigma_d/D) or logit q0 itself, and not
+#: that quantity over its prior's scale.
 PLAIN_UNITS = ObserverPrior(noise_sd=1.0, constant_error_scale=1.0, contraction_sd=1.0)
+#: Steps of Fisher scoring.
 _SCORING_STEPS = 40
 #: Expected gain, nats, below which rounding errors hide whether a value is the larger one.
 _SMALL_GAIN = 1e-9
@@ -82,6 +84,7 @@ class SubjectRows(LinearLikelihood):
         differences : mapping of str to ndarray, shape (rows, columns)
             The design of the conditions for each parameter that may differ between them.
         """
+        # The observer's parameters by their coordinates, and the coordinates that the group shares.
         observer_rows = ObserverRows.from_subjects(rows, PLAIN_UNITS, scales)
         names = [parameter.name for parameter in task_parameters(rows[0].task)]
         shared = [names.index(parameter.name) for parameter in group_parameters(rows[0].task)]
@@ -90,12 +93,12 @@ class SubjectRows(LinearLikelihood):
         # A loading, (rows, coordinates of a row, coordinates of w), has a column of the identity
         # for each parameter, and the design of the conditions in the row of what differs.
         identity = np.tile(np.eye(len(names)), (len(rows), 1, 1))
-        parts = [identity.take(shared, axis=2)]
-        for name, values in differences.items():
-            part = np.zeros((len(rows), len(names), values.shape[1]))
-            part[:, names.index(name)] = values
-            parts.append(part)
-        loading = np.concatenate([*parts, identity.take(unshared, axis=2)], axis=2)
+        blocks = [identity.take(shared, axis=2)]
+        for name, condition_design in differences.items():
+            block = np.zeros((len(rows), len(names), condition_design.shape[1]))
+            block[:, names.index(name)] = condition_design
+            blocks.append(block)
+        loading = np.concatenate([*blocks, identity.take(unshared, axis=2)], axis=2)
         n_coefficients = loading.shape[2] - len(unshared)
         return cls(observer_rows, loading, first_row, n_coefficients, unshared)
 
@@ -110,15 +113,18 @@ class SubjectRows(LinearLikelihood):
         return int(self.loading.shape[2])
 
     def plain_gradient(self, w: FloatArray) -> ArrayPair:
-        """Log likelihood and gradient by plain probabilities, (subjects, points[, d])."""
+        """Log likelihood and its gradient in w, (subjects, points[, coordinates of w]).
+
+        They come from probabilities, not from logs, which is faster.
+        """
         value, slope = self.rows.plain_gradient(self.row_points(w))
         return self.summed(value), self.summed(slope @ self.loading)
 
     def log_unshared_prior(self, unshared: FloatArray) -> ArrayPair:
-        """Log prior of the unshared parameters, (..., unshared) -> (...), and its slopes."""
+        """Log prior of the unshared parameters, (..., unshared) -> (...), and their slopes."""
         total = np.zeros(unshared.shape[:-1])
         slopes = np.empty_like(unshared)
-        for j, coordinate in enumerate(self.unshared_coordinates):
+        for j, coordinate in enumerate(self.unshared_coordinates):  # each has a prior of its own
             density = self.rows.priors[coordinate]
             u = unshared[..., j]
             total += density.log_density(u)
@@ -148,21 +154,25 @@ class SeparateFits(NamedTuple):
 
 
 def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits:
-    """Maxima by Fisher scoring, all subjects at once.
+    """Each subject's maximum by Fisher scoring, with the normal that approximates it.
 
-    A step that lowers the log density is not made; the next one of that subject is shorter.
+    All subjects move at once. A step that lowers the log density of a subject is not made; the next
+    one of that subject is shorter.
     """
     n = rows.n_subjects
     k = rows.n_coordinates
     q = rows.n_coefficients
-    # The normal prior; that of the unshared parameters has SD 1.
+    # The normal prior of a point, (k,); that of the unshared parameters has SD 1.
     centre = np.zeros(k)
     precision = np.ones(k)
     centre[:q] = numbers.mean
     precision[:q] = 1.0 / (np.square(numbers.mean_scale) + np.square(numbers.sd_scale))
 
     def scored(w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log density, gradient and Fisher information at a point of each subject."""
+        """Log density, gradient and Fisher information at a point of each subject, (n, k).
+
+        The shapes are (n,), (n, k) and (n, k, k).
+        """
         value, slope, information = rows.scoring(w[:, None])
         offset = w - centre
         value = value[:, 0] - 0.5 * (precision * np.square(offset)).sum(axis=1)
@@ -170,30 +180,33 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
 
     w = np.tile(centre, (n, 1))
     value, slope, information = scored(w)
-    share = np.ones((n, 1))  # of a full step
+    share = np.ones((n, 1))  # of a full step, for each subject
     for _ in range(_SCORING_STEPS):
         step = np.linalg.solve(information, slope[..., None])[..., 0]
         trial = w + share * step
         trial_scores = scored(trial)
+        # Where the gain is lost in rounding errors, any step is as good.
         expected_gain = (step * slope).sum(axis=1)
         is_better = (trial_scores[0] > value) | (expected_gain < _SMALL_GAIN)
+        # Subjects with a better point move there.
         for array, new in zip((w, value, slope, information), (trial, *trial_scores), strict=True):
             array[is_better] = new[is_better]
         # A step that is made is followed by one twice as long, and another one by a quarter of it.
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
 
-    # The precision of the responses is that of the posterior less that of the prior.
+    # The precision of the responses is that of the posterior less that of the prior. Where nothing
+    # is left, the responses say nothing, and h e is 0 as h is.
     variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
-    by_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
-    weighted_centre = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
-    weighted_centre[by_responses <= 0.0] = 0.0
-    # The slope of the mode of the unshared parameters in the coefficients, given these.
+    precision_of_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
+    information_of_responses = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
+    information_of_responses[precision_of_responses <= 0.0] = 0.0
+    # The mode of the unshared parameters given the coefficients moves with these by so much.
     ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
     # The lapse rate comes first. It trades off against the noise along a curve, not a line.
     ridge[:, 0] = 0.0
-    parts = (w, np.sqrt(variance), weighted_centre, by_responses, ridge)
+    fits = (w, np.sqrt(variance), information_of_responses, precision_of_responses, ridge)
     # Single precision is enough, and the same on processors whose last bits differ.
-    return SeparateFits(*(part.astype(np.float32).astype(np.float64) for part in parts))
+    return SeparateFits(*(array.astype(np.float32).astype(np.float64) for array in fits))
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,12 +245,12 @@ class GroupPosterior:
         numbers = self.numbers
         q = self.rows.n_coefficients
         fits = self.fits
-        precision = fits.precision[:, None]
-        information = fits.information[:, None]
+        precision = fits.precision[:, None]  # h, (subjects, 1, q)
+        information = fits.information[:, None]  # h e
         mean, sd_score, effects, block = self._split(theta)
-        xi = block[..., :q]
+        xi = block[..., :q]  # (subjects, points, q)
         unshared = block[..., q:]
-        tau, tau_rise, log_prior_of_sd, slope_of_sd_prior = numbers.sds(sd_score)
+        tau, tau_rise, log_prior_of_sd, slope_of_sd_prior = numbers.sds(sd_score)  # (points, q)
         expected = self._subject_means(mean, effects)
 
         # With s the share and h (e - mu) the pull of the responses, the coefficients are
@@ -258,7 +271,8 @@ class GroupPosterior:
         log_prior = (log_mean + log_prior_of_sd).sum(axis=-1) + log_effect.sum(axis=(1, 2))
         value = log_prior + (log_likelihood + log_unshared + log_scores).sum(axis=0)
 
-        # Slopes in a and in the coordinates of a subject, then in mu and tau.
+        # Slopes in a and in the coordinates of a subject, then in mu and tau, by the chain rule.
+        # The log prior of a score has the slope -u du/dxi in xi, and so on.
         by_unshared = likelihood_slope[..., q:] + unshared_slope
         by_coefficient = likelihood_slope[..., :q] + by_unshared @ fits.ridge
         by_xi = by_coefficient * unit - score * root
@@ -272,8 +286,8 @@ class GroupPosterior:
         sd_slope = slope_of_sd_prior + by_sd.sum(axis=0) * tau_rise
         effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)
         subject_slope = np.concatenate([by_xi, by_unshared], axis=-1).swapaxes(0, 1)
-        parts = (mean_slope, sd_slope, effect_slope, subject_slope)
-        return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
+        slopes = (mean_slope, sd_slope, effect_slope, subject_slope)  # in the order of theta
+        return value, np.concatenate([slope.reshape(len(theta), -1) for slope in slopes], axis=1)
 
     def points(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """The parameters of coordinates theta, shape (points, n_coordinates).
@@ -284,7 +298,7 @@ class GroupPosterior:
         """
         q = self.rows.n_coefficients
         mean, sd_score, effects, block = self._split(theta)
-        tau, *_ = self.numbers.sds(sd_score)
+        tau, *_ = self.numbers.sds(sd_score)  # without densities and slopes
         expected = self._subject_means(mean, effects)
         precision = self.fits.precision[:, None]
         unit = tau / np.sqrt(1.0 + precision * np.square(tau))
@@ -302,21 +316,26 @@ class GroupPosterior:
         q = self.rows.n_coefficients
         fits = self.fits
         mode = fits.mode[:, :q]
-        spread = np.maximum(mode.std(axis=0), 0.3 * self.numbers.sd_scale)
+        spread = np.maximum(mode.std(axis=0), 0.3 * self.numbers.sd_scale)  # (q,)
         standard_error = spread / np.sqrt(self.rows.n_subjects)
+
+        # Means, scores of standard deviations, effects, and the blocks of the subjects.
         theta = np.zeros((n_points, self.n_coordinates))
         theta[:, :q] = mode.mean(axis=0) + 2.0 * standard_error * rng.standard_normal((n_points, q))
         sd = spread * np.exp(0.7 * rng.standard_normal((n_points, q)))
         theta[:, q : 2 * q] = half_normal_score(sd / self.numbers.sd_scale)
-        effects = np.tile(standard_error, self.x.shape[1])
+        effects = np.tile(standard_error, self.x.shape[1])  # about 0, for each covariate
         theta[:, 2 * q : self.n_shared] = effects * rng.standard_normal((n_points, len(effects)))
         block = rng.standard_normal((n_points, self.rows.n_subjects, self.rows.n_coordinates))
-        block[..., q:] *= fits.sd[:, q:]
+        block[..., q:] *= fits.sd[:, q:]  # xi has the unit 1, unshared parameters have their own
         theta[:, self.n_shared :] = block.reshape(n_points, -1)
         return theta
 
     def _subject_points(self, coefficients: FloatArray, unshared: FloatArray) -> FloatArray:
-        """Points w; the unshared parameters count from their mode given the coefficients."""
+        """Points w, (subjects, points, q + unshared), from coefficients and further coordinates.
+
+        The coordinates of unshared parameters count from their mode given the coefficients.
+        """
         n_coefficients = self.rows.n_coefficients
         mode, unshared_mode = np.split(self.fits.mode[:, None], [n_coefficients], axis=-1)
         shift = (coefficients - mode) @ self.fits.ridge.swapaxes(1, 2)

@@ -27,8 +27,9 @@ from bayes_toe.inference.diagnostics import Convergence, convergence_of, worst
 
 Density = Callable[[FloatArray], ArrayPair]
 
-#: Gain of energy or momentum at which a trajectory is given up.
+#: Gain of energy, nats, and size of a momentum at which a trajectory is given up.
 _LARGEST = 1000.0
+#: Leapfrog steps of a trajectory.
 _MOST_STEPS = 256
 #: Draws of the rounds of warm-up.
 _ROUNDS = (40, 40, 60, 80)
@@ -56,9 +57,9 @@ class Metric:
     """
 
     def __init__(self, n_shared: int, n_blocks: int, block_size: int) -> None:
-        self._shared: FloatArray = np.eye(n_shared)
-        self._blocks = np.tile(np.eye(block_size), (n_blocks, 1, 1))
-        self._following = np.zeros((n_shared, n_blocks * block_size))
+        self._shared: FloatArray = np.eye(n_shared)  # S
+        self._blocks = np.tile(np.eye(block_size), (n_blocks, 1, 1))  # L_i
+        self._following = np.zeros((n_shared, n_blocks * block_size))  # B_i', side by side
 
     def to_position(self, momentum: FloatArray) -> FloatArray:
         """The change of the position by a momentum, by the map; (chains, coordinates) both."""
@@ -81,19 +82,21 @@ class Metric:
         """Learn from draws, (draws, coordinates); the former map counts as a few draws more."""
         n_shared = len(self._shared)
         (n_blocks, size, _) = self._blocks.shape
-        weight = len(draws) / (len(draws) + _GUESS_WEIGHT)
+        weight = len(draws) / (len(draws) + _GUESS_WEIGHT)  # of the draws, against the former map
         draws = draws - draws.mean(axis=0)
         shared = draws[:, :n_shared]
         blocks = draws[:, n_shared:]
         self._shared = _shrunk_root(shared[None], self._shared[None])[0]
         # B is the regression of the blocks on the shared coordinates, L the root of what it leaves.
+        # Before the first draws B is 0, toward which the weight shrinks the covariance.
         covariance = weight * shared.T @ blocks / len(draws)
+        # S S' is the covariance of the shared coordinates.
         self._following[:] = np.linalg.solve(self._shared @ self._shared.T, covariance)
         residual = (blocks - shared @ self._following).reshape(-1, n_blocks, size).swapaxes(0, 1)
         self._blocks = _shrunk_root(residual, self._blocks)
 
     def _by_block(self, values: FloatArray, factors: FloatArray) -> FloatArray:
-        """Each block of values, (chains, blocks x size), times its factor."""
+        """Each block of values, (chains, blocks x size), times its factor, (blocks, size, size)."""
         n_blocks, size, _ = factors.shape
         by_block = values.reshape(-1, n_blocks, size).swapaxes(0, 1) @ factors
         return by_block.swapaxes(0, 1).reshape(values.shape)
@@ -144,45 +147,48 @@ class Hamiltonian:
         they would be long. While chains settle, the step follows the worst chain.
         """
         self._adapt_step(40, np.min, most_steps=8)
-        for i, size in enumerate(_ROUNDS):
-            draws = self._adapt_step(size, most_steps=_MOST_STEPS if i else 32)
-            late_draws = draws[size // 4 :]  # while the step was near its value
-            self._metric.learn(late_draws.reshape(-1, draws.shape[-1]))
-        self._adapt_step(_ROUNDS[0])
+        for i, n_draws in enumerate(_ROUNDS):
+            draws = self._adapt_step(n_draws, most_steps=_MOST_STEPS if i else 32)
+            late_draws = draws[n_draws // 4 :]  # while the step was near its value
+            self._metric.learn(late_draws.reshape(-1, draws.shape[-1]))  # of all chains
+        self._adapt_step(_ROUNDS[0])  # the step for the last metric
 
     def advance(
         self,
-        parts: Sequence[FloatArray],
+        outputs: Sequence[FloatArray],
         parameters: Callable[[FloatArray], Sequence[FloatArray]],
     ) -> int:
-        """Write more draws; return how often a trajectory diverged.
+        """Fill arrays with draws; return how often a trajectory diverged.
 
-        One in eight trajectories has shorter steps, so that a chain can leave a region in which the
-        common step is too long.
+        One in eight trajectories has steps of a fifth, so that a chain can leave a region in which
+        the common step is too long.
 
         Parameters
         ----------
-        parts : sequence of ndarray, shape (chains, draws, ...)
-            Arrays that are filled.
+        outputs : sequence of ndarray, shape (chains, draws, ...)
+            The arrays that are filled, one for each parameter.
         parameters : callable
-            Points, (chains, coordinates) -> what is written of a draw, an array for each part.
+            Points, (chains, coordinates) -> the parameters, (chains, ...) each.
         """
-        is_careful = self._rng.uniform(size=parts[0].shape[1]) < 0.125
+        is_careful = self._rng.uniform(size=outputs[0].shape[1]) < 0.125
         n_divergent = 0
         for t, factor in enumerate(np.where(is_careful, 0.2, 1.0).tolist()):
             _, is_divergent = self._move(factor)
             n_divergent += int(is_divergent.sum())
-            for part, values in zip(parts, parameters(self._x), strict=True):
-                part[:, t] = values
+            for output, values in zip(outputs, parameters(self._x), strict=True):
+                output[:, t] = values
         return n_divergent
 
     def _adapt_step(
         self,
-        size: int,
+        n_draws: int,
         summary: Callable[[FloatArray], float] = np.mean,
         most_steps: int = _MOST_STEPS,
     ) -> FloatArray:
-        """Draws during which the step is adapted to an acceptance of 0.9, by dual averaging.
+        """Draws, (n_draws, chains, coordinates), while the step adapts to an acceptance of 0.9.
+
+        The acceptance of a draw is the `summary` of those of the chains. The method is dual
+        averaging.
 
         Source: Hoffman and Gelman 2014, section 3.2, with t_0 = 10, kappa = 0.75 and gamma = 0.1.
         `anchor` is their mu, `error` their H, and `averaged` the mean of the log step, which is the
@@ -192,7 +198,7 @@ class Hamiltonian:
         error = 0.0
         averaged = np.log(self.step)
         draws = []
-        for t in range(1, size + 1):
+        for t in range(1, n_draws + 1):
             acceptance, _ = self._move(most_steps=most_steps)
             # Rounded, positions are the same where processors differ in last bits.
             self._x = np.round(self._x, _WARM_UP_DECIMALS)
@@ -209,25 +215,27 @@ class Hamiltonian:
     def _move(
         self, factor: float = 1.0, most_steps: int = _MOST_STEPS
     ) -> tuple[FloatArray, BoolArray]:
-        """Move every chain along a trajectory: its acceptance, and whether it diverged.
+        """Move every chain along a trajectory: its acceptance, and whether it diverged, (chains,).
 
-        The steps of this trajectory are shorter by the factor.
+        The steps of this trajectory are those of the sampler times the factor.
         """
         # A standard normal coordinate is farthest from its start after pi, and back after 2 pi.
         # The length is between a quarter of pi and 5/4 of it.
         length = 0.75 * np.pi * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
+        # Few steps end early: a step never grows so that the trajectory gets its length.
         step = factor * min(length / n_steps, self.step)
         metric = self._metric
         momentum = self._rng.standard_normal(self._x.shape)
-        x = self._x
+        x = self._x  # (chains, coordinates)
         value = self._value
         gradient = self._gradient
         first_energy = _kinetic(momentum) - value
         push = 0.5 * step * metric.to_momentum(gradient)
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
-            # A leapfrog step. What is not below the limit diverges, a NaN too.
+            # A leapfrog step. A NaN is not below the limit, so that it diverges, too. A chain that
+            # diverged waits for the others without momentum.
             momentum = momentum + push
             is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST)
             momentum[is_divergent] = 0.0
@@ -248,7 +256,7 @@ class Hamiltonian:
 
 
 def _kinetic(momentum: FloatArray) -> FloatArray:
-    """Kinetic energy, (chains,)."""
+    """Kinetic energy of momenta, (chains, coordinates): half the sum of squares, (chains,)."""
     # Where the density is 0 its slope may be anything; such a trajectory is divergent.
     with np.errstate(over="ignore"):
         return 0.5 * np.square(momentum).sum(axis=1)
@@ -283,7 +291,7 @@ class GroupDraws:
 
     @cached_property
     def convergence(self) -> Mapping[str, Convergence]:
-        """Diagnostics of every mean, standard deviation and effect, by its position."""
+        """Diagnostics of every mean, standard deviation and effect, by its number: '0', '1', ..."""
         effects = self.effects.reshape(*self.mean.shape[:2], -1)
         columns = np.concatenate([self.mean, self.sd, effects], axis=2)
         return convergence_of({str(i): columns[..., i] for i in range(columns.shape[2])})
@@ -315,16 +323,20 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     sampler.warm_up()
     n_first = math.ceil(n_draws / N_CHAINS)
     # The second half takes no memory before it is written.
-    parts = [np.empty((N_CHAINS, 2 * n_first, *part.shape[1:])) for part in posterior.points(start)]
-    *of_group, subjects = first_half = [part[:, :n_first] for part in parts]
+    outputs = [  # mean, sd, effects and subjects
+        np.empty((N_CHAINS, 2 * n_first, *values.shape[1:])) for values in posterior.points(start)
+    ]
+    first_half = [output[:, :n_first] for output in outputs]
     n_divergent = sampler.advance(first_half, posterior.points)
     # A matrix product may round otherwise where memory has gaps, as it has in the half of an array.
+    # The subjects, by far the largest array, are in no such product.
+    *of_group, subjects = first_half
     first_half = [*map(np.copy, of_group), subjects]
     draws = GroupDraws(*first_half, n_divergent=n_divergent)
     if not draws.shortfall:
         return draws
     if n_divergent:
         sampler.step *= 0.4
-        n_first = 0  # none of them is kept
-    n_divergent = sampler.advance([part[:, n_first:] for part in parts], posterior.points)
-    return GroupDraws(*parts, n_divergent=n_divergent)
+        n_first = 0  # the draws so far are written over
+    n_divergent = sampler.advance([output[:, n_first:] for output in outputs], posterior.points)
+    return GroupDraws(*outputs, n_divergent=n_divergent)

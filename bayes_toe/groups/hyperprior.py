@@ -30,6 +30,7 @@ class HyperpriorNumbers(NamedTuple):
     @classmethod
     def from_rows(cls, rows: list[ParameterHyperprior]) -> HyperpriorNumbers:
         """The numbers of some rows, as arrays."""
+        # The columns of a table with a row for each coefficient.
         mean, mean_scale, sd_scale, tails = np.array([astuple(row) for row in rows]).T
         return cls(mean, mean_scale, sd_scale, tails.astype(np.bool_))
 
@@ -39,17 +40,20 @@ class HyperpriorNumbers(NamedTuple):
         return log_density - np.log(self.mean_scale), slope / self.mean_scale
 
     def sds(self, score: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Standard deviations between subjects from their scores, (..., coefficients) each.
+        """Standard deviations between subjects from their scores, shape (..., coefficients).
 
         Their derivatives in the scores follow. Then come the log prior density of each score,
-        without a constant, and its derivative.
+        without a constant, and its derivative. All four have the same shape.
+
+        A standard deviation is sd_scale times u, which is half-normal or half Student's t.
 
         The score is the standard normal quantile of the probability that a half-normal variable
         is smaller. Where the data do not show that subjects differ, the posterior of a score has
         a normal tail; that of a log SD has a long one.
         """
         u = from_half_normal_score(score)
-        # From 2 Phi(u) - 1 = Phi(score): du/dscore = phi(score) / (2 phi(u)).
+        # From 2 Phi(u) - 1 = Phi(score): du/dscore = phi(score) / (2 phi(u)). The density of the
+        # score is that of u times this derivative.
         rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
         log_density, slope = self._density(u)
         log_prior = log_normal(score) + log_density - log_normal(u)

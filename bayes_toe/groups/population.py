@@ -40,6 +40,7 @@ from bayes_toe.groups.group_sampler import GroupDraws, sample_group
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.population_table import (
     COMPUTED,
+    EFFECTS,
     QUANTILES,
     SUBJECT_COLUMNS,
     PopulationTable,
@@ -76,8 +77,7 @@ from bayes_toe.seeds import generator, require_seed, root_seed
 
 #: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
 DRAWS = 3200
-_EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
-#: The draws and the covariates in a file, with the names of their axes.
+#: The arrays of :class:`GroupDraws` and the covariates in a file, with the names of their axes.
 _DRAWS = {
     "mean": ("chain", "draw", "coefficient"),
     "sd": ("chain", "draw", "coefficient"),
@@ -86,7 +86,7 @@ _DRAWS = {
 }
 _COVARIATES = {"x": ("subject", "covariate")}
 #: What may differ between conditions.
-DIFFERING = (*_EFFECTS, NOISE.name)
+DIFFERING = (*EFFECTS, NOISE.name)
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class GroupSettings:
 
     def __post_init__(self) -> None:
         require_seed(self.seed)
-        require_number("draws", self.draws, 100, 100_000)
+        require_number("draws", self.draws, smallest=100, largest=100_000)
 
 
 def study_scales(study: Study) -> StimulusScales:
@@ -118,7 +118,7 @@ def study_scales(study: Study) -> StimulusScales:
     scales = common_scales(*study)
     if scales is None:
         raise InputError("no pair has two different stimuli, so no order effect can be seen")
-    offsets = []
+    offsets = []  # first stimuli from their mean in the subject
     n_trials = []
     for units in units_by_subject(study).values():
         mean = _mean_first(units)
@@ -161,7 +161,7 @@ class PopulationResult:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that the group has a distribution of."""
+        """The parameters that have a distribution over subjects."""
         return tuple(row.name for row in group_parameters(self.study.task))
 
     @cached_property
@@ -199,8 +199,9 @@ class PopulationResult:
     @cached_property
     def identified(self) -> frozenset[str]:
         """The parameters that the pairs of a subject can show; other means rest on the prior."""
-        # An effect is unknown if each unit has a reason why its pairs cannot show it.
-        unknown = set(_EFFECTS).intersection(*(identify(unit).reasons for unit in self.study))
+        # A unit has reasons for the effects that its pairs cannot show. An effect is unknown if all
+        # units have a reason.
+        unknown = set(EFFECTS).intersection(*(identify(unit).reasons for unit in self.study))
         return frozenset(self.names) - unknown
 
     def index(self, name: str) -> int:
@@ -218,7 +219,7 @@ class PopulationResult:
         if name == CONSTANT_ERROR.name:
             return unit.differences(coefficients * self.scales.step)
         if name == NOISE.name:
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore"):  # an infinite JND is printed as such
                 jnd = JND_OVER_NOISE * self.scales.step * np.exp(coefficients)
             return unit.differences(jnd)
         return expit(coefficients) if name == PEAK.name else coefficients
@@ -250,12 +251,13 @@ class PopulationResult:
     ) -> tuple[FloatArray, FloatArray, ZeroBayesFactor]:
         """The difference of two conditions in a parameter.
 
-        Returns draws of its mean and of its standard deviation between subjects, and the Bayes
-        factor for a mean of 0. The coefficients of a subject are independent, so that their
-        variances add up.
+        It is the first level minus the second. Returns draws of its mean and of its standard
+        deviation between subjects, (chains, draws), and the Bayes factor for a mean of 0. The
+        coefficients of a subject are independent given the group, so that their variances add up.
         """
         conditions = self.study.conditions
         assert conditions is not None  # there are levels
+        # A row of the design has the weights of a parameter's coefficients at one level.
         first, second = conditions.design()[list(map(conditions.levels.index, levels))]
         weights = first - second
         columns = self.difference_columns(name)
@@ -281,7 +283,7 @@ class PopulationResult:
         values = {name: coefficients[..., j] for j, name in enumerate(self.names)}
         for name, quantity in COMPUTED.items():
             if name in values:
-                values[quantity] = self.in_units(name, values[name])
+                values[quantity] = self.in_units(name, values[name])  # in per cent by default
         return values
 
     @property
@@ -311,24 +313,25 @@ class PopulationResult:
         """The rows of population.csv."""
         rows = []
         for name, values in self.quantities(self.draws.mean).items():
-            zero = None
-            if name in _EFFECTS:
-                zero = zero_mean(self.draws, self.numbers, self.regressors.x, self.index(name))
-            rows.append(summary_row(name, "mean", values, zero=zero))
+            zero_factor = None
+            if name in EFFECTS:  # whether another mean is 0 is no question
+                j = self.index(name)
+                zero_factor = zero_mean(self.draws, self.numbers, self.regressors.x, j)
+            rows.append(summary_row(name, "mean", values, zero_factor=zero_factor))
         for j, name in enumerate(self.names):
             rows.append(summary_row(name, "sd", self.draws.sd[..., j]))
         for name, values in self.quantities(self.new_subject).items():
             rows.append(summary_row(name, "new_subject", values))
         for i, label in enumerate(self.regressors.labels):
             for j, name in enumerate(self.names):
-                zero = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
+                zero_factor = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
                 values = self.draws.effects[..., i, j]
-                rows.append(summary_row(name, "effect", values, label, zero))
+                rows.append(summary_row(name, "effect", values, label, zero_factor))
         for levels in self.comparisons:
             level = " - ".join(levels)
             for name in DIFFERING:
-                mean, sd, zero = self.difference(name, levels)
-                rows.append(summary_row(name, "difference", mean, level, zero))
+                mean, sd, zero_factor = self.difference(name, levels)
+                rows.append(summary_row(name, "difference", mean, level, zero_factor))
                 rows.append(summary_row(name, "difference_sd", sd, level))
         return PopulationTable(tuple(rows), self.settings.seed)
 
@@ -341,11 +344,12 @@ class PopulationResult:
         n_coefficients = self.draws.mean.shape[-1]
         rows = []
         for i, subject in enumerate(self.subjects):
-            draws = self.draws.subjects[:, :, i]
+            draws = self.draws.subjects[:, :, i]  # (chains, draws, parameters)
             values = self.quantities(draws)
             # The parameters that the group does not share follow, in units of their prior.
             for j, name in enumerate(self.unshared_names, start=n_coefficients):
                 u = draws[..., j]
+                # The lapse rate has a beta prior, and the slopes have normal ones with a scale.
                 if name == LAPSE_RATE.name:
                     log_rate, _ = lapse_logs(u, PLAIN_UNITS.lapse_rate_b)
                     values[name] = np.exp(log_rate)
@@ -374,6 +378,7 @@ class PopulationResult:
             n_columns = len(self.difference_columns(name))
             coefficients += [f"difference {i + 1} of {name}" for i in range(n_columns)]
         regressors = self.regressors
+        # The names along each axis, first of the axes that both datasets have.
         names = {"subject": list(self.subjects), "covariate": regressors.labels}
         parameters = [*coefficients, *self.unshared_names]
         coordinates = {**names, "coefficient": coefficients, "parameter": parameters}
@@ -453,16 +458,17 @@ def population(
         covariates = {}
     elif not isinstance(covariates, Mapping):
         covariates = read_covariates(covariates)
-    columns = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
+    chosen = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
     if covariates:
-        study = study.select(columns.subjects)
-    if len(columns.subjects) < 2:
+        study = study.select(chosen.subjects)
+    if len(chosen.subjects) < 2:
         raise InputError(
-            f"population: {join_names(columns.subjects)} is one subject; allowed: 2 and more"
+            f"population: {join_names(chosen.subjects)} is one subject; allowed: 2 and more"
         )
-    posterior = group_posterior(study, settings.hyperprior, columns.x)
-    drawn = sample_group(posterior, draws, generator(settings.seed, "population"))
-    result = PopulationResult(study, settings, columns, drawn)
+
+    posterior = group_posterior(study, settings.hyperprior, chosen.x)
+    group_draws = sample_group(posterior, draws, generator(settings.seed, "population"))
+    result = PopulationResult(study, settings, chosen, group_draws)
     for problem in result.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return result
@@ -477,17 +483,19 @@ def group_posterior(study: Study, hyperprior: Hyperprior, x: FloatArray) -> Grou
 
 def subject_rows(study: Study) -> SubjectRows:
     """The likelihood of a study's subjects, a row for each unit of subject and condition."""
-    # A spread of 0 does not narrow the prior of p; the hyperprior is narrowed instead.
+    # By default, a spread of first stimuli narrows the prior of p. Here the hyperprior is narrowed
+    # (see _numbers), so that the spread is 0.
     scales = study_scales(study)._replace(first_spread=0.0)
     units: list[Subject] = []
     unit_scales = []
-    first_row = []
+    first_row = []  # the first unit of each subject
     for subject_units in units_by_subject(study).values():
         first_row.append(len(units))
         units += subject_units
         unit_scales += [scales._replace(sbar=_mean_first(subject_units))] * len(subject_units)
     differences = {}
     if study.conditions is not None:
+        # The design of the conditions has a row for each level.
         levels = [study.conditions.levels.index(unit.condition) for unit in units]
         differences = dict.fromkeys(DIFFERING, study.conditions.design()[levels])
     return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), differences)
@@ -531,11 +539,11 @@ def _stored_population(tree: xr.DataTree) -> PopulationResult:
     covariates = tree[COVARIATES].to_dataset()
     require_numbers(posterior, _DRAWS)
     require_numbers(covariates, _COVARIATES)
-    xr.align(posterior, covariates, join="exact")
+    xr.align(posterior, covariates, join="exact")  # refuses other subjects or covariates
     record = json.loads(tree.attrs["settings"])
     arrays = {name: posterior[name].values for name in _DRAWS}
     draws = GroupDraws(**arrays, n_divergent=record["n_divergent"])
-    columns = Regressors(
+    stored_regressors = Regressors(
         tuple(map(str, posterior["subject"].values)),
         covariates["x"].values,
         tuple(Regressor(*column) for column in record["columns"]),
@@ -543,4 +551,4 @@ def _stored_population(tree: xr.DataTree) -> PopulationResult:
     )
     hyperprior = Hyperprior.from_record(record["hyperprior"])
     settings = GroupSettings(int(tree.attrs["seed"]), hyperprior, record["n_draws"])
-    return PopulationResult(stored_study(tree), settings, columns, draws)
+    return PopulationResult(stored_study(tree), settings, stored_regressors, draws)

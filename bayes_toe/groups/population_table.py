@@ -15,8 +15,10 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tables import Table
 from bayes_toe.groups.zero_mean import ZeroBayesFactor
 from bayes_toe.inference.diagnostics import convergence
-from bayes_toe.model.parameters import CONSTANT_ERROR, NOISE, PEAK
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
+#: The parameters that are order effects.
+EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
 #: The median and the ends of the 95 % interval.
 QUANTILES = (0.025, 0.5, 0.975)
 #: The quantities that are computed from parameters, in the units of screens.
@@ -71,12 +73,13 @@ class PopulationRow(NamedTuple):
         return np.array([self.q025, self.q50, self.q975])
 
 
-#: The columns of population_subjects.csv, of which a row is one parameter of one subject.
+#: The columns of population_subjects.csv, of which a row is one parameter of one subject. The last
+#: ones, from q025 to r_hat, are those of :func:`summary`.
 SUBJECT_COLUMNS = ("subject", "parameter", *PopulationRow._fields[3:9])
 
 
 def summary(draws: FloatArray) -> tuple[float, ...]:
-    """Median, 95 % interval and diagnostics of draws, shape (chains, draws)."""
+    """Quantiles .025, .5, .975 of draws, shape (chains, draws), ESS of bulk and tail, and R-hat."""
     return *np.quantile(draws, QUANTILES).tolist(), *convergence(draws)
 
 
@@ -85,23 +88,26 @@ def summary_row(
     quantity: str,
     draws: FloatArray,
     level: str = "",
-    zero: ZeroBayesFactor | None = None,
+    zero_factor: ZeroBayesFactor | None = None,
 ) -> PopulationRow:
-    """The row of a quantity, draws of shape (chains, draws)."""
+    """The row of a quantity from its draws, shape (chains, draws).
+
+    `zero_factor` is the Bayes factor of 0, if 0 is a value of interest.
+    """
     row = PopulationRow(parameter, quantity, level, *summary(draws))
-    if zero is None:
+    if zero_factor is None:
         return row
     p_positive = float((draws > 0.0).mean())
     return row._replace(
         p_direction=max(p_positive, 1.0 - p_positive),
-        ln_bf_zero=zero.log_bf,
-        ln_bf_zero_se=zero.error,
+        ln_bf_zero=zero_factor.log_bf,
+        ln_bf_zero_se=zero_factor.error,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class PopulationTable(Table[PopulationRow]):
-    """The rows of population.csv."""
+    """The rows of population.csv. The short table has no diagnostics and no standard error."""
 
     seed: int
     short_columns = (*PopulationRow._fields[:6], "p_direction", "ln_bf_zero")
@@ -112,6 +118,7 @@ class PopulationTable(Table[PopulationRow]):
         A percentage that is too large for a number is NaN.
         """
         columns = list(PopulationRow._fields)
+        # All columns behind the level are numbers, also those in which every entry is None.
         frame = pd.DataFrame(self.rows, columns=columns).astype(dict.fromkeys(columns[3:], float))
         return frame.replace([np.inf, -np.inf], np.nan)
 

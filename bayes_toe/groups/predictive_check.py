@@ -88,17 +88,18 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
     rng = generator(result.settings.seed, "population", "predictive check")
     likelihood = subject_rows(result.study)
     rows = likelihood.rows
-    # Three answers have the counts of a second question behind those of 'equal'.
+    # Three answers have the counts of a second question behind those of 'equal'. The first stimuli
+    # have one entry for each pair.
     first_question = slice(rows.first.shape[-1])
-    observed = rows.n_yes[:, 0, first_question].astype(np.int64)
+    observed = rows.n_yes[:, 0, first_question].astype(np.int64)  # (rows, pairs)
     n_trials = observed + rows.n_no[:, 0, first_question].astype(np.int64)
     points = _new_subjects(result, rng)
     log_yes = []
-    # Some subjects at a time, so that temporary arrays stay small.
+    # At most 32 subjects at a time, so that temporary arrays stay small.
     for block in np.array_split(np.arange(len(points)), 1 + len(points) // 32):
         part = likelihood.part(block)
         log_yes.append(part.rows.log_answers(part.row_points(points[block])).yes)
-    # (rows, groups, pairs); rounding may take a probability above 1.
+    # The shape is (rows, groups, pairs). Rounding may take a probability above 1.
     p_yes = np.exp(np.minimum(np.concatenate(log_yes), 0.0))[..., first_question]
     simulated = rng.binomial(n_trials[:, None], p_yes)
     counts = np.concatenate([observed[:, None], simulated], axis=1)
@@ -108,17 +109,18 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
 def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
     """Points of new subjects in 500 groups, (subjects, groups, coordinates).
 
-    The first q coordinates have a distribution over subjects. The others are those of the subjects.
+    The q coefficients are new. The parameters that the group does not share are those of the
+    observed subjects, because they have no distribution over subjects.
     """
     draws = result.draws
-    *shape, q = draws.mean.shape
-    evenly_spaced = np.linspace(0, np.prod(shape) - 1, 500).astype(int)
-    index = np.unravel_index(evenly_spaced, shape)  # chains and draws
+    n_chains, n_draws, q = draws.mean.shape
+    evenly_spaced = np.linspace(0, n_chains * n_draws - 1, 500).astype(int)
+    index = np.unravel_index(evenly_spaced, (n_chains, n_draws))
     mean = draws.mean[index]
     sd = draws.sd[index]
     effects = draws.effects[index]
 
-    expected = mean[:, None] + result.regressors.x @ effects
+    expected = mean[:, None] + result.regressors.x @ effects  # (groups, subjects, q)
     coefficients = expected + sd[:, None] * rng.standard_normal(expected.shape)
     unshared = draws.subjects[index][..., q:]
     return np.concatenate([coefficients, unshared], axis=-1).swapaxes(0, 1)
@@ -132,7 +134,7 @@ def _compare(
     `n_yes` has the shape (rows, groups, pairs), `n_trials` (rows, pairs).
     """
     task = units[0].task
-    difference = likelihood.rows.difference[:, 0]
+    difference = likelihood.rows.difference[:, 0]  # s2 - s1, (rows, pairs)
     n_wrong = task.wrong(difference[:, None], n_yes, n_trials[:, None])
 
     def by_subject(values: FloatArray | IntArray) -> FloatArray:
@@ -143,16 +145,17 @@ def _compare(
     signs = np.zeros(difference.shape)
     for i, unit in enumerate(units):
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
-    n_compared = by_subject((signs > 0.0).sum(axis=1))
+    n_compared = by_subject((signs > 0.0).sum(axis=1))  # pairs of different stimuli
     is_compared = n_compared > 0
     if is_compared.sum() > 1:  # one subject has no spread
-        # Laplace's estimator of the frequency of a wrong response.
-        wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)
-        total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))
+        # Laplace's estimator of the frequency of a wrong response. Its mean difference between the
+        # orders is the mean asymmetry.
+        wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)  # (rows, groups, pairs)
+        total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))  # (subjects, groups)
         asymmetry = total[is_compared] / n_compared[is_compared, None]
         yield from _statistics("mean asymmetry", asymmetry, ("spread", "farthest"))
 
-    # Equal stimuli have no right response in some tasks.
+    # Equal stimuli have no right response in some tasks, where `right` is 0.
     n_judged = by_subject(np.where(task.right(difference) == 0, 0, n_trials).sum(axis=1))
     has_right_answer = n_judged > 0
     if has_right_answer.sum() > 1:
@@ -168,6 +171,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
     """Statistics of values, (subjects, groups), of which the first group is the observed one."""
     spread = values.std(axis=0, ddof=1)
     offsets = values - values.mean(axis=0)
+    # 0 where all subjects have the same value.
     scores = np.divide(offsets, spread, out=np.zeros_like(offsets), where=spread > 0.0)
     measures = {
         "spread": spread,
@@ -175,7 +179,8 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         "farthest": np.abs(scores).max(axis=0),
     }
     for kind in kinds:
-        if kind != "spread" and len(values) < 3:  # of two subjects, the others are constant
+        # Two subjects always have the same skewness, and the same distance from their mean in SDs.
+        if kind != "spread" and len(values) < 3:
             continue
         observed = float(measures[kind][0])
         simulated = measures[kind][1:]

@@ -42,7 +42,7 @@ class Regressor(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Covariate and level."""
+        """The name of the column: the covariate, and the level if it has one, as in 'sex f'."""
         return " ".join(display_name(part) for part in (self.covariate, self.level) if part)
 
 
@@ -107,7 +107,8 @@ def regressors(
     incomplete = _incomplete_subjects(covariates, subjects)
     left_out = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
     complete = tuple(name for name in subjects if name not in incomplete)
-    _require_subjects(complete, len(covariates), left_out)  # each has a column or more
+    # The columns cannot be made without subjects. Each covariate has a column or more.
+    _require_subjects(complete, len(covariates), left_out)
 
     columns = []
     x = np.empty((len(complete), 0))
@@ -138,7 +139,7 @@ def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dic
     reasons = {}
     for subject in subjects:
         missing = [name for name, values in covariates.items() if subject not in values]
-        if len(missing) == len(covariates) > 1:  # all of several
+        if len(missing) == len(covariates) > 1:  # all of them, where there are several
             reasons[subject] = "no covariates"
         elif missing:
             reasons[subject] = ", ".join(f"no {display_name(name)}" for name in missing)
@@ -155,7 +156,8 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
     if values.min() == values.max():
         raise _does_not_vary(name, f"{values[0]:g}")
 
-    # Squares of numbers beyond 1e154 are beyond the largest float, so the largest is the unit.
+    # The square of a number beyond 1e154 is beyond the largest float, so that the mean and the SD
+    # are computed with the largest number as unit.
     unit = np.abs(values).max()
     values = values / unit
     mean = values.mean()
@@ -169,7 +171,7 @@ def _columns_of_category(
     name: str, values: Sequence[str | float]
 ) -> tuple[list[Regressor], FloatArray]:
     """A category as a column of 0 and 1 for each level but the reference."""
-    # The number 1 and the text '1' are one level.
+    # The first level is the reference. The number 1 and the text '1' are one level.
     reference, *other_levels = dict.fromkeys(level_words(levels(values)))
     if not other_levels:
         raise _does_not_vary(name, quoted(reference))
@@ -201,13 +203,14 @@ def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) ->
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
-    """Refuse a column that follows from the earlier ones.
+    """Refuse a column that follows from the earlier ones and the intercept.
 
-    The diagonal of R in the QR decomposition has what the earlier columns leave of each column.
+    The diagonal of R in the QR decomposition has, for each column, the length of what remains when
+    the earlier columns are projected out.
     """
     with_intercept = np.column_stack([np.ones(len(x)), x])
     diagonal = np.diagonal(np.linalg.qr(with_intercept, mode="r"))
-    remainders = np.abs(diagonal[1:])
+    remainders = np.abs(diagonal[1:])  # without the intercept
     sizes = np.linalg.norm(x - x.mean(axis=0), axis=0)
     for i, column in enumerate(columns):
         if remainders[i] < _ROUNDING * sizes[i]:

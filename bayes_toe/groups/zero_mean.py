@@ -26,10 +26,12 @@ from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.inference.diagnostics import errors
 from bayes_toe.model.densities import StandardStudent
 
-#: Nodes of a normal density, in standard deviations, and of Student's t with 3 degrees of freedom,
-#: which is 2 cos^2(angle)/pi at sqrt(3) tan(angle); each with the logs of their shares.
+#: Nodes of a normal density, in standard deviations, with the logs of their shares.
 _NORMAL_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
 _LOG_NORMAL_SHARES = np.log(_WEIGHTS / _WEIGHTS.sum())
+#: Nodes of Student's t with 3 degrees of freedom, with the logs of their shares. At the value
+#: sqrt(3) tan(angle), the density of the angle is 2 cos^2(angle)/pi. The angles are the middles of
+#: 400 equal parts of -pi/2 to pi/2, each as wide as pi/400.
 _ANGLES = (np.arange(400) + 0.5) * np.pi / 400 - 0.5 * np.pi
 _STUDENT_NODES = np.sqrt(3.0) * np.tan(_ANGLES)
 _LOG_STUDENT_SHARES = np.log(np.square(np.cos(_ANGLES)) / 200)
@@ -60,7 +62,7 @@ def zero_mean(
     residual = draws.subjects[..., j] - draws.effects[..., j] @ x.T
     centre = residual.mean(axis=-1)
     width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
-    at_zero = _log_normal(centre, np.square(width))
+    at_zero = _log_normal(centre, np.square(width))  # the likelihood at a mean of 0
     return _zero_bayes_factor(at_zero - _log_marginal_density(centre, width, numbers, j))
 
 
@@ -103,8 +105,8 @@ def approximate_zero_mean(
     squares = np.square(estimates[:, None] - centre[..., None]) / variance
     log_mass = -0.5 * ((squares + np.log(variance)).sum(axis=-1) + np.log(precision))
     at_zero = logsumexp(log_mass + _log_normal(centre, 1.0 / precision), axis=-1)
-    log_prior = _log_marginal_density(centre, 1.0 / np.sqrt(precision), numbers, 0)
-    return np.asarray(at_zero - logsumexp(log_mass + log_prior, axis=-1))
+    log_marginal = _log_marginal_density(centre, 1.0 / np.sqrt(precision), numbers, j=0)
+    return np.asarray(at_zero - logsumexp(log_mass + log_marginal, axis=-1))
 
 
 def _log_marginal_density(
@@ -112,7 +114,8 @@ def _log_marginal_density(
 ) -> FloatArray:
     """Log of the integral of Normal(centre; m, width^2) prior(m) dm over the mean of a coefficient.
 
-    With Student's t it is a sum over the nodes of the narrower of the two densities.
+    The shapes of centre and width are those of the result. With Student's t it is a sum over the
+    nodes of the narrower one of the two densities, over which the other one changes little.
     """
     mean = numbers.mean[j]
     scale = numbers.mean_scale[j]
@@ -134,6 +137,7 @@ def zero_effect(
 
     Given all else, the likelihood of the effect is that of a regression through the origin.
     """
+    # What the mean and the other covariates leave, (chains, draws, subjects).
     other_covariates = np.delete(np.arange(x.shape[1]), i)
     residual = draws.subjects[..., j] - draws.mean[..., j, None]
     residual = residual - draws.effects[..., other_covariates, j] @ x[:, other_covariates].T
@@ -149,13 +153,17 @@ def zero_effect(
 def zero_difference(
     draws: GroupDraws, numbers: HyperpriorNumbers, columns: list[int], weights: FloatArray
 ) -> ZeroBayesFactor:
-    """The Bayes factor for a weighted sum of means of coefficients with normal priors about 0."""
+    """The Bayes factor for a weighted sum of means of coefficients with normal priors about 0.
+
+    These means have no effects of covariates, so that the mean of the subjects estimates them.
+    """
     centre = draws.subjects[..., columns].mean(axis=2)
     variance = np.square(draws.sd[..., columns]) / draws.subjects.shape[2]
     prior_variance = np.square(numbers.mean_scale[columns])
     # Given the coefficients, a mean is Normal(share * centre, share * variance).
     share = prior_variance / (prior_variance + variance)
     squares = np.square(weights)
+    # The posterior density of the sum at 0, given a draw, over its prior density there.
     at_zero = _log_normal((share * centre) @ weights, (share * variance) @ squares)
     return _zero_bayes_factor(at_zero - _log_normal(np.zeros(1), squares @ prior_variance))
 
@@ -168,5 +176,5 @@ def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
 def _zero_bayes_factor(log_ratios: FloatArray) -> ZeroBayesFactor:
     """The log of the average of ratios given each draw, (chains, draws), and its error."""
     log_mean = float(logsumexp(log_ratios) - np.log(log_ratios.size))
-    # Of ratios with the mean 1, the error of the mean is that of its logarithm.
+    # Ratios divided by their mean have the mean 1, whose error is also that of its logarithm.
     return ZeroBayesFactor(log_mean, float(errors(np.exp(log_ratios - log_mean)).mean))

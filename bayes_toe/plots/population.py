@@ -13,11 +13,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from bayes_toe.answers.group_answer import EFFECTS, LABELS, group_estimate, log_factor_of_mean
+from bayes_toe.answers.group_answer import LABELS, group_estimate, log_factor_of_mean
 from bayes_toe.answers.order_effect import format_bayes_factor
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, percent
 from bayes_toe.groups.population import PopulationResult
+from bayes_toe.groups.population_table import EFFECTS
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 from bayes_toe.plots.style import (
     BAD,
