@@ -1,4 +1,4 @@
-"""Types that many modules use, the size of temporary arrays, and runs of equal values."""
+"""Types that many modules use, the size of temporary arrays, and rows with equal values."""
 
 from __future__ import annotations
 
@@ -50,3 +50,15 @@ def run_starts(*sorted_keys: npt.NDArray[np.generic]) -> IndexArray:
     is_start = np.ones(len(sorted_keys[0]), np.bool_)
     is_start[1:] = np.any([key[1:] != key[:-1] for key in sorted_keys], axis=0)
     return np.flatnonzero(is_start)
+
+
+def combination_counts(*columns: npt.NDArray[np.generic]) -> IndexArray:
+    """How many rows have each combination of values in these columns, shape (rows,) each.
+
+    Examples
+    --------
+    >>> combination_counts(np.array([1, 2, 1, 1]), np.array([0.5, 0.0, 0.5, 0.0])).tolist()
+    [1, 1, 2]
+    """
+    sorted_columns = np.array(columns)[:, np.lexsort(columns)]
+    return np.diff(run_starts(*sorted_columns), append=len(columns[0]))

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, run_starts
+from bayes_toe.arrays import FloatArray, combination_counts, run_starts
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
@@ -366,7 +366,7 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     """
     if options.unit is not None or options.intensity is not None:
         return options
-    stimuli: Texts = tuple(map(options.name, options.stimuli))
+    stimuli = options.stimulus_names
     if not options.has_standard and set(map(options.name, _STIMULI)).isdisjoint(names):
         candidates = [
             name
@@ -400,9 +400,11 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     """
     stimuli = options.stimuli
     others = [options.name(role) for role in _STIMULI if role not in stimuli]
-    is_there = not set(names).isdisjoint(map(options.name, stimuli))
-    is_alone = options.intensity is not None and options.unit is None  # it needs i1 and i2
-    if options.has_standard or is_alone or is_there or not set(others) <= set(names):
+    has_stimuli = not set(names).isdisjoint(options.stimulus_names)
+    is_reference_alone = options.intensity is not None and options.unit is None
+    if options.has_standard or has_stimuli or is_reference_alone:
+        return options  # --intensity without a unit is about columns i1 and i2
+    if not set(others) <= set(names):
         return options
     return replace(options, columns={**options.columns, **dict(zip(stimuli, others, strict=True))})
 
@@ -441,7 +443,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     if response:  # other columns with similar names are then no counts
         return without_counts
     # Columns 'first' and 'second' are the stimuli, if no others are.
-    has_stimuli = set(map(options.name, options.stimuli)) <= set(names)
+    has_stimuli = set(options.stimulus_names) <= set(names)
     if not has_stimuli and counts.get("n_first", "").lower() == "first":
         return {}
     # One column such as 'second_longer' or 'same' may have responses, yes or no.
@@ -629,7 +631,7 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     """
     if options.has_standard:
         return ""
-    candidates: Texts = list(map(options.name, options.stimuli))
+    candidates = options.stimulus_names
     if set(names).isdisjoint(candidates):
         candidates = names
     standards = names_like(candidates, "standard")
@@ -656,11 +658,12 @@ def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     if "first" in pair[0].lower() or looks_like(order, "isi"):
         return False
     codes = {column.name: column.codes for column in columns}
-    rows = list(map(codes.__getitem__, (*pair, order)))
-    # Pairs of equal stimuli have both codes, too.
-    n_pairs = len(set(zip(*rows[:2], strict=True)))
-    is_other = len(set(zip(*rows, strict=True))) > 1.5 * n_pairs
-    return is_other and len(run_starts(rows[2])) > 0.2 * len(rows[2])
+    first, second, order_codes = map(codes.__getitem__, (*pair, order))
+    n_pairs = len(combination_counts(first, second))
+    n_ordered_pairs = len(combination_counts(first, second, order_codes))
+    # If only the pairs of equal stimuli have both codes, these are fewer than half of the pairs.
+    is_free = n_ordered_pairs > 1.5 * n_pairs
+    return is_free and len(run_starts(order_codes)) > 0.2 * len(order_codes)
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
@@ -799,7 +802,7 @@ def _remedies(
     if missing == ["n_equal"]:
         yield from _count_remedies(names, options)
     if "correct" in missing:
-        score, *_ = [*names_like(names, "correct"), "NAME"]
+        score = [*names_like(names, "correct"), "NAME"][0]
         yield Remedy("correct", score, "with the name in your file")
 
 
@@ -952,16 +955,18 @@ def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = (
     >>> [*solutions(columns, ReadOptions())]
     ['answer']
     """
-    stimuli = (*pair, *map(options.name, options.stimuli))
+    stimuli = (*pair, *options.stimulus_names)
     values = [column.map(number, float) for column in columns if column.name in stimuli]
     if len(values) != 2 or len(values[0]) < _MANY:
         return
-    side = np.sign(np.subtract(*values))
+    difference = np.subtract(*values)
+    rows = ~np.isnan(difference)
+    # The larger stimulus; of a standard and a comparison, also the order.
+    sides = [np.sign(difference[rows])]
+    sides += [column.codes[rows] for column in columns if column.name == options.interval_column]
+    n_sides = len(combination_counts(*sides))
     for column in columns:
-        if column.name == options.interval_column:
-            side += 3.0 * column.codes
-    n_sides = len(np.unique(side))
-    for column in columns:
-        # A complex number stands for each pair of a side and a text.
-        if 1 < len(column.texts) < 5 and 1 < n_sides == len(np.unique(side + 1j * column.codes)):
+        has_codes = 1 < len(column.texts) < 5
+        # If each side has one text, the texts make no more combinations.
+        if has_codes and 1 < n_sides == len(combination_counts(*sides, column.codes[rows])):
             yield column.name

@@ -443,12 +443,12 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
 
     new_columns = {**table.columns}
     pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
-    for i, name in enumerate(map(options.name, options.stimuli), start=1):
+    for i, name in enumerate(options.stimulus_names, start=1):
         texts = [pair[i] for pair in pairs]
         new_columns[name] = Column.from_texts(name, texts, column.codes)
 
     other_names = [name for name in table.names if name != column.name]
-    names = [*other_names, *map(options.name, options.stimuli)]
+    names = [*other_names, *options.stimulus_names]
     notes = (*table.notes, f"pairs read from {origin}")
     return replace(table, names=names, columns=new_columns, notes=notes)
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task, task_with
@@ -326,6 +326,11 @@ class ReadOptions:
         if self.has_standard:
             return "standard", "comparison"
         return ("i1", "i2") if self.has_intensities else ("s1", "s2")
+
+    @property
+    def stimulus_names(self) -> Texts:
+        """The names in the file of these columns."""
+        return list(map(self.name, self.stimuli))
 
     @property
     def stimulus_unit(self) -> StimulusUnit:

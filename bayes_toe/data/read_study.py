@@ -70,6 +70,7 @@ from bayes_toe.data.trial_rows import (
     ask_for_screens,
     chosen_rows,
     columns_of_file,
+    dropped_notes,
     frequency_column,
     nameless_doubts,
     rare_answer_doubts,
@@ -493,21 +494,22 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     `notes` say how the rows were read. Subjects have answers in order if rows have an order.
     """
     n = counts["n_trials"]
-    parts = rows.subject.rows_by_text(np.flatnonzero(n > 0))
-    answers, missing, doubts = answers_in_order(rows.table, rows.columns, rows.pairs, parts, counts)
+    rows_of_units = rows.subject.rows_by_text(np.flatnonzero(n > 0))
+    answers, order_notes, doubts = answers_in_order(
+        rows.table, rows.columns, rows.pairs, rows_of_units, counts
+    )
     has_order = are_trials(rows.columns) or "block" in rows.columns
     subjects = []
     for name, in_order in answers.items():
         subject = Subject.from_answers(name, in_order, task, rows.options.stimulus_unit)
         subjects.append(subject if has_order else replace(subject, answers=None))
 
-    has_counts = task_counted(rows.columns) is not None
-    if has_counts:  # rows of a pair are merged
-        merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
-        if any(merged.values()):
-            n_merged = (sum(merged.values()), "repeated row")
-            notes.append(Note(n_merged, " merged: ", named_counts(merged)))
-    notes += missing
+    if task_counted(rows.columns) is not None:  # counts: rows of one pair are merged
+        n_merged = {unit.name: len(rows_of_units[unit.name]) - unit.n_pairs for unit in subjects}
+        n_all_merged = sum(n_merged.values())
+        if n_all_merged:
+            notes.append(Note((n_all_merged, "repeated row"), " merged: ", named_counts(n_merged)))
+    notes += order_notes
     marks = rows.columns["synthetic"].texts if "synthetic" in rows.columns else [""]
     is_marked = [text.lower() in TRUE_WORDS for text in marks]
     if all(is_marked):
@@ -601,9 +603,9 @@ def _trial_study(rows: _Rows) -> Study:
     if n_blank:
         notes.append(Note((n_blank, "row"), " without stimuli and response left out"))
     causes = missed_texts + missed_signs
-    notes += _dropped_note(rows, ~is_asked & has_stimuli, "without a response", causes)
+    notes += dropped_notes(rows.subject, ~is_asked & has_stimuli, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"
-    notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
+    notes += dropped_notes(rows.subject, answers.is_unscorable, equal_stimuli)
     responding = {"", *rows.subject.only(answers.is_answered).texts}
     absent = [display_name(text) for text in rows.subject.texts if text not in responding]
     if absent:
@@ -613,23 +615,6 @@ def _trial_study(rows: _Rows) -> Study:
     columns = np.array([answers.is_yes, answers.is_answered, answers.is_second], np.int64)
     counts = dict(zip(answers.task.counts, columns, strict=False))
     return _study(rows, notes, counts, answers.task)
-
-
-def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str, cells: Texts = ()) -> Texts:
-    """A note on how many trials of each subject are dropped for a reason; empty if none are.
-
-    `cells` are the texts that mark these trials, with their columns.
-    """
-    if not is_dropped.any():
-        return []
-    subject = rows.subject.only(is_dropped)
-    finding = f" ({', '.join(cells)})" if cells else ""
-    counts = {}
-    for text, n in zip(subject.texts, np.bincount(subject.codes).tolist(), strict=True):
-        counts[text or "(no subject)"] = n
-    # Programs also write rows of screens, which are as many as the answers, or more.
-    noun = "trial" if is_dropped.mean() < 0.5 else "row"
-    return [Note((len(subject.codes), noun), f" {reason} dropped{finding}: ", named_counts(counts))]
 
 
 # --- Counts ---------------------------------------------------------------------------------------
@@ -712,8 +697,8 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
 def _require_counts(rows: _Rows, n: IntArray, task: Task) -> None:
     """Refuse the table if it has problems, or a subject has no trial."""
     subject = rows.subject
-    n_filled_rows = np.bincount(subject.codes, n != 0)  # of each subject
-    is_without_trials = (n_filled_rows == 0)[subject.codes] & ~empty(subject)
-    rows.table.fault(subject, is_without_trials, "a subject with at least 1 trial in some row")
+    has_trials = np.isin(subject.codes, subject.codes[n != 0])  # in this row or another one
+    rule = "a subject with at least 1 trial in some row"
+    rows.table.fault(subject, ~has_trials & ~empty(subject), rule)
     rows.table.problems.refuse()
     require_task(rows.table, task, rows.columns.get("task"))

@@ -13,7 +13,7 @@ from itertools import filterfalse
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, IntArray
+from bayes_toe.arrays import BoolArray, IntArray, combination_counts
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
     is_no_response,
@@ -156,16 +156,11 @@ def _is_cross_table(table: TextTable, key: Texts, answers: Texts) -> bool:
 
     A few pairs with several responses may be a chance, but not five, or most rows.
     """
-    n_of_pair = _row_counts(table, [name for name in key if name not in answers])
+    codes = {name: table.columns[name].codes for name in key}
+    n_of_pair = combination_counts(*(codes[name] for name in key if name not in answers))
     n_of_several = n_of_pair[n_of_pair > 1]
     has_several = len(n_of_several) >= 5 or n_of_several.sum() > 0.5 * len(table.rows)
-    return bool(_row_counts(table, key).max() == 1 and has_several)
-
-
-def _row_counts(table: TextTable, names: Texts) -> IntArray:
-    """How many rows have each combination of texts in these columns."""
-    codes = np.column_stack([table.columns[name].codes for name in names])
-    return np.unique(codes, axis=0, return_counts=True)[1]
+    return bool(combination_counts(*codes.values()).max() == 1 and has_several)
 
 
 def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
@@ -205,11 +200,9 @@ def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) 
         is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
         # A row without a stimulus is no trial.
-        is_other = ~is_marked & ~empty(table.columns[options.name(options.stimuli[0])])
-        # Of each subject.
-        n_marked = np.bincount(subject, is_marked)
-        n_others = np.bincount(subject, is_other)
-        if not (n_marked * n_others).any():  # no subject has both
+        is_other = ~is_marked & ~empty(table.columns[options.stimulus_names[0]])
+        subjects_with_both = np.intersect1d(subject[is_marked], subject[is_other])
+        if not len(subjects_with_both):
             continue
 
         marks = join_names(map(quoted, practice))
@@ -226,7 +219,7 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
 
     A session that was stopped leaves such rows if a matrix of zeros was made for all its trials.
     """
-    stimuli = [table.columns[options.name(role)] for role in options.stimuli]
+    stimuli = [table.columns[name] for name in options.stimulus_names]
     is_zero = np.ones(len(table.rows), bool)
     for column in (*stimuli, table.columns[options.name(answer)]):
         is_zero &= numbers(table, column) == 0
@@ -284,6 +277,24 @@ def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
             remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
             table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
             return
+
+
+def dropped_notes(
+    subject: Column, is_dropped: BoolArray, reason: str, cells: Texts = ()
+) -> Iterator[str]:
+    """A note on how many rows of each subject are dropped for a reason; none if no row is.
+
+    `cells` are the texts that mark these rows, with their columns.
+    """
+    if not is_dropped.any():
+        return
+    dropped = subject.only(is_dropped)
+    names = [text or "(no subject)" for text in dropped.texts]
+    counts = dict(zip(names, np.bincount(dropped.codes).tolist(), strict=True))
+    # Programs also write rows of screens, which are as many as the answers, or more.
+    noun = "trial" if is_dropped.mean() < 0.5 else "row"
+    finding = f" ({', '.join(cells)})" if cells else ""
+    yield Note((is_dropped.sum(), noun), f" {reason} dropped{finding}: ", named_counts(counts))
 
 
 def columns_of_file(table: TextTable) -> dict[str, Column]:

@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import compress, filterfalse
+from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray, combination_counts
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import looks_like, names_like, practice_texts
 from bayes_toe.data.conditions import Conditions
@@ -29,6 +30,8 @@ from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError, Remedy
 
+#: Reads the rows of a table with options.
+Reader: TypeAlias = Callable[[ReadOptions], Study]
 #: The condition whose levels are tasks.
 TASK = "task"
 #: With so many repeated trials it is no chance that each pair keeps its level.
@@ -124,9 +127,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
 
 
-def studies_by_task(
-    table: TextTable, options: ReadOptions, read: Callable[[ReadOptions], Study]
-) -> list[Study]:
+def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> list[Study]:
     """The study in a table; a study for each task, where tasks are the condition.
 
     The condition is then a column whose texts name tasks, or whose groups of rows have the answers
@@ -161,9 +162,7 @@ def studies_by_task(
         return list(studies.values())
 
 
-def _studies_by_group(
-    column: Column, options: ReadOptions, read: Callable[[ReadOptions], Study]
-) -> dict[str, Study]:
+def _studies_by_group(column: Column, options: ReadOptions, read: Reader) -> dict[str, Study]:
     """The study of the rows with each text of a column, if the text or the answers tell a task.
 
     There is none if all these studies are of one task.
@@ -196,9 +195,7 @@ def _studies_by_group(
     return studies
 
 
-def _task_remedies(
-    table: TextTable, options: ReadOptions, read: Callable[[ReadOptions], Study]
-) -> list[Remedy]:
+def _task_remedies(table: TextTable, options: ReadOptions, read: Reader) -> list[Remedy]:
     """Options that choose one of several tasks or compare them; none if no column has tasks."""
     for column in filter(None, map(table.columns.get, names_like(table.names, "task"))):
         remedies = []
@@ -230,7 +227,7 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
             units.append(replace(subject, name=unit_name, condition=level))
 
     joined = list(by_level.values())
-    conditions = Conditions(options.condition or TASK, tuple(order))
+    conditions = Conditions(options.condition, tuple(order))
     return Study(
         with_shared_scales(units),  # which also brings the units of a subject together
         " and ".join(dict.fromkeys(study.source for study in joined)),
@@ -305,7 +302,7 @@ def pooled_conditions(
     answered = np.flatnonzero(counts["n_trials"])
     is_yes = (counts["n_yes"] == counts["n_trials"])[answered]
     subject_codes = subject.codes[answered]
-    n_subjects = _n_distinct(subject_codes)
+    n_subjects = len(combination_counts(subject_codes))
     direction = np.sign(np.diff(pairs[answered]))  # of s2 - s1, shape (rows, 1)
     is_unequal = direction[:, 0] != 0.0
 
@@ -318,14 +315,9 @@ def pooled_conditions(
         for stimuli in (direction, direction if is_task else pairs[answered]):
             # All rows of a group, with the same subject, answer and stimuli, have the same level.
             rows = np.column_stack([subject_codes, is_yes, stimuli])[is_unequal]
-            n_groups = _n_distinct(rows)
-            has_one_level = _n_distinct(rows, row_levels[is_unequal]) == n_groups
-            follows |= has_one_level and len(rows) - n_groups >= _REPEATED
-        n_subject_levels = _n_distinct(subject_codes, row_levels)
+            n_groups = len(combination_counts(*rows.T))
+            n_group_levels = len(combination_counts(*rows.T, row_levels[is_unequal]))
+            follows |= n_group_levels == n_groups <= len(rows) - _REPEATED
+        n_subject_levels = len(combination_counts(subject_codes, row_levels))
         if n_subjects < n_subject_levels <= 0.5 * len(answered) and not follows:
             yield column.name
-
-
-def _n_distinct(*columns: FloatArray | IntArray) -> int:
-    """How many rows of these columns differ."""
-    return len(np.unique(np.column_stack(columns), axis=0))
