@@ -21,4 +21,5 @@ def test_value_is_that_of_the_definition(name):
     _, (log_determinant,) = np.linalg.slogdet(-hessian)
     # Of four coordinates: a normal density has the height (2 pi)^-2 |-H|^(1/2).
     expected = posterior.log_density(best)[0] + 2 * np.log(2 * np.pi) - 0.5 * log_determinant
+    # The tolerance is that of the differences in both Hessians.
     assert float(log_evidences[0]) == pytest.approx(expected, abs=0.01)
