@@ -28,6 +28,7 @@ OF_2AFC = assume_observers("both", 1, 1, [PAPER_2AFC])
 
 @BOTH_TASKS
 def test_observers_answer_as_the_model_both_predicts(task):
+    """Trials per pair differ, because the mean first stimulus is weighted by them."""
     s1, s2 = [0.0, 0.0, 0.4, 0.4, 0.7], [0.0, 0.4, 0.0, 0.7, 0.4]
     design = StudyDesign(s1, s2, [9, 3, 4, 5, 7], task=task)
     posterior = OrderModel("both").posterior(design.unanswered)
@@ -114,6 +115,8 @@ FAR_APART = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
 
 
 @pytest.mark.parametrize(
+    # The source of observers, their number of each kind, a design, and the refusal: an unknown
+    # kind, no observers, observers of the other task, and pairs of which nobody can say 'equal'.
     "observers, size, design, message",
     [
         ("nobody", 1, PAPER, "found 'nobody', allowed: none, small constant error"),

@@ -37,9 +37,9 @@ def information_about(aim, observers=OBSERVERS, pairs=PAIRS):
     return information(pairs, observers, aim, DEFAULT_PRIOR)
 
 
-# A design of 650 trials that is optimised for observers with a contraction.
 @pytest.fixture(scope="module")
 def result():
+    """A design of 650 trials that is optimised for observers with a contraction."""
     return optimal_design(WIDE, 650, observers="contraction", data_sets=2, seed=1)
 
 
@@ -84,7 +84,11 @@ def test_brute_force_finds_nothing_better_than_exchange(aim):
     aim_information = information_about(aim)
     without_other_order = np.arange(5)  # each pair stands for itself
     n_trials = exchange_trials(
-        aim_information, 40, 5, fixed=np.zeros(5, np.int64), turned=without_other_order
+        aim_information,
+        trials=40,
+        most_pairs=5,
+        fixed=np.zeros(5, np.int64),
+        turned=without_other_order,
     )
     assert n_trials.sum() == 40
     utilities = []
@@ -98,25 +102,27 @@ def test_brute_force_finds_nothing_better_than_exchange(aim):
 def test_an_optimised_design_shows_a_contraction(result):
     design = result.design
     assert design.total == 650
-    assert design.n_pairs <= 26
+    assert design.n_pairs <= 26  # the default of max_pairs
     assert list(result.designs) == [OPTIMISED, EVEN]
     # The share of observers with a contraction whose contraction is detected.
     share = result.power[OPTIMISED, 650, "contraction", "contraction", "yes or probably"]
     assert share.value == 1.0
+    # Both orders have as many trials.
     n_by_pair = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
     for (s1, s2), n_trials in n_by_pair.items():
         assert n_by_pair[s2, s1] == n_trials
-    assert (result.worth > 0).all()
+    assert (result.worth > 0).all()  # of more trials, for every pair
     assert result.reasons()[0].startswith("Most trials have these first stimuli: -0.75 ln (")
 
 
 def test_pairs_that_cannot_show_a_contraction_are_named():
-    levels = grid(0, 0.1, 0.05)
+    levels = grid(0, 0.1, 0.05)  # half of the noise of the observers
     short = optimal_design(levels, 100, observers="none", data_sets=1, seed=1)
     assert any("cannot show a contraction" in line for line in short.reasons())
 
 
 def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
+    # Two pairs of equal stimuli are kept.
     goal = DesignGoal("contraction", max_pairs=6, keep=FIXED_PAIRS)
     design, _ = best_design(WIDE, 200, goal, OBSERVERS)
     n_by_pair = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
@@ -138,6 +144,7 @@ def test_pairs_that_are_kept_in_one_order_leave_room_for_few_others():
 
 
 def test_a_design_of_which_is_stronger_may_have_an_odd_number_of_trials_and_has_its_task():
+    # With an even number both orders of each pair could have equally many trials.
     goal = DesignGoal(task="2afc")
     observers = assume_observers("both", 2, 1, [each_once([0, 0.3], [0.3, 0], task=goal.task)])
     design, _ = best_design(WIDE, 201, goal, observers)
@@ -157,13 +164,14 @@ def test_a_grid_has_both_ends_and_round_numbers():
 
 
 def test_the_command_writes_the_design_and_its_figure(tmp_path):
+    # Five levels, and two pairs that are kept.
     FIXED_PAIRS.save(tmp_path / "kept.csv")
-    text = good(
+    screen = good(
         "design -o d.csv --lowest -0.75 --highest 1.25 --step 0.5 --trials 200 --max-pairs 9 "
         "--for contraction --keep kept.csv --observers contraction --simulated 1 --seed 1",
         cwd=tmp_path,
     )
-    assert "Optimised: observers with 'yes' or 'probably'" in text
+    assert "Optimised: observers with 'yes' or 'probably'" in screen
     files = {path.name for path in tmp_path.glob("d*")}
     assert files == {"d.csv", "d.png", "d_compared.csv"}
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
