@@ -55,8 +55,9 @@ def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
     assert kstest(p_values(screens, "moving_criterion_p"), "uniform").pvalue > 1e-3
 
 
-#: An effect on 10 observers, and how many of them have p < .01 at least, by the name of the test.
 @pytest.mark.parametrize(
+    # An effect on 10 observers, and how many of them have p < .01 at least, by the name of the
+    # test.
     "effect, fewest",
     [
         ({"share_repeated": 0.2}, {"answer_p": 9}),
@@ -121,7 +122,8 @@ def test_a_trial_before_that_is_not_tested_needs_no_correction():
         rng = default_rng(seed)
         # Ten pairs: 0 first and one of five levels second, or the other way round.
         pair = np.repeat(np.tile(np.arange(10), 4), 2)  # (80 trials,)
-        level, is_rising = 0.05 * (pair % 5 + 1), pair < 5
+        level = 0.05 * (pair % 5 + 1)
+        is_rising = pair < 5
         keys = np.column_stack([level * ~is_rising, level * is_rising])
         n_yes = (rng.random(80) < np.where(is_rising, 0.6, 0.4)).astype(int)
         position = np.arange(80) + np.arange(80) // 2  # a gap starts a block
