@@ -55,8 +55,8 @@ def test_one_trial_says_next_to_nothing():
     """Probabilities stay those of the prior: 1/2 for no effect, 1/6 for each other model."""
     subject = made_subject("0 0.3 1 1", task=WHICH_STRONGER)
     (evidence,) = order_evidence([subject], seed=1)
-    none, error, contraction, both = evidence.probabilities
-    effects = [error + both, contraction + both]
+    none, error, contraction, joint = evidence.probabilities
+    effects = [error + joint, contraction + joint]
     assert [none, *effects] == pytest.approx([1 / 2, 1 / 3, 1 / 3], abs=0.02)
 
 

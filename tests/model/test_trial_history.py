@@ -142,11 +142,11 @@ def test_a_contraction_beyond_1_is_impossible():
 def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     """Four blocks of 12 trials, each of one pair whose order is random."""
     low = np.repeat([0.0, 0.3, 0.1, 0.5], 12)
-    ones = np.ones(48, int)
+    counts = np.ones(48, int)  # one answer in each trial, always the counted one
     keys = np.column_stack([low, low + 0.2])  # s1 and s2 of each trial
     is_turned = default_rng(1).random(48) >= 0.5
     keys[is_turned] = keys[is_turned][:, ::-1]
-    answers = Answers(keys, n_yes=ones, n_trials=ones, has_trial_rows=True, place=np.arange(48))
+    answers = Answers(keys, n_yes=counts, n_trials=counts, has_trial_rows=True, place=np.arange(48))
     assert not looks_sorted(answers)
 
     # Sorted by the first stimulus and then by the second, upwards and downwards.
