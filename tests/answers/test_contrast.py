@@ -142,7 +142,8 @@ def test_the_forest_shows_every_subject(table):
     assert words_of(figure.axes[0].get_yticklabels()) == ["A", "B"]
     # Words are in their order, whichever panel has them first.
     assert figure.legends[0].get_texts()[0].get_text() == "differs"
-    # The first line of the first panel is the interval of A's constant error; 0 are its x values.
+    # The first line of the first panel is the interval of A's constant error, of which the first
+    # column are the x values.
     low, high = figure.axes[0].collections[0].get_segments()[0][:, 0]
     interval = table.select("constant error")[0].interval(table.unit)
     assert (low, high) == pytest.approx((interval.q025, interval.q975))

@@ -160,7 +160,7 @@ def test_a_point_of_the_figure_is_what_the_static_model_leaves_of_a_share(table)
     is_after_second = np.r_[False, is_second[:-1]] & ~trials.is_session_start
     residual = (is_second - p_second)[is_after_second].mean()
     (points,) = marks_of(right, "o")
-    assert points.get_ydata()[1] == pytest.approx(residual)  # 0 is the point after 'first'
+    assert points.get_ydata()[1] == pytest.approx(residual)  # the first point is after 'first'
     assert residual > 0.03  # so that the point is not 0 by itself
 
 

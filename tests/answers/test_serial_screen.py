@@ -79,9 +79,9 @@ def test_an_effect_is_seen_by_its_own_test(effect, fewest):
 
 def test_nothing_is_said_without_the_order_of_trials():
     subject = answered(1)
-    assert screen(replace(subject, answers=None)) == SerialScreen()
+    assert screen(replace(subject, answers=None)) == SerialScreen()  # without any p-value
 
-    # Trials that are sorted by their stimuli have lost their order, too.
+    # Trials that are sorted by their stimuli, s1 and then s2, have lost their order, too.
     rows = np.lexsort(subject.answers.keys.T[::-1])
     answers = subject.answers
     sorted_answers = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
@@ -115,7 +115,9 @@ def test_with_a_constant_first_stimulus_all_p_values_exist():
 def test_a_trial_before_that_is_not_tested_needs_no_correction():
     """Blocks of two trials of one pair; the answers are independent.
 
-    Of 150 p-values 5 % are expected below .05, and 12 % once in 1,800 runs.
+    The first trial of a block has no trial before. Its answer is not tested, but it is one of those
+    to which the second is compared. Of 150 p-values 5 % are expected below .05, and 12 % once in
+    1,800 runs.
     """
     answer_p = []
     for seed in range(150):

@@ -23,7 +23,10 @@ LEVELS = np.linspace(-0.75, 1.25, 9)  # .25 apart
 PAIRS = list(itertools.product(LEVELS, repeat=2))
 DESIGN = each_once(*np.transpose(PAIRS))
 CONTRACTION = make_observer(
-    "O", "k", {"noise": 0.2, "q0": 0.93, "lapse_rate": 0.03, "contraction": 0.3}, SAME_DIFFERENT
+    "name",
+    "kind",
+    {"noise": 0.2, "q0": 0.93, "lapse_rate": 0.03, "contraction": 0.3},
+    SAME_DIFFERENT,
 )
 
 
@@ -116,7 +119,7 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
 def test_sessions_of_which_is_stronger_take_true_for_second():
     """A positive constant error, of which 'second' is the rarer answer, is a positive PSE shift."""
     parameters = {"noise": 0.2, "lapse_rate": 0.02, "constant_error": 0.3}
-    observer = make_observer("O", "k", parameters, WHICH_STRONGER)
+    observer = make_observer("name", "kind", parameters, WHICH_STRONGER)
     session = start_session(task="2afc")
     rng = default_rng(1)
     for _ in range(60):

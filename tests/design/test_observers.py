@@ -33,7 +33,7 @@ def test_observers_answer_as_the_model_both_predicts(task):
     design = StudyDesign(s1, s2, [9, 3, 4, 5, 7], task=task)
     posterior = OrderModel("both").posterior(design.unanswered)
     parameters = {name: PARAMETERS[name] for name in posterior.coordinates}
-    observer = make_observer("O", "k", parameters, task)
+    observer = make_observer("name", "kind", parameters, task)
     x = posterior.points({name: np.array([value]) for name, value in parameters.items()})
     expected = np.exp(posterior.log_answers(x).yes[0])
     assert observer.p_design(design)[0] == pytest.approx(expected, rel=1e-12)
@@ -41,7 +41,8 @@ def test_observers_answer_as_the_model_both_predicts(task):
 
 def test_an_observer_is_the_same_whoever_else_there_is():
     """One or three observers of each kind, with parameters in the ranges of the kind."""
-    few, all_observers = (assume_observers(None, size, 5, [PAPER]) for size in (1, 3))
+    few = assume_observers(None, size=1, seed=5, designs=[PAPER])
+    all_observers = assume_observers(None, size=3, seed=5, designs=[PAPER])
     assert [observer.kind for observer in few] == list(KINDS)
     for observer in few:
         assert observer in all_observers

@@ -54,10 +54,10 @@ def test_information_is_the_expected_square_of_the_slopes():
 
     def p_yes(name, change):
         """P(equal) of each pair where a parameter is larger by `change`."""
-        moved = make_observer("O", "k", {**base, name: base[name] + change}, task)
+        moved = make_observer("name", "kind", {**base, name: base[name] + change}, task)
         return moved.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
 
-    observer = make_observer("O", "k", base, task)
+    observer = make_observer("name", "kind", base, task)
     # Of the only observer and the only question, 'equal' or not: (pairs, coordinates).
     rows = information_about("order-effect", [observer]).rows[0, :, 0]
     q = observer.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
@@ -73,7 +73,7 @@ def test_more_trials_of_a_pair_are_worth_what_the_changed_design_is(aim, task):
     observers = [replace(observer, task=task) for observer in OBSERVERS]
     aim_information = information_about(aim, observers, replace(PAIRS, task=task))
     n = np.array([30, 40, 20, 10, 5])  # trials of each pair
-    utilities = aim_information.utilities(n, 7)
+    utilities = aim_information.utilities(n, 7)  # with 7 more trials of each pair in turn
     changed = [aim_information.utility(n + added) for added in 7 * np.eye(5, dtype=int)]
     assert utilities == pytest.approx(changed, rel=1e-9)
 
@@ -208,8 +208,8 @@ def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, messa
 
 
 def test_the_figure_has_the_design_on_the_plane(result):
-    figure = bt.plots.design(result)
     """The colour of a pair is its worth in thousandths of a nat, and a point is its trials."""
+    figure = bt.plots.design(result)
     plane = figure.axes[0]
     # The x axis is s1, the slower index of the 9 x 9 pairs, so that rows of the image are s2.
     worth = np.asarray(plane.collections[0].get_array()).reshape(9, 9)

@@ -127,7 +127,7 @@ def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
     screen = good(words, "-o", "both", cwd=tmp_path)
     assert "The paper's pairs, three answers, 130 trials: both detected in" in screen
     data_sets = pd.read_csv(tmp_path / "both" / "power_data_sets.csv").groupby("design")
-    two, three = (rows for _, rows in data_sets)
+    two, three = (rows for _, rows in data_sets)  # sorted by name: 2AFC, three answers
     for effect in ("true_constant_error", "true_contraction"):
         assert two[effect].tolist() == three[effect].tolist()
 

@@ -118,4 +118,4 @@ def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)  # which no draws meet
     longer = sample()
     assert longer.mean.shape == (4, 20, 3)
-    assert (longer.mean[:, :10] == first.mean).all()
+    assert (longer.mean[:, :10] == first.mean).all()  # the first draws are kept

@@ -113,13 +113,13 @@ def test_covariates_move_the_means():
 def test_a_group_differs_between_conditions_in_the_constant_error_alone():
     """In units of D, the constant error is 0.2 on average, and larger by 0.5 at the right."""
     result = bt.population(two_conditions(3, n_each=40), draws=1600, seed=1)
-    [row] = result.table.select("difference", "constant_error")
-    assert row.level == "right - left"
-    assert row.q025 < 0.5 < row.q975
-    assert row.q975 - row.q025 < 0.6  # the prior's is 1
-    [contraction] = result.table.select("difference", "contraction")
+    (error,) = result.table.select("difference", "constant_error")
+    assert error.level == "right - left"
+    assert error.q025 < 0.5 < error.q975
+    assert error.q975 - error.q025 < 0.6  # the prior's is 1
+    (contraction,) = result.table.select("difference", "contraction")
     assert contraction.q025 < 0.0 < contraction.q975
-    assert row.ln_bf_zero < contraction.ln_bf_zero
+    assert error.ln_bf_zero < contraction.ln_bf_zero
     # The limits of the interval depend on the processor, and at one of them lies 0.2, so that the
     # median is compared: .15 is half the width of the interval.
     assert result.table.row("mean", "constant_error").q50 == pytest.approx(0.2, abs=0.15)

@@ -138,6 +138,7 @@ def test_the_summary_by_arviz_has_the_same_numbers(analysis):
 
 
 def test_arviz_leaves_out_each_pair_of_one_subject_and_of_three(data, analysis):
+    # Each subject has 13 pairs.
     for draws, n_pairs in ((analysis.draws["A"].to_arviz(), 13), (data, 39)):
         loo = az.loo(draws, var_name="n_equal", pointwise=True)
         # Older versions of ArviZ say `loo_i`.

@@ -11,7 +11,7 @@ from bayes_toe.inference.maxima import laplace
 
 
 @pytest.mark.parametrize("name", ["S07", "funnel", "stimuli spanning 10 log units"])
-def test_value_is_that_of_the_definition(name):
+def test_laplaces_evidence_is_that_of_the_definition(name):
     """The height of the maximum, and the determinant of the Hessian by differences of slopes."""
     posterior = bt.model.paper_posterior(hard_and_ordinary_subjects()[name], bt.Prior())
     maxima = find_maxima(posterior)

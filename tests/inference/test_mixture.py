@@ -27,7 +27,7 @@ def test_the_density_of_a_mixture_is_that_of_its_definition(dim, df):
     rng = default_rng([dim, df])
     roots = rng.normal(size=(3, dim, dim))
     means = rng.normal(size=(3, dim))
-    scales = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim)
+    scales = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim)  # positive definite matrices
     # More points than two blocks of 1,024, which is how many are computed at a time.
     x = rng.normal(size=(2500, dim)) * rng.choice([0.1, 1.0, 100.0], (2500, 1))
     mixture = StudentMixture(np.full(3, 1 / 3), means, scales, df)

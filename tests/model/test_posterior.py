@@ -52,8 +52,8 @@ PRIORS = {
 def test_value_and_gradient_at_any_point(task, prior, x):
     target = paper_posterior(five_pairs(task), prior)
     z = target.rows.distance(np.array([[x]]))[0, 0]
-    # Rounding a distance costs what its cancellation costs: only pairs off the axis are held to
-    # 1e-12.
+    # A distance z of a pair that is small by cancellation has lost digits. Points with such a pair
+    # are left out, and all others are held to 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
     assert_agrees(target, x)
 

@@ -16,7 +16,7 @@ def rarest_tail(values):
 
 @pytest.mark.parametrize("power", [1.0, 1.1, 1.2])
 def test_the_p_value_is_the_share_of_uniform_numbers_that_deviate_as_far(power):
-    """4 standard errors, for numbers that are ever less uniform: a false alarm in 5,000 runs."""
+    """The numbers are ever less uniform. 4 standard errors: a false alarm in 5,000 runs."""
     rng = default_rng(11)
     n_sets = 4000
     values = rng.uniform(size=150) ** power

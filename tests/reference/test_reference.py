@@ -122,6 +122,7 @@ def test_quantiles_are_the_stored_ones_or_the_draws_are_said_not_to_have_converg
 
 
 def test_the_references_have_the_default_prior():
+    # The references come from code with numbers of its own.
     assert tuple(MODELS) == MODEL_NAMES
     assert ObserverPrior() == ObserverPrior(
         noise_median=NOISE_MEDIAN,
