@@ -189,6 +189,7 @@ def test_what_the_answer_of_a_study_means(case):
         rows += group_rows(name, letter)
     group = SimpleNamespace(identified=names, table=PopulationTable(tuple(rows), seed=1))
     assert describe_meaning(answers, group) == meaning
+    # The private `_in_paper` makes the sentence of `methods.md`, which has more text around it.
     assert not PRESENT_TENSE.search(_in_paper(meaning))
     first, *_ = study_lines(answers, group)
     assert first == (f"A: {meaning}" if len(answers) == 1 else meaning)

@@ -229,7 +229,7 @@ def simulated(seed, task, *, p=0.0, noise=0.25, name="S"):
 
 @pytest.mark.parametrize("p", [0.5, 0.65, -0.4])
 @BOTH_TASKS
-def test_a_strong_contraction_is_no_surprise(task, p):
+def test_a_strong_contraction_or_repulsion_has_no_flag(task, p):
     subjects = [simulated(i, task, p=p, name=f"S{i}") for i in range(8)]
     assert findings_of(*subjects) == ()
 

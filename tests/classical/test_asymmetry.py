@@ -29,6 +29,7 @@ def test_one_comparison_by_hand():
     assert (row.n_equal_strong_first, row.n_trials_strong_first) == (25, 40)
     assert row.asymmetry == pytest.approx(strong.mean() - weak.mean())
     assert row.asymmetry_se == pytest.approx(np.sqrt(strong.var() + weak.var()))
+    # Rows are 'equal' and 'different', columns are the orders.
     assert row.p_value == pytest.approx(stats.boschloo_exact([[12, 25], [38, 15]]).pvalue, rel=1e-6)
 
 

@@ -67,7 +67,8 @@ def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis):
 
 
 def test_a_file_of_draws_is_small(saved):
-    # Three subjects with draws of four parameters; all other quantities would need more space.
+    # Of each of three subjects, 10,240 draws of four parameters and their density take 0.4 MB. With
+    # all ten quantities the file would be larger than this limit.
     assert (saved / "posterior.nc").stat().st_size < 3 * 1.06e6
 
 

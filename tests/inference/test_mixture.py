@@ -36,7 +36,7 @@ def test_the_density_of_a_mixture_is_that_of_its_definition(dim, df):
 
 
 @pytest.mark.parametrize("distance", [1e2, 1e6, 1e12])
-def test_mixture_density_of_narrow_components_far_apart(distance):
+def test_components_far_apart_cost_no_more_digits_than_a_subtraction(distance):
     # The subtraction x - mean loses digits in proportion to the distance over the scale. The
     # density may lose as many, and no more.
     means = np.array([[0.0, 0.0], [distance, -distance]])

@@ -33,7 +33,7 @@ def test_answers_are_those_of_a_simulated_belief():
     s1 = target.subject.s1
     s2 = target.subject.s2
     observer = PaperObserver("A", Natural(*theta.values()), WHICH_STRONGER)
-    assert observer.p_trials(s1, s2, 0.0)[0] == pytest.approx(p, rel=1e-9)
+    assert observer.p_trials(s1, s2, carry_over=0.0)[0] == pytest.approx(p, rel=1e-9)
 
     # n draws for each of the ten pairs.
     memory_noise = sigma_p * np.sqrt(ratio) * rng.standard_normal((n, 1))
