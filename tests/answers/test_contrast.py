@@ -37,7 +37,8 @@ def condition_counts(
     P('second') is Phi((s2 - s1 - c + p (s1 - mean of s1)) / noise), with a noise of .25. The
     conditions are as many as there are levels; further errors and contractions are not used.
     """
-    rng, rows = default_rng(3), []
+    rng = default_rng(3)
+    rows = []
     conditions = list(zip(levels, constant_errors, contractions, strict=False))
     for name, (level, error, contraction) in product(subjects, conditions):
         perceived = SECOND - FIRST - error + contraction * (FIRST - FIRST.mean())
@@ -47,9 +48,9 @@ def condition_counts(
     return pd.concat(rows)
 
 
-# Subjects A and B with a constant error of .08 at left and -.08 at right, and no other difference.
 @pytest.fixture(scope="module")
 def table():
+    """Subjects A and B: a constant error of .08 at left and -.08 at right, no other difference."""
     return bt.contrast(bt.read_study(condition_counts()), seed=1)
 
 
@@ -85,7 +86,8 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
         )
     )
     table = bt.contrast(study, seed=1)
-    (contraction,), (order,) = table.select("contraction"), table.select(ORDER_EFFECT)
+    (contraction,) = table.select("contraction")
+    (order,) = table.select(ORDER_EFFECT)
     assert contraction.word == DIFFERS
     assert contraction.q025 < 0.5 < contraction.q975
     # Difference of the order effect = difference of the contraction x spread of first stimuli,
@@ -125,6 +127,7 @@ def test_a_study_without_a_subject_at_both_levels_is_refused(three_levels):
 
 
 def test_a_study_without_conditions_is_refused_with_the_way_on():
+    # One condition without its column; and a column with another name, which a refusal proposes.
     plain = condition_counts(["left"]).drop(columns="condition")
     delays = condition_counts(("1", "3")).rename(columns={"condition": "isi"})
     general = "found no condition within subjects, allowed: a column condition, or --condition"
@@ -139,7 +142,8 @@ def test_the_forest_shows_every_subject(table):
     assert words_of(figure.axes[0].get_yticklabels()) == ["A", "B"]
     # Words are in their order, whichever panel has them first.
     assert figure.legends[0].get_texts()[0].get_text() == "differs"
-    # The first line of the first panel is the interval of A's constant error; 0 are its x values.
+    # The first line of the first panel is the interval of A's constant error, of which the first
+    # column are the x values.
     low, high = figure.axes[0].collections[0].get_segments()[0][:, 0]
     interval = table.select("constant error")[0].interval(table.unit)
     assert (low, high) == pytest.approx((interval.q025, interval.q975))
@@ -175,7 +179,8 @@ def test_tasks_agree_but_for_what_differs(tmp_path):
     """
     design = tmp_path / "design.csv"
     pd.DataFrame({"s1": FIRST, "s2": SECOND}).to_csv(design, index=False)
-    observer, tables = {"noise": 0.25, "contraction": 0.3}, []
+    observer = {"noise": 0.25, "contraction": 0.3}
+    tables = []
     for task, parameters in (("2afc", {"constant_error": 0.25}), ("same/different", {"q0": 0.8})):
         observers = {"A": observer | parameters}
         study, _ = bt.simulate(observers, design=str(design), batches=60, seed=1, task=task)
@@ -188,6 +193,7 @@ def test_tasks_agree_but_for_what_differs(tmp_path):
     assert "same/different - 2AFC" in screen
     assert "This does not test whether one observer fits." in screen
     words = pd.read_csv(tmp_path / "contrast.csv").set_index("quantity").word
+    # The contractions are equal, but 960 trials cannot show that nothing differs.
     assert (words["constant error"], words["contraction"]) == (DIFFERS, UNDECIDED)
     assert words["JND"] in NOT_DIFFERENT
     # The order effect of one observer that is fitted to both tasks together.

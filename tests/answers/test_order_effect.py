@@ -55,6 +55,8 @@ def evidence():
 
 
 @pytest.mark.parametrize(
+    # An observer, the question that has a word, and whether the first stimulus is overestimated,
+    # which only a constant error says.
     "name, question, word, is_overestimated",
     [
         ("positive error", "constant_error", "yes", True),
@@ -126,6 +128,7 @@ def test_reweighting_is_a_fresh_run_with_another_scale():
 
 
 def test_a_yes_that_a_wider_prior_changes_is_marked(evidence, monkeypatch):
+    # Log evidences: each model with an effect is 5 nats below the one without.
     no_effect = ModelSet(np.array([0.0, -5.0, -5.0, -5.0]), PRIOR_PROBABILITIES)
 
     def rescaled(self, effect, factor):
@@ -162,6 +165,7 @@ def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
 def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
     subject = replace(expected_counts(), task=task)
     answer, _ = answer_subject(subject, seed=1)
+    # A p-value below the limit of a study of one subject, .05.
     answer = replace(answer, moving_criterion_p=0.001).in_study(n_subjects=1)
     sentence = answer.problems[WANDERING_FLAG].message
     start = "The preference for a response wanders over the trials (test p = .0010, below .05)."
@@ -171,6 +175,7 @@ def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
 
 
 def test_an_imitated_contraction_has_no_word_and_the_other_questions_keep_theirs(evidence):
+    # As if the pairs could not distinguish a contraction from noise that changes with intensity.
     imitated = Identification({"contraction": IMITATION})
     answer = order_effect(evidence, imitated)
     assert answer.word("contraction") == "cannot be told"
@@ -179,6 +184,7 @@ def test_an_imitated_contraction_has_no_word_and_the_other_questions_keep_theirs
 
 
 def test_a_flag_that_forbids_interpretation_comes_before_every_word(evidence):
+    # Subject, code, message, and the option that removes the fault.
     flag = Finding("S", "swapped_blocks", "In block 2.", "--swap S:2")
     answer = order_effect(evidence, ALL_IDENTIFIABLE, [flag])
     assert {answer.word(question) for question in QUESTIONS} == {"not interpretable"}
@@ -240,9 +246,9 @@ def test_vibrotactile_subjects_are_as_measured(vibrotactile, name, probabilities
 
 
 def test_dots_have_a_constant_error_and_a_misfit(real_data):
-    # Of the questions order effect, constant error and contraction.
     (dots,) = bt.read_study(real_data / "morse_rothkopf_1957" / "dots.csv")
     answer, _ = answer_subject(dots, seed=1)
+    # Order effect, constant error and contraction, as in an earlier analysis.
     assert [answer.word(question) for question in QUESTIONS] == ["yes", "yes", "probably not"]
     assert answer.fits is False
 

@@ -84,6 +84,7 @@ def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, st
 
 
 def test_same_or_different_has_both_effects_too():
+    # One observer for each effect. Only a contraction lets the trial before have a carry-over.
     carries = answered(31, SAME_DIFFERENT, repeats=40, p=0.35, carry_over=0.9)
     repeats = answered(32, SAME_DIFFERENT, repeats=20, share_repeated=0.3)
     study = bt.Study([replace(carries, name="carries"), replace(repeats, name="repeats")])
@@ -92,14 +93,15 @@ def test_same_or_different_has_both_effects_too():
     assert table["repeats"].word("previous_response") == "yes (repetition)"
 
 
-def test_the_table_is_a_file(table, tmp_path):
+def test_the_file_of_a_table_has_its_columns_words_and_numbers(table, tmp_path):
     table.save(tmp_path / "history.csv")
-    back = pd.read_csv(tmp_path / "history.csv")
-    assert tuple(back.columns) == (*HISTORY_COLUMNS, "seed")
-    assert set(back.seed) == {table.seed}
+    frame = pd.read_csv(tmp_path / "history.csv")
+    assert tuple(frame.columns) == (*HISTORY_COLUMNS, "seed")
+    assert set(frame.seed) == {table.seed}
     row = table["carries"]
-    cells = back.set_index("subject").loc["carries"]
+    cells = frame.set_index("subject").loc["carries"]
     assert cells.carry_over == row.word("carry_over")
+    # rho[1] is the median.
     numbers = [row.log_bayes_factor("carry_over"), row.rho[1], row.screen.joint_p]
     assert cells[["ln_bf_carry_over", "rho_q50", "history_p"]].tolist() == pytest.approx(numbers)
 
@@ -158,7 +160,7 @@ def test_a_point_of_the_figure_is_what_the_static_model_leaves_of_a_share(table)
     is_after_second = np.r_[False, is_second[:-1]] & ~trials.is_session_start
     residual = (is_second - p_second)[is_after_second].mean()
     (points,) = marks_of(right, "o")
-    assert points.get_ydata()[1] == pytest.approx(residual)  # 0 is the point after 'first'
+    assert points.get_ydata()[1] == pytest.approx(residual)  # the first point is after 'first'
     assert residual > 0.03  # so that the point is not 0 by itself
 
 

@@ -55,8 +55,9 @@ def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
     assert kstest(p_values(screens, "moving_criterion_p"), "uniform").pvalue > 1e-3
 
 
-#: An effect on 10 observers, and how many of them have p < .01 at least, by the name of the test.
 @pytest.mark.parametrize(
+    # An effect on 10 observers, and how many of them have p < .01 at least, by the name of the
+    # test.
     "effect, fewest",
     [
         ({"share_repeated": 0.2}, {"answer_p": 9}),
@@ -78,9 +79,9 @@ def test_an_effect_is_seen_by_its_own_test(effect, fewest):
 
 def test_nothing_is_said_without_the_order_of_trials():
     subject = answered(1)
-    assert screen(replace(subject, answers=None)) == SerialScreen()
+    assert screen(replace(subject, answers=None)) == SerialScreen()  # without any p-value
 
-    # Trials that are sorted by their stimuli have lost their order, too.
+    # Trials that are sorted by their stimuli, s1 and then s2, have lost their order, too.
     rows = np.lexsort(subject.answers.keys.T[::-1])
     answers = subject.answers
     sorted_answers = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
@@ -114,14 +115,17 @@ def test_with_a_constant_first_stimulus_all_p_values_exist():
 def test_a_trial_before_that_is_not_tested_needs_no_correction():
     """Blocks of two trials of one pair; the answers are independent.
 
-    Of 150 p-values 5 % are expected below .05, and 12 % once in 1,800 runs.
+    The first trial of a block has no trial before. Its answer is not tested, but it is one of those
+    to which the second is compared. Of 150 p-values 5 % are expected below .05, and 12 % once in
+    1,800 runs.
     """
     answer_p = []
     for seed in range(150):
         rng = default_rng(seed)
         # Ten pairs: 0 first and one of five levels second, or the other way round.
         pair = np.repeat(np.tile(np.arange(10), 4), 2)  # (80 trials,)
-        level, is_rising = 0.05 * (pair % 5 + 1), pair < 5
+        level = 0.05 * (pair % 5 + 1)
+        is_rising = pair < 5
         keys = np.column_stack([level * ~is_rising, level * is_rising])
         n_yes = (rng.random(80) < np.where(is_rising, 0.6, 0.4)).astype(int)
         position = np.arange(80) + np.arange(80) // 2  # a gap starts a block

@@ -21,6 +21,7 @@ from bayes_toe.model.prior import ParameterHyperprior
 
 
 def answer(name, words, shift=5.0, **fields):
+    """A subject's answer with words for its three questions; a shift above 0 is overestimation."""
     sizes = {
         "pse_shift_percent": Size(shift - 1.0, shift, shift + 1.0),
         "contraction_p": Size(0.1, 0.2, 0.3),
@@ -28,6 +29,7 @@ def answer(name, words, shift=5.0, **fields):
     return order_answer(name, words, sizes=sizes, **fields)
 
 
+#: Words for the order effect, the constant error and the contraction.
 STUDY = [
     answer("A", (Word.YES, Word.YES, Word.YES)),
     answer("B", (Word.YES, Word.YES, Word.PROBABLY), shift=-5.0, direction="repulsion"),
@@ -143,10 +145,16 @@ MEANS = {
 }
 
 
+#: Words that the same sentence may not have in `methods.md`, which says what was: 'participants'
+#: instead of 'subjects', and the past tense.
 PRESENT_TENSE = re.compile(r"\b(is|does|do|cannot|can|changes|differs?|subjects?)\b")
 
 
 def group_rows(name, letter):
+    """The rows of a parameter's mean and of its SD between subjects.
+
+    Behind the interval are numbers that play no role here.
+    """
     interval, log_bf = MEANS[letter]
     mean = PopulationRow(name, "mean", "", *interval, 0.0, 0.0, 1.0, ln_bf_zero=log_bf)
     return mean, PopulationRow(name, "sd", "", 0.9, 1.0, 1.1, 0.0, 0.0, 1.0)
@@ -154,7 +162,7 @@ def group_rows(name, letter):
 
 def answer_of(name, letters):
     """An answer by its letters; a '-' or '0' belongs to the letter before it."""
-    words, signs = [], []
+    words, signs = [], []  # of the order effect, the constant error and the contraction
     for letter in letters:
         if letter in WORD_BY_LETTER:
             words.append(WORD_BY_LETTER[letter])
@@ -172,19 +180,23 @@ def test_what_the_answer_of_a_study_means(case):
     heading, *lines = case.strip().splitlines()
     subjects, means = heading.split(" | ")
     meaning = " ".join(map(str.strip, lines))
+    # A name for each subject; there are seven at most.
     answers = [answer_of(*row) for row in zip("ABCDEFG", subjects.split(), strict=False)]
-    letters, rows = means.strip("-"), []
+    letters = means.strip("-")
+    rows = []
     names = ("constant_error", "contraction")[: len(letters)]
     for name, letter in zip(names, letters, strict=True):
         rows += group_rows(name, letter)
-    group = SimpleNamespace(identified=names, table=PopulationTable(tuple(rows), 1))
+    group = SimpleNamespace(identified=names, table=PopulationTable(tuple(rows), seed=1))
     assert describe_meaning(answers, group) == meaning
+    # The private `_in_paper` makes the sentence of `methods.md`, which has more text around it.
     assert not PRESENT_TENSE.search(_in_paper(meaning))
     first, *_ = study_lines(answers, group)
     assert first == (f"A: {meaning}" if len(answers) == 1 else meaning)
 
 
 def test_a_question_that_no_subject_can_answer_has_one_sentence():
+    # The third question is about the contraction; subject D cannot be interpreted at all.
     words = (Word.YES, Word.YES, Word.CANNOT_BE_TOLD)
     *_, contraction = study_lines([answer("A", words), answer("B", words)])
     assert contraction == "Contraction: cannot be told in any subject."
@@ -193,18 +205,22 @@ def test_a_question_that_no_subject_can_answer_has_one_sentence():
 
 
 def test_one_subject_is_described_in_full():
-    only_a, only_d = STUDY[:1], STUDY[3:]
-    _, line = study_lines(only_a)
+    _, line = study_lines(STUDY[:1])
     assert line.startswith("A: Order effect: yes (P = .50). Constant error: yes")
-    assert study_lines(only_d) == ["D: Not interpreted: responses look swapped."]
+    assert study_lines(STUDY[3:]) == ["D: Not interpreted: responses look swapped."]
 
 
 def test_synthetic_subjects_are_called_so():
+    # Subject D is not interpreted, and not counted.
     _, order_effect, *_ = study_lines(STUDY, synthetic=True)
     assert order_effect.startswith("Order effect: 2 of 3 synthetic subjects")
 
 
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):
+    """The private `_group` is called, because `run` would take minutes for seven subjects.
+
+    Groups are not fitted; the names of their subjects and the options are kept instead.
+    """
     fitted = []
     monkeypatch.setattr(
         "bayes_toe.analysis.population",
@@ -212,13 +228,14 @@ def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypat
     )
     study = bt.example_study("same/different").select([f"S{i:02d}" for i in range(1, 8)])
     wide = bt.Hyperprior(contraction=ParameterHyperprior(0.0, 0.6, 0.15))
-    settings = Settings(4, bt.Prior(group=wide))
+    settings = Settings(seed=4, prior=bt.Prior(group=wide))
 
     def group_without(*names):
+        """The group of seven subjects of whom these are not interpreted."""
         included = [name for name in study.names if name not in names]
         return _group(study, [answer(name, (Word.NO,) * 3) for name in included], settings)
 
-    group_without("S01")
+    group_without("S01")  # six are left
     assert fitted == [(study.names[1:], {"seed": 4, "hyperprior": wide})]
     assert group_without("S01", "S02") is None
     assert len(fitted) == 1

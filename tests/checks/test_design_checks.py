@@ -37,6 +37,7 @@ def messages(*subjects, **keywords):
 
 def test_effects_that_the_pairs_cannot_show_are_named():
     assert messages(make_subject(GRID)) == {}
+    # Only equal pairs; and only one first stimulus, where a contraction is a constant error.
     pairs_by_effects = {
         "Order effect, constant error and contraction": [(-0.3, -0.3), (0.0, 0.0)],
         "Contraction": [(0.25, s2) for s2 in (-0.3, 0.0, 0.25, 0.4)],
@@ -54,6 +55,7 @@ def test_in_2afc_a_preference_for_a_response_may_be_the_constant_error():
 
 
 def test_pairs_in_one_order_are_named_the_first_three_of_them():
+    # The grid has all its pairs in both orders.
     pairs = [*GRID, (0.0, 0.5)]
     message = "1 pair was presented in one order only: (0, 0.5)."
     assert messages(make_subject(pairs)) == {"one_order": message}

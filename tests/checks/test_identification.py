@@ -25,9 +25,9 @@ def make_subject(pairs, task=SAME_DIFFERENT, n_trials=20):
     return bt.Subject("S", s1, s2, [n_trials // 2] * len(s1), [n_trials] * len(s1), task=task)
 
 
-#: Pairs of stimuli, the questions that they cannot answer, and a part of the reason.
 @BOTH_TASKS
 @pytest.mark.parametrize(
+    # Pairs of stimuli, the questions that they cannot answer, and a part of the reason.
     "pairs, unknown, reason",
     [
         (GRID, (), ""),
@@ -55,7 +55,8 @@ def test_the_pairs_decide_which_questions_can_be_told(pairs, unknown, reason, ta
 def test_roved_stimuli_need_both_signs_but_no_repeated_pairs(task):
     """One trial of each of 200 pairs whose first stimulus is random."""
     rng = np.random.default_rng(1)
-    s1, step = rng.normal(0.0, 2.0, 200), np.abs(rng.normal(0.0, 0.3, 200))
+    s1 = rng.normal(0.0, 2.0, 200)
+    step = np.abs(rng.normal(0.0, 0.3, 200))
     always_rising = np.column_stack([s1, s1 + step])
     assert identify(make_subject(always_rising, task, n_trials=1)).reasons
     step[::2] *= -1.0
@@ -71,7 +72,8 @@ def read_trials(**columns):
 
 def orders(is_rising):
     """Columns s1 and s2 of four pairs in turn; the weaker stimulus is first in rising trials."""
-    weak, strong = np.zeros(80), np.tile([0.1, 0.2, 0.3, 0.4], 20)
+    weak = np.zeros(80)
+    strong = np.tile([0.1, 0.2, 0.3, 0.4], 20)
     return {"s1": np.where(is_rising, weak, strong), "s2": np.where(is_rising, strong, weak)}
 
 
@@ -80,11 +82,11 @@ BLOCKS = {"block": TRIAL // 20}
 SESSIONS = {"trial": TRIAL, "session": TRIAL // 20}
 
 
-#: How many trials in a row have the same order of stimuli, the columns that say when each trial
-#: was, and whether the file can show an order effect. Sorted rows alone are no order of trials. If
-#: each block or session, or each long stretch of trials, has one order, the effect of the order
-#: cannot be distinguished from a change over time.
 @pytest.mark.parametrize(
+    # How many trials in a row have the same order of stimuli, the columns that say when each trial
+    # was, and whether the file can show an order effect. Sorted rows alone are no order of trials.
+    # If each block or session, or each long stretch of trials, has one order, the effect of the
+    # order cannot be distinguished from a change over time.
     "stretch, columns, is_identified",
     [
         (20, BLOCKS, False),

@@ -16,14 +16,12 @@ from bayes_toe.classical.asymmetry import (
 )
 from bayes_toe.errors import InputError
 
-
-def both_orders(name="S", weak=(12, 50), strong=(25, 50)):
-    """A subject with one pair; 'equal' of trials with the weaker and with the stronger first."""
-    return bt.Subject(name, [0.0, 0.3], [0.3, 0.0], [weak[0], strong[0]], [weak[1], strong[1]])
+# Rows of subjects are s1, s2, number of 'equal', trials.
 
 
 def test_one_comparison_by_hand():
-    row = bt.asymmetry(bt.Study([both_orders(strong=(25, 40))]))["S"].maximal
+    subject = made_subject("0 0.3 12 50, 0.3 0 25 40")
+    row = bt.asymmetry(bt.Study([subject]))["S"].maximal
     # Posteriors of P(equal) after 12 'equal' in 50 trials and 25 in 40, from a uniform prior.
     weak, strong = stats.beta(13, 39), stats.beta(26, 16)
     assert (row.s_weak, row.s_strong) == (0.0, 0.3)
@@ -31,6 +29,7 @@ def test_one_comparison_by_hand():
     assert (row.n_equal_strong_first, row.n_trials_strong_first) == (25, 40)
     assert row.asymmetry == pytest.approx(strong.mean() - weak.mean())
     assert row.asymmetry_se == pytest.approx(np.sqrt(strong.var() + weak.var()))
+    # Rows are 'equal' and 'different', columns are the orders.
     assert row.p_value == pytest.approx(stats.boschloo_exact([[12, 25], [38, 15]]).pvalue, rel=1e-6)
 
 
@@ -42,32 +41,43 @@ def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, nam
     assert all(sign * comparison.asymmetry > 0 for comparison in row.comparisons)
 
 
-def test_maxima_correction_and_counts_over_subjects(tmp_path):
-    # s1, s2, 'equal', trials: the first is significant among one comparison but not among three,
-    # and the second has two maxima.
+@pytest.fixture(scope="module")
+def table():
+    """The asymmetry of six subjects, some of whom have several pairs.
+
+    'corrected' is significant as one comparison but not as one of three, and 'two alike' has the
+    same counts for both pairs.
+    """
     corrected = "0 0.3 15 50, 0.3 0 26 50, 0 0.6 20 50, 0.6 0 20 50, 0 0.9 20 50, 0.9 0 20 50"
     two_alike = "0 0.3 10 30, 0.3 0 20 30, 0 0.6 10 30, 0.6 0 20 30"
     subjects = [
-        both_orders("strongly positive", (10, 50), (40, 50)),
-        both_orders("weakly positive", (20, 50), (22, 50)),
-        both_orders("strongly negative", (40, 50), (10, 50)),
-        both_orders("none", (20, 50), (20, 50)),
+        made_subject("0 0.3 10 50, 0.3 0 40 50", "strongly positive"),
+        made_subject("0 0.3 20 50, 0.3 0 22 50", "weakly positive"),
+        made_subject("0 0.3 40 50, 0.3 0 10 50", "strongly negative"),
+        made_subject("0 0.3 20 50, 0.3 0 20 50", "none"),
         made_subject(corrected, "corrected"),
         made_subject(two_alike, "two alike"),
     ]
-    table = bt.asymmetry(bt.Study(subjects))
+    return bt.asymmetry(bt.Study(subjects))
+
+
+def test_subjects_are_counted_by_sign_and_by_significance_with_and_without_correction(table):
     assert (
         "4 of 6 subjects gave more 'equal' responses with the stronger stimulus first than in the "
         "other order. The difference is significant (p < .05) in 3 of them, in 2 after Holm's "
         "correction. 1 of 6 subjects gave more 'equal' responses with the weaker stimulus first"
     ) in table.describe()
-    assert sum(comparison.is_maximal for comparison in table["two alike"].comparisons) == 1
 
+
+def test_one_comparison_of_a_subject_is_maximal_and_p_values_are_corrected_within_subjects(table):
+    assert sum(comparison.is_maximal for comparison in table["two alike"].comparisons) == 1
     for row in table:
         comparisons = table.frame(full=True).query("subject == @row.subject")
         assert abs(row.maximal.asymmetry) == comparisons.asymmetry.abs().max()
         assert comparisons.p_adjusted.tolist() == holm(comparisons.p_value).tolist()
 
+
+def test_the_table_comes_back_from_its_file(table, tmp_path):
     read = pd.read_csv(table.save(tmp_path / "asymmetry.csv"), dtype={"subject": str})
     assert tuple(read.columns) == ASYMMETRY_COLUMNS
     pd.testing.assert_frame_equal(read, table.frame(full=True), check_exact=True)
@@ -86,8 +96,10 @@ def test_pairs_in_one_order_are_left_out():
         table["x"]
 
 
-#: k1 'equal' in n1 trials, and k2 in n2.
-tables = st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(
+# --- The exact test: k1 'equal' in n1 trials against k2 in n2 -------------------------------------
+
+#: k1, n1, k2, n2
+COUNTS = st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(
     lambda n: st.tuples(st.integers(0, n[0]), st.just(n[0]), st.integers(0, n[1]), st.just(n[1]))
 )
 
@@ -100,12 +112,12 @@ def fisher(k1, n1, k2, n2):
 
 
 @settings(max_examples=40, deadline=None)
-@given(tables)
-def test_never_above_fisher_and_blind_to_names(table):
+@given(COUNTS)
+def test_never_above_fisher_and_blind_to_names(counts):
     """The p-value stays the same if the orders, or the two responses, swap their names."""
-    k1, n1, k2, n2 = table
-    p_value, _ = equality_test(*table)
-    assert 0 < p_value <= fisher(*table) * (1 + 1e-9)  # equal to rounding
+    k1, n1, k2, n2 = counts
+    p_value, _ = equality_test(*counts)
+    assert 0 < p_value <= fisher(*counts) * (1 + 1e-9)  # equal to rounding
     other_orders, other_responses = (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2)
     for identical in (other_orders, other_responses):
         # To the optimum that SciPy searches for.
@@ -114,16 +126,16 @@ def test_never_above_fisher_and_blind_to_names(table):
 
 def test_more_than_150_trials_have_fishers_test_instead_of_boschloos():
     one_too_many = 25, 75, 40, 76  # 151 trials
-    for table in (one_too_many, (300, 1200, 380, 1250)):
-        assert equality_test(*table) == (pytest.approx(fisher(*table), rel=1e-9), "fisher")
+    for counts in (one_too_many, (300, 1200, 380, 1250)):
+        assert equality_test(*counts) == (pytest.approx(fisher(*counts), rel=1e-9), "fisher")
     assert equality_test(300, 600, 300, 600)[0] == 1.0  # equal shares
 
 
 def test_both_tests_are_close_where_one_replaces_the_other():
-    table = 30, 75, 45, 75  # 150 trials, the most for Boschloo's test, which is the sharper one
-    p_value, test = equality_test(*table)
+    counts = 30, 75, 45, 75  # 150 trials, the most for Boschloo's test, which is the sharper one
+    p_value, test = equality_test(*counts)
     assert test == "boschloo"
-    assert p_value < fisher(*table) < 1.5 * p_value
+    assert p_value < fisher(*counts) < 1.5 * p_value
 
 
 def test_p_values_are_adjusted_as_holm_says():

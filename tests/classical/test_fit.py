@@ -6,6 +6,7 @@ from conftest import hard_and_ordinary_subjects, made_subject
 from definitions import paper_log_likelihood
 from numpy.random import default_rng
 from scipy.optimize import minimize
+from scipy.stats import betabinom
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import PenalisedLikelihood, SubjectFit, resample, subject_fit
@@ -46,7 +47,8 @@ def best_of_random_starts(subject, prior):
     bounds = [(-200, 200), (1e-6, 1e6), (0, 1), (0, 1)]
     lowest = np.inf
     for _ in range(3):
-        mu1, sigma_p = subject.s1.mean() + 3 * scale * rng.normal(), scale * np.exp(rng.normal())
+        mu1 = subject.s1.mean() + 3 * scale * rng.normal()
+        sigma_p = scale * np.exp(rng.normal())
         start = [mu1, sigma_p, rng.uniform(), rng.uniform(0.3, 1)]
         result = minimize(objective, start, method="Nelder-Mead", bounds=bounds)
         lowest = min(lowest, result.fun)
@@ -70,8 +72,8 @@ def test_the_maximum_is_that_of_a_general_optimiser_and_the_parameters_reach_it(
         assert fit.log_likelihood == pytest.approx(highest + penalty, rel=1e-12)
 
 
-#: A subject, the bound at which the maximum lies, and a parameter that the answers leave open.
 @pytest.mark.parametrize(
+    # A subject, the bound at which the maximum lies, and a parameter that the answers leave open.
     "subject, edge, undetermined",
     [
         (SUBJECTS["S01"], "", ""),
@@ -100,10 +102,10 @@ def test_a_fit_names_its_bounds_and_what_answers_leave_open(subject, edge, undet
 
 def test_resampled_counts_are_beta_binomial():
     """P(equal) of a pair is drawn from its posterior, Beta(a, b), and then a count of n trials."""
-    subject = made_subject("0 0 50 50, 0 0.3 20 50, 0.3 0 0 10")
+    subject = made_subject("0 0 50 50, 0 0.3 20 50, 0.3 0 0 10")  # s1, s2, 'equal', trials
     counts = resample(subject, default_rng(1), 20_000)  # (replicates, pairs)
-    a, b, n = subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0, subject.n_trials
-    mean, variance = n * a / (a + b), n * a * b * (a + b + n) / ((a + b) ** 2 * (a + b + 1))
+    n = subject.n_trials
+    mean, variance = betabinom.stats(n, subject.n_yes + 1, n - subject.n_yes + 1)
     # Four standard errors of each of three means: a false alarm in 5,000 runs.
     z = (counts.mean(axis=0) - mean) / np.sqrt(variance / 20_000)
     assert np.abs(z).max() < 4
@@ -124,20 +126,31 @@ def test_a_study_of_which_is_stronger_has_a_lapse_rate_and_bands_about_half():
     assert low[0] < high[0] < 0.5 < low[1] < high[1]
 
 
-def test_intervals_bands_and_notes_are_those_of_the_replicates():
-    """mu1, sigma_p, sigma_l and q0 of 400 replicates; the fitted mu1, 9, is far from them."""
-    values = np.array([0.1, 0.3, 0.1, 0.9]) + default_rng(2).uniform(-0.1, 0.1, size=(400, 4))
+@pytest.fixture
+def fit():
+    """A fit of mu1, sigma_p, sigma_l and q0; the fitted mu1 is far from its 400 replicates."""
+    centre = np.array([0.1, 0.3, 0.1, 0.9])
+    replicates = centre + default_rng(2).uniform(-0.1, 0.1, size=(400, 4))
     fitted = np.array([9.0, 0.3, 0.1, 0.9])
-    fit = SubjectFit("x", SAME_DIFFERENT, fitted, -5.0, at_edge="", replicates=values, n_failed=2)
+    return SubjectFit(
+        "x", SAME_DIFFERENT, fitted, -5.0, at_edge="", replicates=replicates, n_failed=2
+    )
+
+
+def test_90_percent_of_replicates_lie_in_their_90_percent_interval(fit):
     low, high = fit.intervals(0.9).T
-    is_inside = (values >= low) & (values <= high)
+    is_inside = (fit.replicates >= low) & (fit.replicates <= high)
+    # The ends of an interval lie between two of 400 replicates.
     assert is_inside.mean(axis=0) == pytest.approx(np.full(4, 0.9), abs=0.01)
 
+
+def test_a_band_is_from_the_20_to_the_80_percent_quantile_of_the_curves_of_replicates(fit):
     s1, s2 = np.array([0.0, 0.3]), np.array([0.3, 0.0])
-    q = np.array([bt.model.equal_probability(s1, s2, *theta) for theta in values])
-    # A band is from the 20 to the 80 % quantile.
+    q = np.array([bt.model.equal_probability(s1, s2, *theta) for theta in fit.replicates])
     assert fit.bands(s1, s2) == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
 
+
+def test_failed_searches_and_a_fit_far_from_its_replicates_are_noted(fit):
     failed, outside = fit.notes
     assert failed == "2 of 401 searches did not converge"  # 400 replicates and the fit itself
     assert outside.startswith("outside the 95 % interval: mu1, because")

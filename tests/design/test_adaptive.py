@@ -23,24 +23,30 @@ LEVELS = np.linspace(-0.75, 1.25, 9)  # .25 apart
 PAIRS = list(itertools.product(LEVELS, repeat=2))
 DESIGN = each_once(*np.transpose(PAIRS))
 CONTRACTION = make_observer(
-    "O", "k", {"noise": 0.2, "q0": 0.93, "lapse_rate": 0.03, "contraction": 0.3}, SAME_DIFFERENT
+    "name",
+    "kind",
+    {"noise": 0.2, "q0": 0.93, "lapse_rate": 0.03, "contraction": 0.3},
+    SAME_DIFFERENT,
 )
 
 
 def answer_pair(session, pair, rng, observer=CONTRACTION):
     """Let an observer answer a pair in a session."""
+    # The task has only one question.
     p_yes = observer.p_questions(*pair, sbar=float(LEVELS.mean()))[0]
     session.answer(pair, bool(rng.uniform() < p_yes))
 
 
 def start_session(draws=512, **options):
+    """A session without answers; so few draws are quick."""
     return Adaptive(PAIRS, seed=1, draws=draws, **options)
 
 
 @pytest.fixture(scope="module")
 def session():
     """A session of 100 trials with an observer who has a contraction."""
-    session, rng = start_session(draws=2000), default_rng(3)
+    session = start_session(draws=2000)
+    rng = default_rng(3)
     for _ in range(100):
         pair = session.next()
         assert pair in PAIRS
@@ -61,7 +67,7 @@ def test_the_posterior_is_that_of_the_four_models(session):
 
 
 def test_the_next_pair_is_one_that_tells_most(session):
-    worth = session.information()
+    worth = session.information()  # of each pair
     assert worth[PAIRS.index(session.next())] == pytest.approx(worth.max())
 
 
@@ -76,7 +82,8 @@ def test_information_is_the_expected_fall_of_entropy(aim, error):
 
     The errors are Monte Carlo errors: probabilities of models are averages of many draws.
     """
-    mean, expected_entropy = 0.0, 0.0
+    mean = 0.0
+    expected_entropy = 0.0
     for number, (name, probability) in enumerate(MODEL_PRIOR.items()):
         posterior = OrderModel(name).posterior(DESIGN.unanswered)
         x = posterior.sample_prior(default_rng(number), 8_000)
@@ -112,8 +119,9 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
 def test_sessions_of_which_is_stronger_take_true_for_second():
     """A positive constant error, of which 'second' is the rarer answer, is a positive PSE shift."""
     parameters = {"noise": 0.2, "lapse_rate": 0.02, "constant_error": 0.3}
-    observer = make_observer("O", "k", parameters, WHICH_STRONGER)
-    session, rng = start_session(task="2afc"), default_rng(1)
+    observer = make_observer("name", "kind", parameters, WHICH_STRONGER)
+    session = start_session(task="2afc")
+    rng = default_rng(1)
     for _ in range(60):
         answer_pair(session, session.next(), rng, observer)
     assert session.order_effect.sizes["pse_shift_percent"].q025 > 0.0

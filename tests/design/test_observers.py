@@ -28,11 +28,12 @@ OF_2AFC = assume_observers("both", 1, 1, [PAPER_2AFC])
 
 @BOTH_TASKS
 def test_observers_answer_as_the_model_both_predicts(task):
+    """Trials per pair differ, because the mean first stimulus is weighted by them."""
     s1, s2 = [0.0, 0.0, 0.4, 0.4, 0.7], [0.0, 0.4, 0.0, 0.7, 0.4]
     design = StudyDesign(s1, s2, [9, 3, 4, 5, 7], task=task)
     posterior = OrderModel("both").posterior(design.unanswered)
     parameters = {name: PARAMETERS[name] for name in posterior.coordinates}
-    observer = make_observer("O", "k", parameters, task)
+    observer = make_observer("name", "kind", parameters, task)
     x = posterior.points({name: np.array([value]) for name, value in parameters.items()})
     expected = np.exp(posterior.log_answers(x).yes[0])
     assert observer.p_design(design)[0] == pytest.approx(expected, rel=1e-12)
@@ -40,7 +41,8 @@ def test_observers_answer_as_the_model_both_predicts(task):
 
 def test_an_observer_is_the_same_whoever_else_there_is():
     """One or three observers of each kind, with parameters in the ranges of the kind."""
-    few, all_observers = (assume_observers(None, size, 5, [PAPER]) for size in (1, 3))
+    few = assume_observers(None, size=1, seed=5, designs=[PAPER])
+    all_observers = assume_observers(None, size=3, seed=5, designs=[PAPER])
     assert [observer.kind for observer in few] == list(KINDS)
     for observer in few:
         assert observer in all_observers
@@ -114,6 +116,8 @@ FAR_APART = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
 
 
 @pytest.mark.parametrize(
+    # The source of observers, their number of each kind, a design, and the refusal: an unknown
+    # kind, no observers, observers of the other task, and pairs of which nobody can say 'equal'.
     "observers, size, design, message",
     [
         ("nobody", 1, PAPER, "found 'nobody', allowed: none, small constant error"),

@@ -37,9 +37,9 @@ def information_about(aim, observers=OBSERVERS, pairs=PAIRS):
     return information(pairs, observers, aim, DEFAULT_PRIOR)
 
 
-# A design of 650 trials that is optimised for observers with a contraction.
 @pytest.fixture(scope="module")
 def result():
+    """A design of 650 trials that is optimised for observers with a contraction."""
     return optimal_design(WIDE, 650, observers="contraction", data_sets=2, seed=1)
 
 
@@ -54,10 +54,10 @@ def test_information_is_the_expected_square_of_the_slopes():
 
     def p_yes(name, change):
         """P(equal) of each pair where a parameter is larger by `change`."""
-        moved = make_observer("O", "k", {**base, name: base[name] + change}, task)
+        moved = make_observer("name", "kind", {**base, name: base[name] + change}, task)
         return moved.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
 
-    observer = make_observer("O", "k", base, task)
+    observer = make_observer("name", "kind", base, task)
     # Of the only observer: (pairs, answers, coordinates).
     rows = information_about("order-effect", [observer]).rows[0]
     q = observer.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
@@ -75,7 +75,7 @@ def test_more_trials_of_a_pair_are_worth_what_the_changed_design_is(aim, task):
     observers = [replace(observer, task=task) for observer in OBSERVERS]
     aim_information = information_about(aim, observers, replace(PAIRS, task=task))
     n = np.array([30, 40, 20, 10, 5])  # trials of each pair
-    utilities = aim_information.utilities(n, 7)
+    utilities = aim_information.utilities(n, 7)  # with 7 more trials of each pair in turn
     changed = [aim_information.utility(n + added) for added in 7 * np.eye(5, dtype=int)]
     assert utilities == pytest.approx(changed, rel=1e-9)
 
@@ -86,7 +86,11 @@ def test_brute_force_finds_nothing_better_than_exchange(aim):
     aim_information = information_about(aim)
     without_other_order = np.arange(5)  # each pair stands for itself
     n_trials = exchange_trials(
-        aim_information, 40, 5, fixed=np.zeros(5, np.int64), turned=without_other_order
+        aim_information,
+        trials=40,
+        most_pairs=5,
+        fixed=np.zeros(5, np.int64),
+        turned=without_other_order,
     )
     assert n_trials.sum() == 40
     utilities = []
@@ -100,25 +104,27 @@ def test_brute_force_finds_nothing_better_than_exchange(aim):
 def test_an_optimised_design_shows_a_contraction(result):
     design = result.design
     assert design.total == 650
-    assert design.n_pairs <= 26
+    assert design.n_pairs <= 26  # the default of max_pairs
     assert list(result.designs) == [OPTIMISED, EVEN]
     # The share of observers with a contraction whose contraction is detected.
     share = result.power[OPTIMISED, 650, "contraction", "contraction", "yes or probably"]
     assert share.value == 1.0
+    # Both orders have as many trials.
     n_by_pair = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
     for (s1, s2), n_trials in n_by_pair.items():
         assert n_by_pair[s2, s1] == n_trials
-    assert (result.worth > 0).all()
+    assert (result.worth > 0).all()  # of more trials, for every pair
     assert result.reasons()[0].startswith("Most trials have these first stimuli: -0.75 ln (")
 
 
 def test_pairs_that_cannot_show_a_contraction_are_named():
-    levels = grid(0, 0.1, 0.05)
+    levels = grid(0, 0.1, 0.05)  # half of the noise of the observers
     short = optimal_design(levels, 100, observers="none", data_sets=1, seed=1)
     assert any("cannot show a contraction" in line for line in short.reasons())
 
 
 def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
+    # Two pairs of equal stimuli are kept.
     goal = DesignGoal("contraction", max_pairs=6, keep=FIXED_PAIRS)
     design, _ = best_design(WIDE, 200, goal, OBSERVERS)
     n_by_pair = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
@@ -140,6 +146,7 @@ def test_pairs_that_are_kept_in_one_order_leave_room_for_few_others():
 
 
 def test_a_design_of_which_is_stronger_may_have_an_odd_number_of_trials_and_has_its_task():
+    # With an even number both orders of each pair could have equally many trials.
     goal = DesignGoal(task="2afc")
     observers = assume_observers("both", 2, 1, [each_once([0, 0.3], [0.3, 0], task=goal.task)])
     design, _ = best_design(WIDE, 201, goal, observers)
@@ -159,13 +166,14 @@ def test_a_grid_has_both_ends_and_round_numbers():
 
 
 def test_the_command_writes_the_design_and_its_figure(tmp_path):
+    # Five levels, and two pairs that are kept.
     FIXED_PAIRS.save(tmp_path / "kept.csv")
-    text = run_ok(
+    screen = run_ok(
         "design -o d.csv --lowest -0.75 --highest 1.25 --step 0.5 --trials 200 --max-pairs 9 "
         "--for contraction --keep kept.csv --observers contraction --simulated 1 --seed 1",
         cwd=tmp_path,
     )
-    assert "Optimised: observers with 'yes' or 'probably'" in text
+    assert "Optimised: observers with 'yes' or 'probably'" in screen
     files = {path.name for path in tmp_path.glob("d*")}
     assert files == {"d.csv", "d.png", "d_compared.csv"}
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
@@ -202,8 +210,8 @@ def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, messa
 
 
 def test_the_figure_has_the_design_on_the_plane(result):
-    figure = bt.plots.design(result)
     """The colour of a pair is its worth in thousandths of a nat, and a point is its trials."""
+    figure = bt.plots.design(result)
     plane = figure.axes[0]
     # The x axis is s1, the slower index of the 9 x 9 pairs, so that rows of the image are s2.
     worth = np.asarray(plane.collections[0].get_array()).reshape(9, 9)

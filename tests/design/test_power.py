@@ -23,17 +23,17 @@ from bayes_toe.design.study_design import paper_study_design
 from bayes_toe.errors import InputError
 
 
-# The paper's design, and one whose first stimuli are far apart.
 @pytest.fixture(scope="module")
 def designs():
+    """The paper's design, and one whose first stimuli are far apart."""
     steps = np.linspace(-0.3, 0.3, 5)
     wide = grid_design(np.linspace(-0.75, 1.25, 5), steps, 650)
     return {"paper": paper_study_design(), "wide": wide}
 
 
-# The power of both designs for three observers of each of three kinds.
 @pytest.fixture(scope="module")
 def table(designs):
+    """The power of both designs for three observers of each of three kinds."""
     observers = []
     for kind in ("none", "large constant error", "contraction"):
         observers += assume_observers(kind, 3, 1, list(designs.values()))
@@ -63,7 +63,8 @@ def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not
 
 def test_words_are_counted(table):
     """Five data sets of observers without effects, each with one word for all questions."""
-    base, data_sets = table.data_sets[0], []
+    base = table.data_sets[0]
+    data_sets = []
     for word in ("YES", "PROBABLY", "PROBABLY", "UNDECIDED", "CANNOT_BE_TOLD"):
         words = dict.fromkeys(QUESTIONS, Word[word])
         data_sets.append(replace(base, answer=replace(base.answer, words=words)))
@@ -79,7 +80,7 @@ def test_words_are_counted(table):
 
 
 def test_the_effect_that_is_detected_least_comes_first(table):
-    # Intervals are those of a share of six observers, or of three.
+    # Intervals are those of three of three observers, and of none of three.
     paper, wide = table.sentences()
     assert paper.endswith(" Contraction: cannot be told.")
     assert wide == (
@@ -89,9 +90,9 @@ def test_the_effect_that_is_detected_least_comes_first(table):
 
 
 def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
-    """Without spread between subjects, the false-positive rate of 400 studies is below 10 %.
+    """Power is the share of 400 simulated studies of 10 or of 20 subjects that find the mean.
 
-    The power is for groups of 10 and of 20 subjects.
+    Subjects are drawn from twelve observers, whose effects differ.
     """
     observers = assume_observers("groups", 12, 1, [designs["wide"]], is_even=True)
     kinds = ("mean 0", "contraction 20 %")
@@ -100,7 +101,7 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
     groups = group_power(single, [10, 20])
     rows = groups.select("wide", 650, "contraction")
     assert [row.true_mean for row in rows["mean 0"]] == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert all(row.power < 0.1 for row in rows["mean 0"])
+    assert all(row.power < 0.1 for row in rows["mean 0"])  # false positives
     of_10, of_20 = rows["contraction 20 %"]
     # Twelve equidistant values from .03 to .37 have an SD of .098.
     assert (of_10.true_mean, of_10.true_sd) == pytest.approx((0.2, 0.098), abs=2e-3)
@@ -126,7 +127,7 @@ def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
     screen = run_ok(words, "-o", "both", cwd=tmp_path)
     assert "The paper's pairs, three answers, 130 trials: both detected in" in screen
     data_sets = pd.read_csv(tmp_path / "both" / "power_data_sets.csv").groupby("design")
-    two, three = (rows for _, rows in data_sets)
+    two, three = (rows for _, rows in data_sets)  # sorted by name: 2AFC, three answers
     for effect in ("true_constant_error", "true_contraction"):
         assert two[effect].tolist() == three[effect].tolist()
 

@@ -45,7 +45,8 @@ def test_every_batch_holds_every_pair_once_in_random_order():
 
 
 def test_an_observer_answers_alike_whoever_else_there_is():
-    together, alone = simulated_study("AB")["B"], simulated_study("B")["B"]
+    together = simulated_study("AB")["B"]
+    alone = simulated_study("B")["B"]
     assert np.array_equal(together.answers.n_yes, alone.answers.n_yes)
 
 
@@ -158,6 +159,7 @@ def test_the_command_writes_conditions_and_the_truth(tmp_path):
         "--conditions 2,6 --differ contraction=0.2 --seed 1",
         cwd=tmp_path,
     )
+    # A row for each of two subjects in each of the conditions 2 and 6.
     truth = pd.read_csv(tmp_path / "t.csv")
     assert truth["subject"].tolist() == ["S01@2", "S01@6", "S02@2", "S02@6"]
     study = bt.read_study(tmp_path / "s.csv")

@@ -22,19 +22,31 @@ DESIGNS = {
 }
 
 
-@pytest.mark.parametrize("name", DESIGNS)
-@pytest.mark.parametrize("blocks", [1, 4, 10])
-def test_every_trial_once_blocks_alike_and_three_equal_pairs_in_a_row_at_most(name, blocks):
-    design = DESIGNS[name]
+EACH_DESIGN = pytest.mark.parametrize("design", DESIGNS.values(), ids=DESIGNS)
+EACH_NUMBER_OF_BLOCKS = pytest.mark.parametrize("blocks", [1, 4, 10])
+
+
+@EACH_DESIGN
+@EACH_NUMBER_OF_BLOCKS
+def test_every_trial_of_the_design_is_listed_once(design, blocks):
     trials = trial_list(design, blocks=blocks, seed=1)
     n_listed = Counter(zip(trials.s1, trials.s2, strict=True))
     assert n_listed == dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
 
-    # A character for each trial.
-    equals = "".join(np.where(trials.s1 == trials.s2, "=", " "))
-    assert "====" not in equals
 
-    # Sizes differ by a trial, or by both orders of a pair, which stay together.
+@EACH_DESIGN
+@EACH_NUMBER_OF_BLOCKS
+def test_three_equal_pairs_follow_each_other_at_most(design, blocks):
+    trials = trial_list(design, blocks=blocks, seed=1)
+    marks = np.where(trials.s1 == trials.s2, "=", " ")  # one of each trial
+    assert "====" not in "".join(marks)
+
+
+@EACH_DESIGN
+@EACH_NUMBER_OF_BLOCKS
+def test_blocks_are_alike_in_size_and_in_pairs(design, blocks):
+    """Numbers differ by a trial, or by two, because both orders of a pair stay together."""
+    trials = trial_list(design, blocks=blocks, seed=1)
     sizes = np.bincount(trials.block)[1:]  # blocks count from 1
     assert len(sizes) == blocks
     assert np.ptp(sizes) <= 2
@@ -68,6 +80,7 @@ def test_equal_pairs_are_spread_over_a_block_evenly():
 
 def test_the_order_of_trials_depends_on_the_subject_and_the_seed():
     def first_stimuli(subject, seed):
+        """The first stimulus of each trial of a subject's list."""
         design = paper_study_design().with_total(130)
         return trial_list(design, subject=subject, seed=seed).s1.tolist()
 
@@ -78,12 +91,14 @@ def test_the_order_of_trials_depends_on_the_subject_and_the_seed():
 
 
 def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
+    """The list has no responses before the experiment, and is refused until they are filled in."""
     design = paper_study_design().with_total(130)
     design.save(tmp_path / "design.csv")
     options = "--list trials.csv --blocks 5 --subjects 2 --intensity 0.087 --seed 4"
     run_ok("design design.csv", *options.split(), cwd=tmp_path)
     assert "found no response in any of 260 rows" in refusal_of("check trials.csv", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "trials.csv")
+    # Intensities beside their logs over the reference intensity.
     assert np.allclose(np.log(frame[["i1", "i2"]] / 0.087), frame[["s1", "s2"]])
     frame["response"] = np.where(frame.s1 == frame.s2, "equal", "different")
     frame.to_csv(tmp_path / "answers.csv", index=False)
@@ -98,7 +113,7 @@ def test_each_condition_has_all_pairs():
     trials = trial_list(design, blocks=2, seed=1, conditions=("left", "right"))
     n_listed = Counter(zip(trials.s1, trials.s2, strict=True))
     assert n_listed == dict(zip(design.pairs, (2 * design.n_trials).tolist(), strict=True))
-    assert set(Counter(trials.condition).values()) == {design.total}
+    assert set(Counter(trials.condition).values()) == {design.total}  # in each condition
     assert trials.trial.tolist() == list(range(1, 2 * design.total + 1))
 
 
@@ -109,8 +124,8 @@ def test_blocks_are_alike_with_conditions_too():
         assert np.ptp(np.bincount(trials.block)[1:]) <= 2  # blocks count from 1
 
 
-#: Numbers of trials of an equal pair and of a different one, options, and what is refused.
 @pytest.mark.parametrize(
+    # Numbers of trials of an equal pair and of a different one, options, and what is refused.
     "n_trials, options, message",
     [
         ([90, 10], {"blocks": 10}, "block 1, of 10 trials, has 9 equal pairs: more than 3 would"),

@@ -43,14 +43,16 @@ def log_joint(study, scales, mean, sd, effects, points):
     """Log density at one point: means, scores of SDs, effects and parameters of the subjects.
 
     Coefficients are c/D, p and log noise/D. c has Student's t densities with 3 degrees of freedom,
-    the others normal ones. The numbers are those of the default hyperprior.
+    the others normal ones. The numbers are those of the default hyperprior; effects of covariates
+    have the scales of the SDs.
     """
     sd_scales = np.array([0.3, 0.15, 0.4])
     total = stats.t.logpdf(mean[0], 3, scale=0.5)
     total += stats.norm.logpdf(mean[1:], scale=[0.2, 0.6]).sum()
     total += np.log(2.0) + stats.t.logpdf(sd[0], 3, scale=sd_scales[0])  # half a t density
     total += stats.halfnorm.logpdf(sd[1:], scale=sd_scales[1:]).sum()
-    # The scores: Phi(score) is the probability that a half-normal variable is below sd / scale.
+    # From the density of u = sd / scale to that of its score, which is a factor d u / d score.
+    # Phi(score) is the probability that a half-normal variable is below u.
     u = sd / sd_scales
     score = stats.norm.ppf(stats.halfnorm.cdf(u))
     total += (stats.norm.logpdf(score) - stats.halfnorm.logpdf(u)).sum()
@@ -69,7 +71,8 @@ def log_volume(posterior, theta):
     Each coefficient depends on a coordinate of its own and on those that all subjects share, so
     that the determinant is a product of slopes. These are differences.
     """
-    rows, steps = posterior.rows, 1e-6 * np.eye(theta.shape[1])
+    rows = posterior.rows
+    steps = 1e-6 * np.eye(theta.shape[1])
     total = np.zeros(len(theta))
     for i in range(rows.n_subjects):
         for j in range(rows.n_coefficients):
@@ -86,7 +89,8 @@ def study():
 
 
 def test_density_is_that_of_the_definition(study):
-    scales, posterior = study_scales(study), posterior_of(study, X)
+    scales = study_scales(study)
+    posterior = posterior_of(study, X)
     theta = posterior.start(4, default_rng(2))
     # Behind three means and three SDs are three effects of each covariate, which start at 0.
     theta[:, 6 : posterior.n_shared] = default_rng(3).normal(0.0, 0.2, (4, 6))
@@ -102,6 +106,7 @@ def test_density_is_that_of_the_definition(study):
 def test_gradient_is_the_derivative(kind, study):
     example = bt.example_study("same/different").select(["S01", "S02", "S03"])
     studies = {"conditions": two_conditions(1, n_subjects=3), "same or different": example}
+    # Other studies than the first have no covariates, X[:, :0].
     posterior = posterior_of(studies.get(kind, study), X if kind == "covariates" else X[:, :0])
     theta = posterior.start(3, default_rng(1))
     slopes = definitions.slopes(lambda theta: posterior(theta)[0], theta)

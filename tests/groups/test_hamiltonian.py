@@ -15,7 +15,8 @@ _ROOT = np.tril(default_rng(5).normal(0.0, 0.4, (6, 6)), -1) + np.diag(
     [3.0, 0.05, 1.0, 0.2, 2.0, 0.7]
 )
 COVARIANCE = _ROOT @ _ROOT.T
-PRECISION, CENTRE = np.linalg.inv(COVARIANCE), np.array([1.0, -2.0, 0.0, 3.0, 5.0, -1.0])
+PRECISION = np.linalg.inv(COVARIANCE)
+CENTRE = np.array([1.0, -2.0, 0.0, 3.0, 5.0, -1.0])
 
 
 def normal(x):
@@ -88,8 +89,10 @@ def test_draws_that_are_not_reliable_say_why():
     # 4 chains of 300 draws: 2 coefficients without covariates, and 4 coordinates of each of 3
     # subjects.
     rng = default_rng(3)
-    mean, sd = rng.standard_normal((4, 300, 2)), rng.uniform(1.0, 2.0, (4, 300, 2))
-    no_effects, subjects = np.empty((4, 300, 0, 2)), rng.standard_normal((4, 300, 3, 4))
+    mean = rng.standard_normal((4, 300, 2))
+    sd = rng.uniform(1.0, 2.0, (4, 300, 2))
+    no_effects = np.empty((4, 300, 0, 2))
+    subjects = rng.standard_normal((4, 300, 3, 4))
     assert GroupDraws(mean, sd, no_effects, subjects).shortfall == ""
     diverged = GroupDraws(mean, sd, no_effects, subjects, n_divergent=2)
     assert "2 of 1200 trajectories diverged" in diverged.shortfall
@@ -115,4 +118,4 @@ def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)  # which no draws meet
     longer = sample()
     assert longer.mean.shape == (4, 20, 3)
-    assert (longer.mean[:, :10] == first.mean).all()
+    assert (longer.mean[:, :10] == first.mean).all()  # the first draws are kept

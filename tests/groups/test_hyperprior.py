@@ -37,5 +37,6 @@ def test_a_file_changes_what_it_names(tmp_path, prefix):
     path = tmp_path / "wide.toml"
     text = f"[{prefix}contraction]\nmean_scale = 0.6\n[{prefix}q0]\nmean = 2\n"
     path.write_text(text)
-    contraction, q0 = ParameterHyperprior(0.0, 0.6, 0.15), ParameterHyperprior(2.0, 1.0, 1.0)
+    contraction = ParameterHyperprior(0.0, 0.6, 0.15)
+    q0 = ParameterHyperprior(2.0, 1.0, 1.0)
     assert hyperprior_from(path) == bt.Hyperprior(contraction=contraction, q0=q0)

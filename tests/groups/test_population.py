@@ -27,7 +27,8 @@ def test_the_intervals_of_a_group_hold_the_true_values(result):
     assert result.is_reliable
     assert result.problems == ()
     row = result.table.row
-    constant_error, contraction = row("mean", "constant_error"), row("mean", "contraction")
+    constant_error = row("mean", "constant_error")
+    contraction = row("mean", "contraction")
     assert constant_error.q025 < 0.6 < constant_error.q975
     assert contraction.q025 < 0.25 < contraction.q975
     assert constant_error.q975 - constant_error.q025 < 0.5  # the prior's is about 3
@@ -40,7 +41,8 @@ def test_the_intervals_of_a_group_hold_the_true_values(result):
 
 
 def test_the_table_of_the_group_has_what_the_draws_say(result):
-    row, draws = result.table.row, result.draws
+    row = result.table.row
+    draws = result.draws
     contraction = row("mean", "contraction")
     index = result.index("contraction")
     expected = np.quantile(draws.mean[..., index], (0.025, 0.5, 0.975))  # (chains, draws)
@@ -54,6 +56,7 @@ def test_the_table_of_the_group_has_what_the_draws_say(result):
 
 
 def test_the_table_of_subjects_has_all_their_parameters(result):
+    # Those that the group shares, two that follow from them, and those of the single subject.
     subjects = result.subject_table
     assert subjects["subject"].unique().tolist() == list(result.subjects)
     parameters = {parameter.name for parameter in task_parameters(WHICH_STRONGER)}
@@ -67,8 +70,8 @@ def test_a_normal_group_is_not_contradicted(result):
     p_values = [row.p_value for row in check.statistics]
     assert len(p_values) == 5
     assert min(p_values) > CONTRADICTED
-    # Two-sided p-values reach 1, and the largest of five is seldom below .7; one-sided ones would
-    # end at .5.
+    # Tails that are not doubled would end at .5. The largest of five p-values is above .7 in five
+    # of six normal groups.
     assert 0.7 < max(p_values) <= 1.0
 
 
@@ -101,6 +104,7 @@ def test_covariates_move_the_means():
     assert group.q025 < 0.8 < group.q975
     assert group.ln_bf_zero < -1.0  # a Bayes factor of 0 below 1/e
     assert group.p_direction > 0.99
+    # Nothing else depends on the group or the age, and the mean of group a is 0.
     age = rows["age", "contraction"]
     assert age.q025 < 0.0 < age.q975
     mean_of_group_a = result.table.row("mean", "constant_error")
@@ -110,13 +114,13 @@ def test_covariates_move_the_means():
 def test_a_group_differs_between_conditions_in_the_constant_error_alone():
     """In units of D, the constant error is 0.2 on average, and larger by 0.5 at the right."""
     result = bt.population(two_conditions(3, n_each=40), draws=1600, seed=1)
-    [row] = result.table.select("difference", "constant_error")
-    assert row.level == "right - left"
-    assert row.q025 < 0.5 < row.q975
-    assert row.q975 - row.q025 < 0.6  # the prior's is 1
-    [contraction] = result.table.select("difference", "contraction")
+    (error,) = result.table.select("difference", "constant_error")
+    assert error.level == "right - left"
+    assert error.q025 < 0.5 < error.q975
+    assert error.q975 - error.q025 < 0.6  # the prior's is 1
+    (contraction,) = result.table.select("difference", "contraction")
     assert contraction.q025 < 0.0 < contraction.q975
-    assert row.ln_bf_zero < contraction.ln_bf_zero
+    assert error.ln_bf_zero < contraction.ln_bf_zero
     # The limits of the interval depend on the processor, and at one of them lies 0.2, so that the
     # median is compared: .15 is half the width of the interval.
     assert result.table.row("mean", "constant_error").q50 == pytest.approx(0.2, abs=0.15)
@@ -148,7 +152,8 @@ def test_a_public_study_has_its_means_sds_and_bayes_factors(vibrotactile):
     result = bt.population(study, draws=1600, seed=1)
     assert result.is_reliable
     row = result.table.row
-    error, contraction = row("mean", "constant_error"), row("mean", "contraction")
+    error = row("mean", "constant_error")
+    contraction = row("mean", "contraction")
     assert error.interval == pytest.approx((0.000, 0.047, 0.094), abs=0.015)
     assert contraction.interval == pytest.approx((-0.047, 0.019, 0.076), abs=0.01)
     assert row("sd", "constant_error").interval == pytest.approx((0.035, 0.062, 0.117), abs=0.015)

@@ -53,7 +53,8 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
     assert result.subjects == ("f", "d", "c", "a")
     assert result.x[:, 1].tolist() == [0.0, 0.0, 1.0, 0.0]  # site y against x
     # Ages are standardised over the subjects who are left.
-    assert (result.x[:, 0].mean(), result.x[:, 0].std(ddof=1)) == pytest.approx((0, 1), abs=1e-12)
+    ages = result.x[:, 0]
+    assert (ages.mean(), ages.std(ddof=1)) == pytest.approx((0, 1), abs=1e-12)
     assert result.columns[0].meaning.endswith("about 27.5")  # the mean over those kept
     assert result.notes == (
         "covariates of subjects that are not in the study ignored: 'z'",
@@ -91,6 +92,9 @@ def test_the_unit_of_a_covariate_changes_nothing():
 
 
 @pytest.mark.parametrize(
+    # Covariates, and the refusal: one value for all; one value for those who have both covariates;
+    # two covariates that determine each other; too few subjects with both; a level for each
+    # subject.
     "columns, message",
     [
         (

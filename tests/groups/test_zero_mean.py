@@ -54,7 +54,7 @@ def test_the_bayes_factor_of_an_effect_is_that_of_normal_densities():
     # An effect of the first column makes the residuals of subjects covary.
     covariance = 0.25**2 * np.outer(x[:, 0], x[:, 0]) + TAU[0] ** 2 * np.eye(8)
     with_effect = stats.multivariate_normal.logpdf(residual, cov=covariance)
-    result = zero_effect(draws, numbers, x, 0, 0)
+    result = zero_effect(draws, numbers, x, i=0, j=0)  # covariate i, coefficient j
     assert result.log_bf == pytest.approx(without_effect - with_effect, abs=1e-9)
 
 

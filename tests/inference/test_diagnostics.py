@@ -20,13 +20,14 @@ RNG = default_rng(6)
 
 
 def walk(rho, shape=(4, 1500)):
-    """AR(1) chains: slow with a coefficient near 1, antithetic with a negative one."""
-    steps = default_rng(4).normal(size=shape)
+    """AR(1) chains with coefficient rho, (chains, draws): slow near 1."""
+    draws = default_rng(4).normal(size=shape)
     for i in range(1, shape[1]):
-        steps[:, i] += rho * steps[:, i - 1]
-    return steps
+        draws[:, i] += rho * draws[:, i - 1]
+    return draws
 
 
+#: Draws of a quantity, (chains, draws).
 DRAWS = {
     "independent": RNG.normal(size=(4, 1500)),
     "slow": walk(0.99),
@@ -39,6 +40,7 @@ DRAWS = {
 
 @pytest.mark.parametrize("case", DRAWS)
 def test_every_number_is_that_of_the_arviz_that_users_have(case):
+    """Effective draws, R-hat, and errors of the mean and of the 5, 50 and 95 % quantiles."""
     draws = np.asarray(DRAWS[case], np.float64)
     expected = [
         arviz.ess(draws, method="bulk"),
@@ -53,6 +55,7 @@ def test_every_number_is_that_of_the_arviz_that_users_have(case):
 
 
 def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
+    """Quantities that are computed together have the numbers that each has alone."""
     shape = (4, 500)
     chains = {
         "slow": walk(0.9, shape),
@@ -65,9 +68,11 @@ def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
         np.testing.assert_array_equal(convergence_of(chains)[name], expected)
         np.testing.assert_array_equal(errors_of(chains)[name], errors(draws))
     assert np.isnan([*convergence(chains["constant"]), *errors(chains["constant"])]).all()
+    # Chains that differ and have no variance: R-hat is infinite but for rounding.
     assert convergence(chains["constant in each chain"]).r_hat > 1e10
 
 
+#: Log weights.
 WITHOUT_TAIL = {
     "too few": RNG.normal(size=12),
     "all the same": np.full(100, -3.0),

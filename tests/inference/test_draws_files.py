@@ -26,7 +26,7 @@ AGAIN = "; run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
 @pytest.fixture(scope="module")
 def saved(analysis, tmp_path_factory):
-    """The files of the draws of subjects, and of a group with covariates."""
+    """A folder with draws of subjects, posterior.nc, and of a group, population.nc."""
     folder = tmp_path_factory.mktemp("saved")
     analysis.draws.save(folder / "posterior.nc")
     made_result(*with_ages(), n_divergent=1).save(folder / "population.nc")
@@ -53,21 +53,28 @@ def test_draws_move_to_the_stack_when_they_arrive():
         draws = SubjectDraws({"q0": np.full((4, 3), float(index))}, np.ones(4), {}, None, ())
         stack.take(index, draws)
         assert not draws.quantities
+    # (chains, draws, subjects)
     assert stack.arrays["q0"][0, 0].tolist() == [0.0, 1.0]
 
 
 def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis):
-    loaded, draws = bt.load(saved / "posterior.nc"), analysis.draws
+    loaded = bt.load(saved / "posterior.nc")
     groups = {"posterior", "sample_stats", "observed_data", "constant_data"}
     assert set(loaded.tree.children) == groups
     assert set(loaded.group("posterior").data_vars) == {"mu1", "sigma_p", "sigma_l", "q0"}
-    xr.testing.assert_identical(loaded.tree, draws.tree)
+    xr.testing.assert_identical(loaded.tree, analysis.draws.tree)
     assert loaded["B"].study.frame().equals(loaded.study.select("B").frame())
 
-    half_a_megabyte_each = 3 * 1.06e6
-    assert (saved / "posterior.nc").stat().st_size < half_a_megabyte_each
 
-    loaded.save(saved / "posterior.nc", overwrite=True)  # A file is not locked by having been read.
+def test_a_file_of_draws_is_small(saved):
+    # Of each of three subjects, 10,240 draws of four parameters and their density take 0.4 MB. With
+    # all ten quantities the file would be larger than this limit.
+    assert (saved / "posterior.nc").stat().st_size < 3 * 1.06e6
+
+
+def test_a_file_is_not_locked_by_having_been_read(saved):
+    path = saved / "posterior.nc"
+    bt.load(path).save(path, overwrite=True)
 
 
 GROUPS = {
@@ -82,6 +89,7 @@ GROUPS = {
 
 @pytest.mark.parametrize("kind", GROUPS)
 def test_a_group_is_read_as_it_was_saved(kind, tmp_path):
+    # Arrays to the bit, then records, then tables.
     result = GROUPS[kind]()
     loaded = bt.load(result.save(tmp_path / "population.nc"))
     for name in ("mean", "sd", "effects", "subjects"):
@@ -105,8 +113,10 @@ def test_arviz_opens_a_group_with_conditions(tmp_path):
     group = az.from_netcdf(tmp_path / "population.nc")
     assert group["posterior"]["mean"].dims == ("chain", "draw", "coefficient")
 
+    # Three parameters have a mean and a difference.
     coefficients = group["posterior"]["coefficient"].values.tolist()
-    means, differences = coefficients[:3], coefficients[3:]
+    means = coefficients[:3]
+    differences = coefficients[3:]
     assert differences == [f"difference 1 of {name}" for name in means]
     # The last two parameters do not differ between conditions.
     assert group["posterior"]["parameter"].values.tolist()[-2:] == ["lapse_rate", "noise_slope"]
@@ -116,12 +126,15 @@ def test_arviz_opens_a_group_with_conditions(tmp_path):
     assert len(table) == len(coefficients)
 
 
-def test_a_file_names_its_run(analysis):
+def test_a_file_has_the_time_and_the_seed_of_its_run(analysis):
     attributes = analysis.draws.tree.attrs
     age = datetime.now(UTC) - datetime.fromisoformat(attributes["created_at"])
-    assert timedelta(0) <= age < timedelta(days=1)
+    assert timedelta(0) <= age < timedelta(days=1)  # a session of tests may take hours
     assert attributes["seed"] == analysis.settings.seed
 
+
+def test_a_file_has_a_hash_of_its_counts(analysis):
+    # The hash of the counts does not depend on the model or the seed.
     study = analysis.study
     repeated = bt.sample(study, model="none", draws=20, seed=1)
     other = bt.sample(study.swap("A"), model="none", draws=20, seed=1)
@@ -132,18 +145,22 @@ def test_a_file_names_its_run(analysis):
 # --- What is refused ------------------------------------------------------------------------------
 
 
-# Each returns or is a function that changes an open HDF5 file.
+# Each of the following is a function that damages an open HDF5 file, or returns such a function.
 
 
 def _delete(name):
+    """A function that deletes an item of an open HDF5 file."""
     return lambda file: file.pop(name)
 
 
 def _attribute(**values):
+    """A function that changes attributes of an open HDF5 file."""
     return lambda file: file.attrs.update(values)
 
 
 def _sampler(**values):
+    """A function that changes settings of the sampler, which are JSON in an attribute."""
+
     def change(file):
         settings = json.loads(file.attrs["settings"])
         settings["sampler"] |= values
@@ -153,23 +170,25 @@ def _sampler(**values):
 
 
 def _set(name, index, value):
+    """A function that changes numbers of an array in an open HDF5 file."""
     return lambda file: file[name].__setitem__(index, value)
 
 
-def _linked(file):
+def _link_to_another_file(file):
     file["other"] = h5py.ExternalLink("p.nc", "/x")
 
 
-def _inside_itself(file):
+def _put_inside_itself(file):
     file["posterior/loop"] = file["/"]
     del file["sample_stats"]
 
 
-def _unnamed(file):
+def _delete_format(file):
     del file.attrs["format"]
 
 
-def _declares_more_than_it_has(file):
+def _declare_more_than_it_has(file):
+    # Chunks that were never written take no space: 96 GB are declared in a small file.
     del file["sample_stats/lp"]
     file.create_dataset("sample_stats/lp", (4, 10**9, 3), "f8", chunks=(4, 10**3, 3))
 
@@ -180,7 +199,7 @@ UNREADABLE = "not a file of draws that can be read"
 
 #: A file, what is done to it, and what it is refused with.
 DAMAGES = [
-    (SUBJECTS, _unnamed, "not a file of draws of this version"),
+    (SUBJECTS, _delete_format, "not a file of draws of this version"),
     (SUBJECTS, _delete("constant_data"), UNREADABLE),
     (SUBJECTS, _delete("sample_stats/lp"), "no lp over (chain, draw, subject)"),
     (SUBJECTS, _delete("sample_stats/imprecise"), UNREADABLE),
@@ -197,9 +216,9 @@ DAMAGES = [
     (SUBJECTS, _attribute(settings="[" * 60_000), UNREADABLE),
     (SUBJECTS, _attribute(failed="[1"), UNREADABLE),
     (SUBJECTS, _attribute(model="psychic"), "model 'psychic': no such model; allowed: none,"),
-    (SUBJECTS, _declares_more_than_it_has, "it declares more numbers than it has"),
-    (GROUP, _linked, "'other' is a link"),
-    (SUBJECTS, _inside_itself, UNREADABLE),
+    (SUBJECTS, _declare_more_than_it_has, "it declares more numbers than it has"),
+    (GROUP, _link_to_another_file, "'other' is a link"),
+    (SUBJECTS, _put_inside_itself, UNREADABLE),
 ]
 
 
@@ -214,18 +233,20 @@ def test_a_damaged_file_is_refused_in_one_line(saved, tmp_path, name, damage, me
 def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
     path = tmp_path / SUBJECTS
     content = (saved / SUBJECTS).read_bytes()
-    random_bytes = random.Random(1)
+    rng = random.Random(1)
     for i in range(20):
         changed = bytearray(content)
         end = len(content) if i % 2 else 20_000  # anywhere, or among the headers of HDF5
         for _ in range(3):
-            changed[random_bytes.randrange(end)] = random_bytes.randrange(256)
+            changed[rng.randrange(end)] = rng.randrange(256)
         path.write_bytes(changed)
+        # Any other error than a refusal fails the test.
         with contextlib.suppress(InputError):
             bt.load(path).summary()
 
 
 def test_what_is_no_file_of_draws_is_refused_in_one_line(saved, tmp_path):
+    # An empty file, a text, the beginning of a file of draws; then a folder and no file at all.
     path = tmp_path / SUBJECTS
     content = (saved / SUBJECTS).read_bytes()
     for other in (b"", b"subject", content[:10_000]):
@@ -241,17 +262,17 @@ def test_a_command_names_a_file_of_another_kind(saved):
     assert "population.nc: draws of a group, allowed: those of subjects, a posterior.nc" in message
 
 
-@pytest.mark.parametrize("room", [2000, 500_000])
-def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path, room):
+@pytest.mark.parametrize("free_bytes", [2000, 500_000])
+def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path, free_bytes):
     """HDF5 itself ends the process with a segmentation fault here."""
-    save_on_a_full_disk(saved / SUBJECTS, tmp_path / SUBJECTS, room)
+    save_on_a_full_disk(saved / SUBJECTS, tmp_path / SUBJECTS, free_bytes)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_more_draws_than_a_file_holds_are_refused_with_the_way_out(
     study_csv, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("bayes_toe.inference.draws.LARGEST", 10**6)
+    monkeypatch.setattr("bayes_toe.inference.draws.LARGEST", 10**6)  # bytes
     monkeypatch.setattr("bayes_toe.analysis.run_stored", None)  # the work must not begin
     message = "allowed in a file: 0.001 GB; fewer --draws, or files of some subjects each"
     assert message in refusal_of("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)

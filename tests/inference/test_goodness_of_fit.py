@@ -20,25 +20,32 @@ from bayes_toe.inference import goodness_of_fit as gof
 from bayes_toe.inference.fitted import find_maxima
 from bayes_toe.inference.order_evidence import Precision, order_evidence
 
+#: k counted answers in n trials.
 counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 
 
 @settings(max_examples=150, deadline=None)
-@given(count=counts, power=st.floats(-12, 0), near=st.booleans())
-def test_the_deviance_agrees_with_fifty_digits(count, power, near):
-    """To the rounding of the two log likelihoods of which it is the difference."""
+@given(count=counts, power=st.floats(-12, 0), is_near=st.booleans())
+def test_the_deviance_agrees_with_fifty_digits(count, power, is_near):
+    """To the rounding of the two log likelihoods of which it is the difference.
+
+    The probability q is anywhere, or so near to the share k/n that the deviance is almost 0.
+    """
     k, n = count
     q = 0.999 * 10.0**power
-    if near:
+    if is_near:
+        # At most a thousandth from a share that is neither 0 nor 1.
         q = min((k + 0.5) / (n + 1) * (1 + 10.0 ** (power - 3)), 1 - 1e-12)
     with mpmath.workdps(50):
-        p, expected = mpmath.mpf(q), mpmath.mpf(0)
+        p = mpmath.mpf(q)
+        expected = mpmath.mpf(0)
         for observed, mean in ((k, n * p), (n - k, n * (1 - p))):
             if observed:
                 expected += 2 * observed * mpmath.log(observed / mean)
-        log_q, log_rest = float(mpmath.log(p)), float(mpmath.log(1 - p))
-    rounding = 1e-15 * (n - k * log_q - (n - k) * log_rest)
-    deviance = float(gof.binomial_deviance(k, n, log_q, log_rest))
+        log_q = float(mpmath.log(p))
+        log_other = float(mpmath.log(1 - p))
+    rounding = 1e-15 * (n - k * log_q - (n - k) * log_other)
+    deviance = float(gof.binomial_deviance(k, n, log_q, log_other))
     assert deviance == pytest.approx(float(expected), rel=1e-15, abs=rounding)
 
 
@@ -48,25 +55,36 @@ def test_deviance_of_answers_that_are_impossible_or_all_but():
     assert float(gof.binomial_deviance(3, 5, -2000.0, -0.0)) == pytest.approx(expected, rel=1e-14)
 
     k = np.array([0, 1, 4, 5])
-    never, always = (gof.binomial_deviance(k, 5, *logs) for logs in ((-np.inf, 0), (0, -np.inf)))
+    never = gof.binomial_deviance(k, 5, -np.inf, 0)
     assert never.tolist() == [0.0, np.inf, np.inf, np.inf]
+    always = gof.binomial_deviance(k, 5, 0, -np.inf)
     assert always.tolist() == [np.inf, np.inf, np.inf, 0.0]
 
+
+def test_p_values_where_all_answers_are_certain():
+    # Trials, log q and log (1 - q) of two pairs of which 'equal' is impossible.
     session = [10, 10], np.array([-np.inf, -np.inf]), np.zeros(2)
     assert gof.deviance_p_value(np.inf, 1, *session) == 0.0
     assert gof.deviance_p_value(0.0, 1, *session) == 1.0
 
 
 @pytest.mark.parametrize(
-    "n, q, pairs", [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)]
+    "n_trials, q, n_pairs", [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)]
 )
-def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
-    # No parameter is fitted, so there are as many degrees of freedom as pairs. P(p < 0.01) is 0.01,
-    # to 4 s.e. and 0.005 of the shape.
-    session = np.full(pairs, n), np.full(pairs, np.log(q)), np.full(pairs, np.log1p(-q))
-    counts = default_rng(3).binomial(n, q, (2000, pairs))
-    deviances = gof.binomial_deviance(counts, n, *session[1:]).sum(axis=1)
-    p_values = np.array([gof.deviance_p_value(value, pairs, *session) for value in deviances])
+def test_p_values_of_the_deviance_are_right_in_simulated_sessions(n_trials, q, n_pairs):
+    """No parameter is fitted, so there are as many degrees of freedom as pairs.
+
+    P(p < 0.01) is 0.01, to 4 standard errors, and 0.005 because the reference is a scaled
+    chi-square, which has the mean and the variance but not the shape.
+    """
+    session = (
+        np.full(n_pairs, n_trials),
+        np.full(n_pairs, np.log(q)),
+        np.full(n_pairs, np.log1p(-q)),
+    )
+    counts = default_rng(3).binomial(n_trials, q, (2000, n_pairs))
+    deviances = gof.binomial_deviance(counts, n_trials, *session[1:]).sum(axis=1)
+    p_values = np.array([gof.deviance_p_value(value, n_pairs, *session) for value in deviances])
     error = 4 * np.sqrt(0.01 * 0.99 / 2000)
     assert (p_values < 0.01).mean() == pytest.approx(0.01, abs=0.005 + error)
 
@@ -74,16 +92,16 @@ def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
 @pytest.mark.parametrize("is_bent", [False, True])
 def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
     subject = small_study["A"]
-    if is_bent:
+    if is_bent:  # two pairs with the counts of 'equal' and 'different' exchanged
         n_yes = subject.n_yes.copy()
         n_yes[[2, 5]] = subject.n_trials[[2, 5]] - n_yes[[2, 5]]
         subject = replace(subject, n_yes=n_yes)
 
     posterior = bt.model.paper_posterior(subject)
     maximum = find_maxima(posterior).x[0]
-    draws = maximum + default_rng(1).normal(0.0, 0.01, (500, 4))
+    draws = maximum + default_rng(1).normal(0.0, 0.01, (500, 4))  # near the maximum
     fit = gof.summarise_fit(posterior, draws, maximum)
-    assert fit.degrees_of_freedom == subject.n_pairs - 4
+    assert fit.degrees_of_freedom == subject.n_pairs - 4  # four parameters
     assert (fit.fit_p < 0.001) == is_bent
 
     worst = fit.worst[0]
@@ -94,7 +112,7 @@ def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
 def test_no_more_pairs_than_parameters_have_no_p():
     posterior = bt.model.paper_posterior(hard_cases()["single pair"])
     fit = gof.summarise_fit(posterior, np.zeros((5, 4)), np.zeros(4))
-    assert fit.degrees_of_freedom == -3
+    assert fit.degrees_of_freedom == -3  # one pair, four parameters
     assert np.isnan(fit.fit_p)
 
 
@@ -106,9 +124,12 @@ def test_sound_observers_are_flagged_as_often_as_the_limit_says(task):
     subjects = []
     for seed in range(100):
         rng = default_rng(seed)
-        parameters = {"noise": rng.uniform(0.15, 0.5), "lapse_rate": rng.uniform(0.0, 0.05)}
-        parameters["constant_error"] = rng.choice([-0.2, 0.0, 0.2])
-        parameters["contraction"] = rng.choice([-0.3, 0.0, 0.3])
+        parameters = {
+            "noise": rng.uniform(0.15, 0.5),
+            "lapse_rate": rng.uniform(0.0, 0.05),
+            "constant_error": rng.choice([-0.2, 0.0, 0.2]),
+            "contraction": rng.choice([-0.3, 0.0, 0.3]),
+        }
         if task.has_criterion:
             parameters["q0"] = 0.85
         observer = make_observer(str(seed), "sound", parameters, task)

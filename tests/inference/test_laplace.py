@@ -11,7 +11,7 @@ from bayes_toe.inference.maxima import laplace
 
 
 @pytest.mark.parametrize("name", ["S07", "funnel", "stimuli spanning 10 log units"])
-def test_value_is_that_of_the_definition(name):
+def test_laplaces_evidence_is_that_of_the_definition(name):
     """The height of the maximum, and the determinant of the Hessian by differences of slopes."""
     posterior = bt.model.paper_posterior(hard_and_ordinary_subjects()[name], bt.Prior())
     maxima = find_maxima(posterior)
@@ -21,4 +21,5 @@ def test_value_is_that_of_the_definition(name):
     _, (log_determinant,) = np.linalg.slogdet(-hessian)
     # Of four coordinates: a normal density has the height (2 pi)^-2 |-H|^(1/2).
     expected = posterior.log_density(best)[0] + 2 * np.log(2 * np.pi) - 0.5 * log_determinant
+    # The tolerance is that of the differences in both Hessians.
     assert float(log_evidences[0]) == pytest.approx(expected, abs=0.01)

@@ -18,16 +18,23 @@ CASES = hard_cases()
 
 
 def saddle(x, index):
-    """x^2 - x^4 - y^2: a saddle at 0, maxima at +-1/sqrt(2)."""
+    """Value, slopes and minus second derivatives of a^2 - a^4 - b^2.
+
+    The surface has a saddle at 0 and maxima at a = +-1/sqrt(2).
+    """
     a, b = x.T
+    value = a**2 - a**4 - b**2
+    slopes = np.stack([2 * a - 4 * a**3, -2 * b], axis=-1)
     curvature = np.zeros((len(x), 2, 2))
-    curvature[:, 0, 0], curvature[:, 1, 1] = 12 * a**2 - 2, 2.0
-    return Expansion(a**2 - a**4 - b**2, np.stack([2 * a - 4 * a**3, -2 * b], axis=-1), curvature)
+    curvature[:, 0, 0] = 12 * a**2 - 2
+    curvature[:, 1, 1] = 2.0
+    return Expansion(value, slopes, curvature)
 
 
 def test_a_saddle_is_left_uphill():
+    # Two starts next to the ridge between the maxima, where Newton's step leads to the saddle.
     result = ascend(saddle, np.array([[1e-6, 0.5], [-1e-6, 0.5], [0.3, 0.5]]))
-    assert np.abs(result.x[:, 0]) == pytest.approx(np.full(3, 0.5**0.5), abs=1e-6)
+    assert np.abs(result.x[:, 0]) == pytest.approx([0.5**0.5] * 3, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["funnel", "maximum on gamma = 1", "400 pairs with 3 trials"])
@@ -41,13 +48,15 @@ def test_scoring_is_never_beaten_by_a_general_optimiser(name):
 
     for start in posterior.sample_prior(default_rng(1), 5):
         rival = minimize(minus_log_density, start, method="Nelder-Mead", options=simplex)
-        assert maxima.value[0] >= -rival.fun - 1e-7
+        assert maxima.value[0] >= -rival.fun - 1e-7  # nats
+    # The gain that a further Newton step would have.
     _, gradient = definitions.gradient(posterior, maxima.x[:1])
     step = np.linalg.solve(maxima.curvature[0], gradient[0])
     assert gradient[0] @ step < 1e-7
 
 
 def test_maxima_with_the_prior_mean_on_either_side_are_both_found():
+    """Without any 'equal', mu1 (the first coordinate) may be below or above the stimuli."""
     maxima = find_maxima(paper_posterior(CASES["all different"]))
     assert maxima.x[:, 0].min() < 0 < maxima.x[:, 0].max()
     assert list(maxima.value) == sorted(maxima.value, reverse=True)

@@ -17,14 +17,17 @@ def log_density_of(means, scales, df, x):
     return logsumexp(parts, axis=0) - np.log(len(means))
 
 
-# Every sum of both is even, as `StudentMixture` asks.
 @pytest.mark.parametrize(
-    "dim, df", [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)]
+    # Every sum of both is even: `StudentMixture` needs whole powers, and refuses others.
+    "dim, df",
+    [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)],
 )
 def test_the_density_of_a_mixture_is_that_of_its_definition(dim, df):
+    """Of three components; x near to their centres and far out."""
     rng = default_rng([dim, df])
-    roots, means = rng.normal(size=(3, dim, dim)), rng.normal(size=(3, dim))
-    scales = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim)
+    roots = rng.normal(size=(3, dim, dim))
+    means = rng.normal(size=(3, dim))
+    scales = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim)  # positive definite matrices
     # More points than two blocks of 1,024, which is how many are computed at a time.
     x = rng.normal(size=(2500, dim)) * rng.choice([0.1, 1.0, 100.0], (2500, 1))
     mixture = StudentMixture(np.full(3, 1 / 3), means, scales, df)
@@ -33,12 +36,12 @@ def test_the_density_of_a_mixture_is_that_of_its_definition(dim, df):
 
 
 @pytest.mark.parametrize("distance", [1e2, 1e6, 1e12])
-def test_mixture_density_of_narrow_components_far_apart(distance):
+def test_components_far_apart_cost_no_more_digits_than_a_subtraction(distance):
     # The subtraction x - mean loses digits in proportion to the distance over the scale. The
     # density may lose as many, and no more.
     means = np.array([[0.0, 0.0], [distance, -distance]])
     scales = np.stack([np.eye(2), np.eye(2)])
-    mixture = StudentMixture(np.array([0.5, 0.5]), means, scales, 8)
+    mixture = StudentMixture(np.array([0.5, 0.5]), means, scales, df=8)
     x = means[1] + default_rng(1).normal(size=(500, 2))
-    expected = log_density_of(means, scales, 8, x)
+    expected = log_density_of(means, scales, df=8, x=x)
     assert mixture.log_density(x) == pytest.approx(expected, abs=1e-13 + 1e-15 * distance)

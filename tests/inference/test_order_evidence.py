@@ -16,11 +16,12 @@ S1 = np.concatenate([np.zeros(4), STEPS])
 S2 = np.concatenate([STEPS, np.zeros(4)])
 
 
-def make_subject(n_yes, n=20, name="S"):
-    return Subject(name, S1, S2, n_yes, np.full(8, n), task=WHICH_STRONGER)
+def make_subject(n_yes, n=20):
+    """A 2AFC subject with these counts of 'second' in n trials of each of the eight pairs."""
+    return Subject("S", S1, S2, n_yes, np.full(8, n), task=WHICH_STRONGER)
 
 
-#: Somebody to whom the first stimulus seems stronger.
+#: A subject who overestimates the first stimulus.
 SHIFTED = make_subject([1, 3, 11, 17, 15, 10, 2, 0])
 
 
@@ -30,18 +31,20 @@ def evidence():
     return order_evidence([SHIFTED], seed=3)[0]
 
 
-def test_laplace_is_near(evidence):
+def test_laplaces_evidences_are_near(evidence):
+    # A posterior of 160 trials is not quite normal; .5 nat is half of what changes a word.
     assert np.abs(evidence.laplace - evidence.log_evidence).max() < 0.5
 
 
 @pytest.mark.parametrize("task", ["2afc", "same/different"])
 def test_companions_and_their_order_change_no_bit(task):
+    """Thirteen subjects make two batches; two have fewer pairs, which a batch fills up."""
     study = list(bt.example_study(task))[:11]
     first, second = (some_pairs(subject, slice(1, None)) for subject in study[:2])
     subjects = [*study[:4], first, *study[4:], second]
-    for position, together in enumerate(order_evidence(subjects, seed=3)):
-        (alone,) = order_evidence([subjects[position]], seed=3)
-        assert together.subject is subjects[position]
+    for subject, together in zip(subjects, order_evidence(subjects, seed=3), strict=True):
+        (alone,) = order_evidence([subject], seed=3)
+        assert together.subject is subject
         for name in ("log_evidence", "standard_error", "laplace", "modes"):
             assert np.array_equal(getattr(together, name), getattr(alone, name))
         for draws, draws_alone in zip(together.draws, alone.draws, strict=True):
@@ -49,14 +52,17 @@ def test_companions_and_their_order_change_no_bit(task):
 
 
 def test_one_trial_says_next_to_nothing():
+    """Probabilities stay those of the prior: 1/2 for no effect, 1/6 for each other model."""
     subject = made_subject("0 0.3 1 1", task=WHICH_STRONGER)
     (evidence,) = order_evidence([subject], seed=1)
-    neither, error_alone, contraction_alone, two_effects = evidence.probabilities
-    effects = [error_alone + two_effects, contraction_alone + two_effects]
-    assert [neither, *effects] == pytest.approx([1 / 2, 1 / 3, 1 / 3], abs=0.02), "as before it"
+    none, error, contraction, joint = evidence.probabilities
+    effects = [error + joint, contraction + joint]
+    assert [none, *effects] == pytest.approx([1 / 2, 1 / 3, 1 / 3], abs=0.02)
 
 
 @pytest.mark.parametrize(
+    # Counts of 'second', and trials of each pair: always one answer, never an error, always half
+    # and half, and a billion trials.
     "n_yes, n",
     [
         ([0] * 8, 50),
@@ -73,12 +79,15 @@ def test_hard_counts_have_finite_evidences(n_yes, n):
 
 
 def test_a_criterion_near_zero_is_no_numerical_failure():
-    """Long runs draw logits of q0 far below 0 from the prior, where a plain difference rounds."""
-    counts = Subject("S", S1, S2, [3, 9, 9, 3, 3, 9, 9, 3], np.full(8, 10))
-    batch = ObserverRows.from_subjects([counts])
+    """Long runs draw logits of q0 far below 0 from the prior, where a plain difference rounds.
+
+    The fast plain forms are compared with those that compute with logs.
+    """
+    subject = Subject("S", S1, S2, [3, 9, 9, 3, 3, 9, 9, 3], np.full(8, 10))
+    batch = ObserverRows.from_subjects([subject])
     rng = np.random.default_rng(1)
-    u = rng.normal(size=(1, 20_000, 7))
-    u[..., 1] = rng.uniform(-60.0, -25.0, 20_000)
+    u = rng.normal(size=(1, 20_000, 7))  # (subjects, points, coordinates)
+    u[..., 1] = rng.uniform(-60.0, -25.0, 20_000)  # the logit of q0
     plain = batch.plain_log_likelihood(u)
     assert not np.isnan(plain).any()
     assert np.allclose(plain, batch.log_likelihood(u), rtol=1e-9)
@@ -88,13 +97,15 @@ def test_a_criterion_near_zero_is_no_numerical_failure():
 
 
 def test_draws_by_which_a_mixture_is_changed_do_not_count(evidence, monkeypatch):
+    """Every mixture is replaced eight times, after 500 draws each."""
     monkeypatch.setattr("bayes_toe.inference.engine._FEWEST_ASSESSED", 500)
-    precision = Precision(largest_share=0.0)  # eight times a new mixture
+    precision = Precision(largest_share=0.0)  # no draw may have any share of the weight
     changed = order_evidence([SHIFTED], seed=3, precision=precision)[0]
     difference = np.abs(changed.log_evidence - evidence.log_evidence)
     error = np.hypot(evidence.standard_error, changed.standard_error)
     assert ((difference > 0.0) & (difference < 4.0 * error)).all()
 
+    # The draws of the last mixture alone, which fits well.
     n_draws = np.array([len(draws.x) for draws in changed.draws])
     assert np.all(n_draws <= 1500)
     assert np.all(changed.effective_draws > 0.6 * n_draws)

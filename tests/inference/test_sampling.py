@@ -29,40 +29,46 @@ def funnel():
 
 @pytest.mark.parametrize("name", ["S01", "S14"])
 def test_far_tails_do_not_come_in_lumps(name):
-    # An independence sampler sticks where the proposal is thin: each chain of a small sample must
-    # have about the tail that it should.
+    """An independence sampler sticks where the proposal is thin.
+
+    So each chain of a small sample must have about the share beyond the 99.7 % quantile that it
+    should. The quantile is that of 100,000 weighted draws.
+    """
     posterior = paper_posterior(bt.example_study("same/different")[name])
     fitted = fit_posterior(posterior, generator(1, name, "proposal"))
     draws = fitted.fresh(default_rng(0), 100_000)
     weights = np.exp(draws.log_weights - logsumexp(draws.log_weights))
     q0 = posterior.quantities(fitted.original(draws.x)[0])["q0"]
     order = np.argsort(q0)
-    level = q0[order][np.searchsorted(np.cumsum(weights[order]), 0.997)]  # the 99.7 % quantile
-    chains = sample_chains(fitted, SamplerSettings(draws=1000), 1)
-    beyond = (posterior.quantities(chains.x)["q0"] > level).mean(axis=1)
+    quantile = q0[order][np.searchsorted(np.cumsum(weights[order]), 0.997)]
+    chains = sample_chains(fitted, SamplerSettings(draws=1000), seed=1)
+    shares_beyond = (posterior.quantities(chains.x)["q0"] > quantile).mean(axis=1)  # (chains,)
     # 640 or more effective draws a chain expect two or more beyond; a walker that stuck for long
-    # would add one in 64.
-    assert beyond.max() < 0.003 + 5 * np.sqrt(0.003 / 600)
-    assert beyond.mean() == pytest.approx(0.003, abs=5 * np.sqrt(0.003 / 2000))
+    # would add one in 64. Limits are five standard errors.
+    assert shares_beyond.max() < 0.003 + 5 * np.sqrt(0.003 / 600)
+    assert shares_beyond.mean() == pytest.approx(0.003, abs=5 * np.sqrt(0.003 / 2000))
 
 
 def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
-    draws, sampler = analysis.draws, analysis.settings.sampler
+    draws = analysis.draws
+    sampler = analysis.settings.sampler
     assert not draws.not_converged
 
     n_draws = sampler.walkers * sampler.kept_steps
     assert dict(draws.tree["posterior"].sizes) == {"chain": 4, "draw": n_draws, "subject": 3}
 
+    # The sampler judges all but these two quantities, which follow from the others.
     natural = draws.summary().query("parameter != ['pse_shift', 'jnd']")
     assert natural[["ess_bulk", "ess_tail"]].to_numpy().min() >= 2000
     assert natural["r_hat"].max() < 1.01
 
-    walker = draws.tree["posterior"]["walker"].values
+    walker = draws.tree["posterior"]["walker"].values  # of each draw
     assert (np.diff(walker) >= 0).all()
     assert (np.bincount(walker) == sampler.kept_steps).all()
 
 
-def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
+def test_an_r_hat_above_its_limit_is_reported(monkeypatch):
+    # A limit that no draws meet, and no second try.
     strict = partial(SamplerSettings, max_r_hat=1.000001, max_thin=1)
     monkeypatch.setattr("bayes_toe.analysis.SamplerSettings", strict)
     with pytest.warns(ConvergenceWarning, match="did not converge"):
@@ -72,45 +78,56 @@ def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
 
 
 def test_no_pass_is_thinned_by_more_than_the_limit(funnel):
-    never = SamplerSettings(draws=500, max_r_hat=1.0000001, max_thin=3)
-    assert sample_chains(funnel, never, 1).thin == 3
+    unreachable = SamplerSettings(draws=500, max_r_hat=1.0000001, max_thin=3)
+    assert sample_chains(funnel, unreachable, seed=1).thin == 3
 
 
-def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funnel):
-    posterior = funnel.target
+def chains_and_error(fitted, draws, limit, **options):
+    """Chains, and their largest error of a 5 or 95 % quantile over the width between both.
 
-    def sampled(draws, max_quantile_error, **options):
-        """Chains, and the largest error of a 5 or 95 % quantile over the width between them."""
-        settings = SamplerSettings(draws=draws, max_quantile_error=max_quantile_error, **options)
-        # Draws of seed 3 are correlated in a single pass; those of seed 1 are all but independent.
-        chains = sample_chains(funnel, settings, 3)
-        values, worst = posterior.quantities(chains.x), 0.0
-        for name in posterior.names.natural:
-            error, (low, high) = errors(values[name]), np.quantile(values[name], TAIL)
-            worst = max(worst, error.q05 / (high - low), error.q95 / (high - low))
-        return chains, worst
+    The sampler is to reach this limit for all natural parameters.
+    """
+    settings = SamplerSettings(draws=draws, max_quantile_error=limit, **options)
+    # Draws of seed 3 are correlated in a single pass; those of seed 1 are all but independent.
+    chains = sample_chains(fitted, settings, seed=3)
+    values = fitted.target.quantities(chains.x)
+    largest = 0.0
+    for name in fitted.target.names.natural:
+        low, high = np.quantile(values[name], TAIL)
+        error = errors(values[name])
+        largest = max(largest, error.q05 / (high - low), error.q95 / (high - low))
+    return chains, largest
 
-    once, worst_once = sampled(5000, np.inf, max_thin=1)
-    assert once.converged
-    assert once.log_posterior.size >= 10_000
 
-    limit = 0.95 * worst_once  # just missed by a single pass, within reach of independent draws
-    longer, worst_longer = sampled(5000, limit)
-    assert longer.converged
-    assert longer.thin > 1
-    assert worst_longer <= limit
+@pytest.fixture(scope="module")
+def quantile_limit(funnel):
+    """A limit that a single pass of 5,000 draws just misses, within reach of independent draws."""
+    chains, error = chains_and_error(funnel, 5000, np.inf, max_thin=1)
+    assert chains.converged
+    assert chains.log_posterior.size >= 10_000  # kept are at least twice as many as are asked for
+    return 0.95 * error
 
-    # Beyond the reach of so many draws it says so at once, and how many would do.
-    short, _ = sampled(5000, limit / 2)
-    assert (short.converged, short.reason, short.thin) == (True, "", 1)
+
+def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funnel, quantile_limit):
+    chains, error = chains_and_error(funnel, 5000, quantile_limit)
+    assert chains.converged
+    assert chains.thin > 1
+    assert error <= quantile_limit
+
+
+def test_a_limit_beyond_the_reach_of_the_draws_is_said_with_those_that_do(funnel, quantile_limit):
+    limit = 0.5 * quantile_limit
+    short, _ = chains_and_error(funnel, 5000, limit)
+    assert (short.converged, short.reason, short.thin) == (True, "", 1)  # no pass was in vain
     match = re.fullmatch(r"a 5 or 95 % quantile of .*: ([0-9,]+) draws would do", short.imprecise)
-    sufficient, worst_enough = sampled(int(match[1].replace(",", "")), limit / 2)
+    n_sufficient = int(match[1].replace(",", ""))
+    sufficient, error = chains_and_error(funnel, n_sufficient, limit)
     assert sufficient.imprecise == ""
-    assert worst_enough <= limit / 2
+    assert error <= limit
 
 
 def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs():
-    """Over forty runs of one subject. Judging draws are part of a run."""
+    """Over forty runs of one subject. The draws that judge the mixture are part of a run."""
     posterior = paper_posterior(CASES["one order missing"])
     fitted = fit_posterior(posterior, generator(3, "claims"))
     runs = []
@@ -118,21 +135,22 @@ def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs():
         draws = fitted.fresh(generator(seed, "judged"), 8000)
         runs.append(sample_chains(replace(fitted, draws=draws), SamplerSettings(draws=1000), seed))
 
-    ratios = []
+    log_ratios = []
     for key in ("mu1", "sigma_p", "q0"):
         values = [posterior.quantities(run.x)[key] for run in runs]
+        # `errors` has that of the mean and those of three quantiles: (runs, quantiles).
         stated = np.sqrt(np.mean(np.square([errors(value)[1:] for value in values]), axis=0))
         spread = np.std([np.quantile(value, [0.05, 0.5, 0.95]) for value in values], axis=0, ddof=1)
-        ratios.extend(np.log(stated / spread))
-    # The log of a standard deviation of 40 has an error of 0.113: 4 of them each, and 4 of the mean
-    # of nine, which hang together little.
-    assert np.abs(ratios).max() < 0.45
-    # Draws in random order, that is, taken to be independent: -0.22.
-    assert abs(np.mean(ratios)) < 0.17
+        log_ratios.extend(np.log(stated / spread))
+    # The log of a standard deviation of 40 has an error of 0.113: the limit is 4 of them.
+    assert np.abs(log_ratios).max() < 0.45
+    # 4 errors of the mean of nine, which are nearly independent. If the errors were those of
+    # independent draws, it would be -0.22.
+    assert abs(np.mean(log_ratios)) < 0.17
 
 
 def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_study):
-    options = {"draws": 2000, "prior": "paper"}
+    options = {"draws": 2000, "prior": "paper"}  # those of `analysis`, whose seed is 5
     backward = bt.sample(small_study.select(["C", "A"]), seed=5, workers=2, **options)
     for name in backward.names:
         assert np.array_equal(analysis.draws.points(name), backward.points(name))
@@ -143,5 +161,5 @@ def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_st
 def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
     # 256 dispersed starts, repeated: far from 4 effective draws a walker, whatever was asked.
     assert SamplerSettings(draws=10).required == 4 * 4 * 64
-    frozen = np.repeat(default_rng(0).normal(size=(4, 64)), 32, axis=1)
+    frozen = np.repeat(default_rng(0).normal(size=(4, 64)), 32, axis=1)  # (chains, draws)
     assert convergence(frozen).ess_bulk < SamplerSettings(draws=10).required

@@ -20,14 +20,16 @@ from bayes_toe.model.condition_model import ConditionModels
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE
 
-S1, S2 = np.array([0.0, 0.3, 0.3, 0.9, 1.2]), np.array([0.3, 0.0, 0.7, 0.5, 1.2])
+S1 = np.array([0.0, 0.3, 0.3, 0.9, 1.2])
+S2 = np.array([0.3, 0.0, 0.7, 0.5, 1.2])
 #: Counts of five pairs with 12 trials each, in three conditions.
 COUNTS = ((5, 2, 9, 1, 4), (9, 4, 10, 2, 7), (8, 3, 9, 4, 6))
 
 
 def models_in_conditions(counts, pairs=(S1, S2), n_trials=12, task=WHICH_STRONGER):
     """The models of a subject with these counts in conditions a, b and perhaps c."""
-    levels, units = tuple("abc"[: len(counts)]), []
+    levels = tuple("abc"[: len(counts)])
+    units = []
     for level, n_yes in zip(levels, counts, strict=True):
         all_trials = [n_trials] * len(n_yes)
         unit = bt.Subject(f"S@{level}", *pairs, n_yes, all_trials, task=task, condition=level)
@@ -57,9 +59,10 @@ MODELS = {
 EACH_MODEL = pytest.mark.parametrize("models", MODELS.values(), ids=MODELS)
 
 
-def product_of_likelihoods(models, points):
+def sum_of_log_likelihoods(models, points):
     """The log likelihood as a sum over conditions, each with an observer of its own."""
     total = 0.0
+    # (points, all) @ (conditions, all, of one) -> (conditions, points, coordinates of one)
     in_conditions = points @ models.loading.swapaxes(1, 2)
     for unit, coordinates in zip(models.units, in_conditions, strict=True):
         posterior = OrderModel("both").posterior(unit)
@@ -72,13 +75,14 @@ def product_of_likelihoods(models, points):
 def test_the_likelihood_is_the_product_over_conditions(models):
     array = models.array([models.differing])
     points = 0.5 * default_rng(1).standard_normal((1, 4, len(array.names)))
-    value, *_ = array.likelihood.scoring(points)
-    np.testing.assert_allclose(value[0], product_of_likelihoods(models, points[0]), rtol=1e-11)
+    value, *_ = array.likelihood.scoring(points)  # (1 model, 4 points)
+    np.testing.assert_allclose(value[0], sum_of_log_likelihoods(models, points[0]), rtol=1e-11)
     np.testing.assert_allclose(array.likelihood.plain_value(points), value, rtol=1e-12)
 
 
 @EACH_MODEL
 def test_the_gradient_is_the_slope_of_the_likelihood(models):
+    # One model in which all that may differ does; four points near the middle of the prior.
     likelihood = models.array([models.differing]).likelihood
     points = 0.5 * default_rng(1).standard_normal((1, 4, models.loading.shape[-1]))
     _, gradient, _ = likelihood.scoring(points)
@@ -87,27 +91,30 @@ def test_the_gradient_is_the_slope_of_the_likelihood(models):
 
 
 def test_what_does_not_differ_has_no_prior_and_stays_at_0():
+    """Of two models: one in which nothing differs, and one in which the noise does."""
     models = THREE_CONDITIONS
     array = models.array([(), (NOISE,)])
-    points = array.prior_points(default_rng(1).uniform(size=(2, 50, len(array.names))))
-    differs = [name.startswith("noise ") for name in array.names]
+    probability = default_rng(1).uniform(size=(2, 50, len(array.names)))
+    points = array.prior_points(probability)  # (models, points, coordinates)
+    is_difference = [name.startswith("noise ") for name in array.names]
     k = len(models.parameters)  # coordinates that all conditions share come first
     assert not points[0, :, k:].any()
-    assert points[1, :, differs].all()
+    assert points[1, :, is_difference].all()
 
     log_prior = array.log_prior(points)
     assert log_prior[0] == pytest.approx(models.shared.log_prior(points[0, :, :k]))
-    of_differences = stats.norm.logpdf(points[1][:, differs]).sum(axis=1)
+    of_differences = stats.norm.logpdf(points[1][:, is_difference]).sum(axis=1)
     assert log_prior[1] == pytest.approx(models.shared.log_prior(points[1, :, :k]) + of_differences)
 
 
-def test_any_two_levels_differ_by_half_a_unit_beforehand():
+def test_the_prior_sd_of_the_difference_of_any_two_levels_is_half_a_unit():
     models = THREE_CONDITIONS
     array = models.array([(NOISE, CONSTANT_ERROR, CONTRACTION)])
     probability = default_rng(1).uniform(size=(1, 40_000, len(array.names)))
     values = models.quantities(array.prior_points(probability)[0])
     step = StimulusScales.from_pairs(S1, S2, np.full(5, 12)).step
-    # A unit is D/2 of the constant error, 1/4 of the contraction, and 1 of the log JND.
+    # A unit is D/2 of the constant error, 1/4 of the contraction, and 1 of the log JND. An SD of
+    # 40,000 draws has an error of 0.4 %.
     for i, j in ((0, 1), (0, 2), (1, 2)):
         for key, expected in (("constant_error", step / 4.0), ("contraction", 0.125)):
             assert (values[key][i] - values[key][j]).std() == pytest.approx(expected, rel=0.02)
@@ -120,22 +127,25 @@ def require_means_over_the_prior(evidence, models, array):
     probability = default_rng(2).uniform(size=(len(array), 40_000, len(array.names)))
     points = array.prior_points(probability)
     for i, draws in enumerate(points):
-        log_likelihood = product_of_likelihoods(models, draws)
-        highest = log_likelihood.max()
+        log_likelihood = sum_of_log_likelihoods(models, draws)
+        highest = log_likelihood.max()  # subtracted, so that exp does not underflow
         weights = np.exp(log_likelihood - highest)
         expected = highest + np.log(weights.mean())
+        # Of the log of a mean: 1 over the root of the number of effective draws.
         error_of_mean = np.sqrt(np.square(weights).sum()) / weights.sum()
         error = np.hypot(error_of_mean, evidence.standard_error[i])
         assert evidence.log_evidence[i] == pytest.approx(expected, abs=4.0 * error)
 
 
 def test_evidences_of_what_differs_are_means_over_the_prior():
+    """The choices are what may differ: each subset of constant error, contraction and noise."""
     evidence, _ = condition_evidences(TWO_CONDITIONS, seed=1)
     array = TWO_CONDITIONS.array(CHOICES)
     require_means_over_the_prior(evidence, TWO_CONDITIONS, array)
 
 
 def test_evidences_of_one_observer_of_two_tasks_are_means_over_the_prior():
+    # As precise as the mean over 40,000 draws from the prior.
     models = models_of_two_tasks()
     array = models.without_differences
     precision = Precision(standard_error=0.01, most_draws=40_000)

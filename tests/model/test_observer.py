@@ -28,6 +28,7 @@ from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior
 
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER, THREE_ANSWERS)
+#: Numbers that differ from the default, so that a number in the wrong place changes a density.
 PRIOR = ObserverPrior(noise_median=0.8, noise_sd=0.6, q0_a=3.0, q0_b=1.5, lapse_rate_b=7.0)
 #: Values of a coordinate far beyond what its prior draws.
 FAR_VALUES = (-700.0, -40.0, -6.0, 6.0, 40.0, 700.0)
@@ -63,10 +64,12 @@ def posterior(subject):
 
 
 def posterior_of(subject, model="both"):
+    """The posterior of one of the four models under the prior of this file."""
     return ObserverPosterior(subject, OrderModel(model), PRIOR)
 
 
-def prior_draws(posterior, size=200, seed=1):
+def prior_draws(posterior, size, seed=1):
+    """Points from the prior, (size, coordinates)."""
     return posterior.sample_prior(default_rng(seed), size)
 
 
@@ -77,7 +80,8 @@ def prior_draws(posterior, size=200, seed=1):
 def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
     """Also far from the draws of the prior, where the density is low.
 
-    Slopes take long: those of two draws, and of the two points that are far.
+    Slopes by differences of many digits take long: only the last two draws and the two points that
+    are far have them.
     """
     posterior = posterior_of(subject, model)
     # Clipped, because a contraction of 4 prior SDs is 1, where the density ends.
@@ -98,6 +102,7 @@ def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
 
 @pytest.mark.parametrize("value", FAR_VALUES)
 def test_far_out_the_log_density_is_the_definition_and_never_nan(subject, value):
+    """One coordinate far out and the others near the middle, for every fourth pair of a subject."""
     posterior = posterior_of(some_pairs(subject, slice(None, None, 4)))
     for j, name in enumerate(posterior.coordinates):
         point = np.full(len(posterior.coordinates), 0.3)
@@ -109,7 +114,7 @@ def test_far_out_the_log_density_is_the_definition_and_never_nan(subject, value)
             assert posterior.log_density(point)[0] == -np.inf
         if name == "lapse_rate" and abs(value) > 38.0:
             continue  # a lapse rate that differs from 0 or 1 by less than e^-240000
-        digits = 400 if name == "q0" else 80  # 1 - q0 is e^-700
+        digits = 400 if name == "q0" else 80  # 1 - q0 may be e^-700, which has 304 zeros
         with mpmath.workdps(digits):
             expected, _ = definitions.observer_log_density(posterior, point)
         assert log_likelihood == pytest.approx(float(expected), rel=1e-11), name
@@ -128,19 +133,21 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     """The fast form without logs is exact to rounding where the likelihood is not negligible."""
     best = find_maxima(posterior).x[0]
     rng = default_rng(2)
+    # From next to the maximum to two prior SDs away.
     scales = rng.choice([0.01, 0.1, 0.5, 1.0, 2.0], size=(3000, 1))
     points = best + scales * rng.normal(size=(3000, len(best)))
     log_likelihood = posterior.log_likelihood(points)
     is_near = log_likelihood > posterior.log_likelihood(best)[0] - 200.0
-    assert is_near.sum() > 1000
+    assert is_near.sum() > 1000  # so that the comparison is not of a few points
 
-    full = posterior.full_points(points[is_near])
+    full = posterior.full_points(points[is_near])  # (1 row, points, coordinates)
     plain = posterior.rows.plain_log_likelihood(full)[0]  # of the only row
     assert plain == pytest.approx(log_likelihood[is_near], rel=1e-12)
 
     # Slopes of each answer, and slopes that are summed over the answers of a pair.
     slope = posterior.rows.scoring(full)[1]
     summed_slope = posterior.rows.plain_gradient(full)[1]
+    # Slopes cancel: the error is in proportion to the largest slope of a point.
     scale = 1.0 + np.abs(slope).max(axis=-1, keepdims=True)
     assert np.abs((summed_slope - slope) / scale).max() < 1e-10
 
@@ -153,7 +160,7 @@ def test_rows_of_several_subjects_are_those_of_each_alone(task):
     first, second, third = example_subjects(task)
     subjects = [first, some_pairs(second, slice(-2)), third]
     rows = ObserverRows.from_subjects(subjects, PRIOR)
-    u = default_rng(6).normal(size=(3, 50, len(rows.coordinates)))
+    u = default_rng(6).normal(size=(3, 50, len(rows.coordinates)))  # (rows, points, coordinates)
     values, slopes, _ = rows.scoring(u)
     for i, subject in enumerate(subjects):
         value, slope, _ = posterior_of(subject).rows.scoring(u[[i]])
@@ -177,6 +184,7 @@ def test_rows_of_several_subjects_are_those_of_each_alone(task):
 )
 def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, change, tolerance):
     subject = posterior.subject
+    # Both at once, because a change may depend on the range of all stimuli.
     s1, s2 = np.split(change(np.concatenate([subject.s1, subject.s2])), 2)
     moved = posterior_of(replace(subject, s1=s1, s2=s2))
     x = prior_draws(posterior, 300)
@@ -201,7 +209,8 @@ def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, chang
     ids=repr,
 )
 def test_priors_integrate_to_1_have_their_slope_and_their_quantiles(density):
-    limit = getattr(density, "limit", np.inf)
+    """Quantiles and total are integrals, and slopes are differences of the log density."""
+    limit = getattr(density, "limit", np.inf)  # where a normal density is cut
 
     def height(u):
         return float(np.exp(density.log_density(np.array(u))))
@@ -220,7 +229,10 @@ def test_priors_integrate_to_1_have_their_slope_and_their_quantiles(density):
 
 @pytest.mark.parametrize("a, b", [(1.0, 0.05), (0.05, 1.0), (0.001, 0.001)])
 def test_quantiles_are_finite_where_a_share_rounds_to_an_edge(a, b):
-    """The smaller share is P^(1/a) (a B(a, b))^(1/a), so its logarithm is linear in that of P."""
+    """Quantiles are logits of a share with the density Beta(a, b).
+
+    A small share is P^(1/a) (a B(a, b))^(1/a), so that its logarithm is linear in that of P.
+    """
     p = np.array([1e-6, 1e-3, 0.2, 0.6, 1 - 1e-3, 1 - 1e-6])
     logits = LogitOfBeta(a, b).quantile(p)
     assert np.isfinite(logits).all()
@@ -235,7 +247,7 @@ def test_draws_from_the_prior_follow_its_quantiles(posterior):
     p = np.linspace(0.02, 0.98, 49)
     for name in posterior.names.reported:
         quantiles = np.array([posterior.prior_quantile(name, share) for share in p])
-        shares = (values[name][:, None] <= quantiles).mean(axis=0)
+        shares = (values[name][:, None] <= quantiles).mean(axis=0)  # of draws below each quantile
         assert np.abs(shares - p).max() < stats.kstwobign.isf(1e-4) / np.sqrt(4000), name
 
 
@@ -246,13 +258,15 @@ def test_a_quantity_that_the_model_lacks_is_refused(posterior):
 
 def test_quantities_are_those_of_the_definition_and_points_their_inverse(posterior):
     x = prior_draws(posterior, 40)
-    values, subject = posterior.quantities(x), posterior.subject
+    values = posterior.quantities(x)
+    subject = posterior.subject
     assert posterior.points(values) == pytest.approx(x, rel=1e-9, abs=1e-9)
     with mpmath.workdps(50):
         scales = definitions.observer_scales(subject.s1, subject.s2, subject.n_trials)
         for i in range(5):
             coordinates = dict(zip(posterior.coordinates, map(mpmath.mpf, x[i]), strict=True))
             expected = definitions.observer_quantities(coordinates, scales, PRIOR)
+            # The 75 % quantile of the noise is where 'second' is given in 75 % of trials.
             expected["jnd"] = mpmath.erfinv(0.5) * mpmath.sqrt(2) * expected["noise"]
             if "q0" in expected:
                 expected["zone"] = definitions.criterion(expected["q0"]) * expected["noise"]
@@ -270,18 +284,19 @@ def test_emcee_and_importance_sampling_agree():
     draws = bt.sample(bt.Study([subject]), model="both", draws=2000, seed=3, workers=1)
     assert not draws.not_converged
 
-    weighted = order_evidence([subject], 3)[0].draws[-1]
+    weighted = order_evidence([subject], seed=3)[0].draws[-1]  # of the model 'both'
     weights = np.exp(weighted.log_weights - weighted.log_weights.max())
     weights /= weights.sum()
-    effective = 1.0 / np.square(weights).sum()
-    assert effective > 250
+    n_effective = 1.0 / np.square(weights).sum()
+    assert n_effective > 250  # what the evidences ask for
 
     posterior = draws.posterior(subject.name)
     values = posterior.quantities(weighted.x)
     for name in posterior.names.natural:
         for p in (0.05, 0.5, 0.95):
-            # The share of weight below emcee's quantile, at 4.5 standard errors.
+            # The share of weight below emcee's quantile, at 4.5 standard errors: some 20
+            # comparisons, a false alarm in 7,000 such tests.
             quantile = np.quantile(draws.values(subject.name, name), p)
             share = weights[values[name] <= quantile].sum()
-            error = np.sqrt(p * (1.0 - p) * (1.0 / effective + 1.0 / 2000.0))
+            error = np.sqrt(p * (1.0 - p) * (1.0 / n_effective + 1.0 / 2000.0))
             assert abs(share - p) < 4.5 * error, (name, p)

@@ -45,7 +45,8 @@ def evolve(belief, diffusion):
 def settled(mean, diffusion, noise):
     """The belief whose variance a stimulus and a step of the random walk leave as it is.
 
-    The positive root of a quadratic equation.
+    It is the positive root of v^2 = step (v + noise^2), which follows from
+    v = v noise^2 / (v + noise^2) + step.
     """
     step = diffusion**2
     return Belief(mean, 0.5 * (step + np.sqrt(step**2 + 4.0 * step * noise**2)))
@@ -58,6 +59,7 @@ def shift(belief, stimulus, noise):
 
 @pytest.mark.parametrize("gamma", [1e-300, 1e-100, 1e-16, 1e-3, 0.5, 1 - 1e-12])
 def test_gain_and_pull_to_the_last_digits(gamma):
+    """With G = (1 + sqrt(1 + 4 gamma)) / 2, the pull is gamma / G^2 and the gain is 1 / G."""
     with mpmath.workdps(50):
         g = mpmath.mpf(gamma)
         ratio = (1 + mpmath.sqrt(1 + 4 * g)) / 2
@@ -71,30 +73,39 @@ def test_gain_and_pull_to_the_last_digits(gamma):
     sigma_p=st.floats(-2, 2).map(lambda e: 10.0**e), gamma=st.floats(-6, 0).map(lambda e: 10.0**e),
 )  # fmt: skip
 def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
-    sigma_l, q0 = sigma_p * np.sqrt(gamma), 0.93
+    """sigma_p is the diffusion, sigma_l the noise of a measurement, and gamma their ratio squared.
+
+    P('equal') falls with the distance z by which the second stimulus moves the evolved belief.
+    """
+    sigma_l = sigma_p * np.sqrt(gamma)
+    q0 = 0.93
     prior = settled(mu1, sigma_p, sigma_l)
     evolved = evolve(update(prior, s1, sigma_l), sigma_p)
     sd = np.sqrt(evolved.variance)
 
-    gamma = noise_ratio(sigma_p, sigma_l)
+    gamma = noise_ratio(sigma_p, sigma_l)  # with the rounding of the root
     assert evolved_mean(s1, mu1, gamma) == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)
     assert width(sigma_p, gamma) == pytest.approx(sd + sigma_l**2 / sd, rel=1e-14)
     weight = prior.variance / (prior.variance + sigma_l**2)
     assert gain(gamma) == pytest.approx(weight, rel=1e-12)
 
-    z, expected = normalised_distance(s1, s2, mu1, sigma_p, sigma_l), shift(evolved, s2, sigma_l)
+    z = normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
+    expected = shift(evolved, s2, sigma_l)
+    # Stimuli have sizes of about 1, so that rounding errors of their differences are 1e-16.
     assert z == pytest.approx(expected, rel=1e-9, abs=1e-13 + 1e-13 / sigma_p)
     q = equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)
     assert q == pytest.approx(q0 * 2.0 ** -(z**2), rel=1e-12, abs=1e-300)
 
 
-def test_certainty_is_minus_infinity_without_a_warning():
+def test_log_of_a_small_probability_of_different_does_not_round():
+    """log(1 - q0 2^(-z^2)) with q0 = 1/(1 + e^-10000), which rounds to 1."""
     assert float(log_different(0.0, 1e4)) == -1e4
     assert float(log_different(1.0, 1e4)) == pytest.approx(np.log(0.5), rel=1e-15)
 
 
 @pytest.mark.parametrize(
-    "values, name",
+    # mu1, sigma_p, sigma_l and q0, and what the refusal names.
+    "parameters, name",
     [
         ((np.nan, 0.2, 0.1, 0.9), "mu1"),
         ((0.0, 0.0, 0.1, 0.9), "sigma_p"),
@@ -103,6 +114,6 @@ def test_certainty_is_minus_infinity_without_a_warning():
         ((0.0, 1e-200, 1.0, 0.9), "sigma_l / sigma_p must be below 1e153"),
     ],
 )
-def test_unusable_parameters_raise_and_are_named(values, name):
+def test_unusable_parameters_raise_and_are_named(parameters, name):
     with pytest.raises(NumericalError, match=name):
-        equal_probability(0.0, 0.1, *values)
+        equal_probability(0.0, 0.1, *parameters)

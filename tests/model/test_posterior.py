@@ -16,13 +16,14 @@ CASES = hard_cases()
 
 
 @pytest.mark.parametrize("point, message", [([np.nan, 0, 0, 0], "NaN"), ([0.0, 0.0], "shape")])
-def test_points_that_are_refused(point, message):
+def test_points_with_nan_or_without_four_coordinates_are_refused(point, message):
     with pytest.raises(NumericalError, match=message):
         paper_posterior(CASES["all equal"]).log_density([point])
 
 
-def test_impossible_is_minus_infinity():
-    # Width e^-400, so that z^2 of an unequal pair is beyond the largest float: P(equal) is 0.
+def test_impossible_answers_have_a_density_of_0_and_sure_ones_are_not_nan():
+    # The second coordinate makes a width of e^-400, so that z^2 of an unequal pair is beyond the
+    # largest float: P(equal) is 0.
     x = [[0.1, -400.0, 0.0, 0.0]]
     assert paper_posterior(CASES["all equal"]).log_density(x)[0] == -np.inf
     # P(different) is 1: the log likelihood is exactly 0, not 0 times infinity.
@@ -39,6 +40,7 @@ PRIORS = {
 @BOTH_TASKS
 @settings(max_examples=12, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(
+    # Ranges hold most of the prior. Subnormal floats have fewer digits.
     prior=st.sampled_from(list(PRIORS.values())),
     x=st.tuples(
         st.floats(-3, 3, allow_subnormal=False),
@@ -51,8 +53,8 @@ def test_value_and_gradient_at_any_point(task, prior, x):
     target = paper_posterior(five_pairs(task), prior)
     u = np.array([[x]])
     z = target.rows.distance(u)[0, 0]
-    # Rounding a distance costs what its cancellation costs: only pairs off the axis are held to
-    # 1e-12.
+    # A distance z of a pair that is small by cancellation has lost digits. Points with such a pair
+    # are left out, and all others are held to 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
     assert_agrees(target, x)
     plain = target.rows.plain_log_likelihood(u)[0]
@@ -79,7 +81,10 @@ FAR_POINTS = """
 @BOTH_TASKS
 @pytest.mark.parametrize("prior, coordinate, value", text_table(FAR_POINTS))
 def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate, value):
-    """With a prior of the width, only the second coordinate is another one: only it is tested."""
+    """The prior of the width changes the second coordinate alone, so that only this is tested.
+
+    With 50,000 trials a pair, values with hundreds of digits are compared.
+    """
     x = list(MIDDLE_POINT)
     x[int(coordinate)] = float(value)
     posterior = paper_posterior(five_pairs(task, n_times=1000), PRIORS[prior])
@@ -89,6 +94,7 @@ def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate
 @BOTH_TASKS
 @pytest.mark.parametrize("prior", PRIORS)
 def test_far_beyond_any_float_nothing_is_nan(task, prior):
+    # e^-745 is about the smallest float, and Phi(-40) is 0.
     far = np.array([-1e4, -745.0, -40.0, 0.0, 40.0, 745.0, 1e4])
     x = np.stack(np.meshgrid([0.0, 1e-320, 0.5], far, far, far), axis=-1).reshape(-1, 4)
     posterior = paper_posterior(five_pairs(task), PRIORS[prior])

@@ -14,6 +14,7 @@ STUDY = bt.Study([five_pairs(name="A"), five_pairs(name="B")])
 
 
 def test_a_subject_without_different_stimuli_has_no_default_prior():
+    """Subject L has a single pair of equal stimuli. The paper's prior has no scale from them."""
     study = bt.Study([five_pairs(), made_subject("0.4 0.4 1 2", "L")])
     message = "^subject 'L': the prior takes its scale from pairs of different stimuli, found none"
     with pytest.raises(bt.InputError, match=f"{message}; .*--prior p"):
@@ -22,16 +23,16 @@ def test_a_subject_without_different_stimuli_has_no_default_prior():
     paper = bt.model.paper_posterior(study["L"], prior_for(study, "paper"))
     assert np.isfinite(paper.log_density([[0.1, 0.0, 0.0, 0.0]])).all()
 
+    posterior = bt.model.observer_posterior(study["L"], model="constant-error")
     message = "subject 'L': no pair has two different stimuli, so no order effect can be seen"
     with pytest.raises(bt.InputError, match=message):
-        bt.model.observer_posterior(study["L"], model="constant-error").log_density(
-            np.zeros((1, 6))
-        )
+        posterior.log_density(np.zeros((1, 6)))
 
 
 @pytest.mark.parametrize("factor, shift", [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
 @BOTH_TASKS
 def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
+    # Stimuli are multiplied by the factor and moved; the prior is the default, which moves along.
     plain = bt.model.paper_posterior(five_pairs(task))
     moved = bt.model.paper_posterior(five_pairs(task, factor=factor, shift=shift))
     x = default_rng(5).normal(size=(30, 4)) * 0.5

@@ -20,6 +20,7 @@ from bayes_toe.model.trial_history import (
     looks_sorted,
 )
 
+#: Whether the model has an effect of the previous response, and of the previous stimuli.
 EACH_HISTORY = pytest.mark.parametrize(
     "has_response, has_carry_over", [(False, False), (True, False), (False, True), (True, True)]
 )
@@ -39,6 +40,7 @@ def two_sessions(task=WHICH_STRONGER, n_trials=60):
 
 
 def make_posterior(subject, has_response=True, has_carry_over=True):
+    """The posterior of the model 'both' with these effects of the trial before."""
     history = TrialHistory(OrderModel("both"), has_response, has_carry_over)
     return TrialHistoryPosterior(subject, history)
 
@@ -50,17 +52,19 @@ def draw_points(posterior, n_points):
 
 
 def log_likelihood_at(posterior, points):
+    """The log likelihood at points, (points, coordinates) -> (points,)."""
     return posterior.array.likelihood.plain_value(points[None])[0]
 
 
 def loop_log_likelihood(subject, values, kappa, rho):
-    """By the formulas of the module, trial by trial in 40 digits.
+    """The log likelihood by the formulas of the module, trial by trial in 40 digits.
 
     `kappa` is the effect of the previous response, and `rho` the share of an expectation that is
     carried over.
     """
-    answers, sbar = subject.answers, float(np.average(subject.s1, weights=subject.n_trials))
-    begins = np.diff(answers.place, prepend=-2) > 1
+    answers = subject.answers
+    sbar = float(np.average(subject.s1, weights=subject.n_trials))
+    begins = np.diff(answers.place, prepend=-2) > 1  # a session: a position was left out
     total, expectation, response = mp.mpf(0), mp.mpf(0), 0
     with mp.workdps(40):
         values = {name: mp.mpf(float(value)) for name, value in values.items()}
@@ -76,6 +80,7 @@ def loop_log_likelihood(subject, values, kappa, rho):
             if is_answered:
                 yes, no = p_responses
                 total += mp.log(yes if is_yes else no)
+            # The expectation moves to each stimulus in turn by a share 1 - p.
             moved = (1 - p) * (s2 - sbar) + p * (1 - p) * (s1 - sbar) + p**2 * expectation
             expectation = rho * moved
             response = int(is_answered * (2 * is_yes - 1))  # 1, -1, or 0 without an answer
@@ -88,6 +93,7 @@ def test_the_likelihood_is_that_of_a_loop_over_trials(task, has_response, has_ca
     subject = two_sessions(task)
     posterior = make_posterior(subject, has_response, has_carry_over)
     x = draw_points(posterior, 3)
+    # Effects that the model does not have are 0.
     values = {"previous_response": np.zeros(3), "carry_over": np.zeros(3)}
     values |= posterior.quantities(x)
     for i, log_likelihood in enumerate(log_likelihood_at(posterior, x)):
@@ -112,17 +118,19 @@ def test_the_prior_is_that_of_the_documents(task):
     posterior = make_posterior(two_sessions(task))
     x = draw_points(posterior, 4000)
     values = posterior.quantities(x)
+    # Normal with this SD, and uniform from 0 to 1. The tolerances are four errors of 4,000 draws.
     sd = {SAME_DIFFERENT: 0.25, WHICH_STRONGER: 0.5}[task]
     assert values["previous_response"].std() == pytest.approx(sd, rel=0.05)
-    assert np.quantile(values["carry_over"], [0.25, 0.5, 0.75]) == pytest.approx(
-        [0.25, 0.5, 0.75], abs=0.03
-    )
+    quartiles = [0.25, 0.5, 0.75]
+    assert np.quantile(values["carry_over"], quartiles) == pytest.approx(quartiles, abs=0.03)
 
+    # The last two coordinates are their scores, which are standard normal.
     own_prior = posterior.array.log_prior(x[None])[0] - posterior.observer.log_prior(x[:, :-2])
     assert own_prior == pytest.approx(stats.norm.logpdf(x[:, -2:]).sum(axis=1))
 
 
 def test_a_contraction_beyond_1_is_impossible():
+    # So many trials that an expectation which grows from trial to trial would overflow.
     posterior = make_posterior(two_sessions(n_trials=2000))
     x = draw_points(posterior, 3)
     x[1, posterior.array.names.index("contraction")] = 8.0  # prior SDs of .25: p is 2
@@ -132,11 +140,13 @@ def test_a_contraction_beyond_1_is_impossible():
 
 
 def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
-    low, unit_counts = np.repeat([0.0, 0.3, 0.1, 0.5], 12), np.ones(48, int)
-    keys = np.column_stack([low, low + 0.2])
+    """Four blocks of 12 trials, each of one pair whose order is random."""
+    low = np.repeat([0.0, 0.3, 0.1, 0.5], 12)
+    counts = np.ones(48, int)  # one answer in each trial, always the counted one
+    keys = np.column_stack([low, low + 0.2])  # s1 and s2 of each trial
     is_turned = default_rng(1).random(48) >= 0.5
     keys[is_turned] = keys[is_turned][:, ::-1]
-    answers = Answers(keys, unit_counts, unit_counts, None, (), True, np.arange(48))
+    answers = Answers(keys, n_yes=counts, n_trials=counts, has_trial_rows=True, place=np.arange(48))
     assert not looks_sorted(answers)
 
     # Sorted by the first stimulus and then by the second, upwards and downwards.

@@ -12,20 +12,25 @@ from reference.calibration_statistics import judged_ranks
 import bayes_toe as bt
 from bayes_toe.model.posterior_array import PosteriorArray
 
-STUDIES, FEWER = 8, 5  # the fewer are enough for a prior as wrong as the one below
 
+def ranks_under(prior, n_studies=8):
+    """By quantity, whether ranks are uniform: observers of the paper's prior, analysed under this.
 
-def ranks_under(prior, studies=STUDIES):
-    """Verdicts where observers come from the default prior and are analysed under this one."""
-    names = [f"test-{i}" for i in range(studies)]
+    A rank is the share of posterior draws below the true value.
+    """
+    names = [f"test-{i}" for i in range(n_studies)]
     rows = pd.DataFrame([rank_truth("sparse", name, 7, prior, bt.Prior()) for name in names])
-    assert not rows["shortfall"].any()
+    assert not rows["shortfall"].any()  # all samples converged
     return pd.DataFrame(judged_ranks(rows, RANKED)).set_index("what")
 
 
 @pytest.mark.slow
-def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
+def test_the_right_density_passes():
     assert ranks_under(bt.Prior()).calibrated.all()
+
+
+@pytest.mark.slow
+def test_a_density_with_a_wrong_jacobian_is_caught(monkeypatch):
     right = PosteriorArray.densities
 
     def with_jacobian(self, u):
@@ -33,26 +38,31 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
 
         It is the Jacobian that changes (sigma_p, gamma) into (sigma_p^2, sigma_l^2).
         """
-        (log_prior, log_posterior), rows = right(self, u), self.likelihood.rows
+        (log_prior, log_posterior) = right(self, u)
+        rows = self.likelihood.rows
         if not hasattr(rows, "log_width"):  # a model that the responses are checked with
             return log_prior, log_posterior
         log_sigma_p = rows.log_width(u) + rows.power * np.log1p(-rows.pull(u))
         return log_prior, log_posterior + 3.0 * log_sigma_p
 
-    with monkeypatch.context() as wrong:
-        wrong.setattr(PosteriorArray, "densities", with_jacobian)
-        jacobian = ranks_under(bt.Prior())
-    assert not jacobian.calibrated["sigma_p"]
-    assert jacobian.largest_difference["sigma_p"] > 0  # draws too large: the truth ranks low
-    prior = ranks_under(bt.Prior(mu1_sd=3.0, sigma_p_scale=0.3), FEWER)
-    assert not prior.calibrated["sigma_p"]
-    assert prior.largest_difference["sigma_p"] < 0
+    monkeypatch.setattr(PosteriorArray, "densities", with_jacobian)
+    ranks = ranks_under(bt.Prior())
+    assert not ranks.calibrated["sigma_p"]
+    assert ranks.largest_difference["sigma_p"] > 0  # draws too large: the truth ranks low
+
+
+@pytest.mark.slow
+def test_a_prior_that_is_too_narrow_is_caught():
+    # A scale of .3 instead of 1 is so wrong that five studies show it.
+    ranks = ranks_under(bt.Prior(mu1_sd=3.0, sigma_p_scale=0.3), n_studies=5)
+    assert not ranks.calibrated["sigma_p"]
+    assert ranks.largest_difference["sigma_p"] < 0  # draws too small
 
 
 def test_the_script_writes_and_says_what_was_found(tmp_path, monkeypatch, capsys):
     line = f"calibration.py -o {tmp_path} --studies 2 --data-sets 2 --seed 3"
     monkeypatch.setattr(sys, "argv", line.split())
-    monkeypatch.setattr(calibration, "REPLICATES", 20)
+    monkeypatch.setattr(calibration, "REPLICATES", 20)  # few, so that it takes seconds
     assert calibration.main() == 0
     assert "*Ranks*, 16 of 16 rows are calibrated." in capsys.readouterr().out
     table = pd.read_csv(tmp_path / "calibration.csv")

@@ -9,16 +9,19 @@ from scipy.stats import binom
 
 def rarest_tail(values):
     """The smallest tail probability of the counts below each point."""
-    counts, size = counts_below(values), len(values)
+    counts = counts_below(values)
+    size = len(values)
     return np.min([binom.cdf(counts, size, POINTS), binom.sf(counts - 1, size, POINTS)])
 
 
 @pytest.mark.parametrize("power", [1.0, 1.1, 1.2])
 def test_the_p_value_is_the_share_of_uniform_numbers_that_deviate_as_far(power):
-    """4 standard errors, for numbers that are ever less uniform: a false alarm in 5,000 runs."""
-    rng, n_sets = default_rng(11), 4000
+    """The numbers are ever less uniform. 4 standard errors: a false alarm in 5,000 runs."""
+    rng = default_rng(11)
+    n_sets = 4000
     values = rng.uniform(size=150) ** power
     simulated = [rarest_tail(uniform) for uniform in rng.uniform(size=(n_sets, 150))]
+    # Tails that are equal but for rounding count.
     share = np.mean(np.less_equal(simulated, rarest_tail(values) * (1.0 + 1e-9)))
     p_value = uniformity(values)
     error = np.sqrt(p_value * (1.0 - p_value) / n_sets)

@@ -11,8 +11,8 @@ from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.ipynb"))
 EACH_CASE = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-#: With four bundled subjects, and pictures drawn once. The site runs the
-#: notebooks as they are.
+#: The first cell that each notebook gets here: examples have four subjects, and pictures are drawn
+#: once. The site runs the notebooks as they are.
 SMALL_EXAMPLES = """
 from functools import partial
 import bayes_toe
@@ -32,7 +32,10 @@ N_FIGURES = {"corner_exploration": 4, "paper": 8}
 
 @pytest.fixture(scope="module")
 def run():
-    """One kernel for all, emptied before each: most of the time is the import of the libraries."""
+    """A function that runs cells and returns them with their outputs.
+
+    One kernel serves all notebooks, because most of the time is the import of the libraries.
+    """
     client = NotebookClient(nbformat.v4.new_notebook(), timeout=300, kernel_name="python3")
 
     def executed(*cells):
@@ -59,6 +62,7 @@ def test_runs_from_any_folder_and_draws(path, run, tmp_path):
     for cell in notebook.cells:
         for stored, fewer in SMALLER_NUMBERS.items():
             cell.source = re.sub(stored, fewer, cell.source)
+    # Without the variables of the notebook before.
     fresh = nbformat.v4.new_code_cell(f"%reset -f\nimport os\nos.chdir({str(tmp_path)!r})")
     cells = run(fresh, *notebook.cells)
     outputs = list(chain.from_iterable(cell.get("outputs", []) for cell in cells))
