@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Record, run_starts
 from bayes_toe.data.messages import Texts, display_name, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
@@ -64,7 +64,7 @@ class Answers:
         return self.excluding(self.n_trials == 0)
 
     @property
-    def named_counts(self) -> dict[str, Any]:
+    def named_counts(self) -> Record:
         """`n_yes`, `n_trials` and, of three answers, `n_second`."""
         counts = {"n_yes": self.n_yes, "n_trials": self.n_trials}
         if self.n_second is not None:
@@ -86,7 +86,7 @@ class Answers:
         s1, s2 = self.keys[rows].T
         rows = rows[np.lexsort((s2, s1))]  # sorts by the last key first
 
-        starts = run_starts(*self.keys[rows].T)
+        starts = run_starts(*self.keys[rows].T)  # rows with equal pairs are now a run
         sums = self.named_counts
         for name, counts in sums.items():
             sums[name] = np.add.reduceat(counts[rows], starts)
@@ -148,7 +148,7 @@ class Answers:
 
         A session starts after each row that is left out, since the places have a gap there.
         """
-        columns: dict[str, Any] = {}
+        columns: Record = {}
         for key, values in vars(self).items():
             if isinstance(values, np.ndarray):
                 columns[key] = values[~rows]
@@ -196,7 +196,7 @@ def counted_rows(
     except (TypeError, ValueError) as error:
         raise InputError(f"subject {subject!r}: s1 and s2 must be numbers ({error})") from error
 
-    counts: dict[str, Any] = {"n_yes": n_yes, "n_trials": n_trials}
+    counts: Record = {"n_yes": n_yes, "n_trials": n_trials}
     if n_second is not None:
         counts["n_second"] = n_second
     for name, values in counts.items():

@@ -20,7 +20,7 @@ from functools import lru_cache
 from heapq import nlargest
 from importlib.resources import files
 from itertools import chain, filterfalse, pairwise, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -83,7 +83,7 @@ def looks_like(name: str, role: str) -> bool:
     plain = plain_name(name.removeprefix("values."))  # as Inquisit writes it
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
-    if role == f"n_{_counted_answer(name)}":
+    if role == f"n_{_counted_answer(name)}":  # n_first: 'First longer'
         return True
 
     # PsychoPy and E-Prime write columns such as key_resp.keys, also of practice and instructions.
@@ -93,7 +93,8 @@ def looks_like(name: str, role: str) -> bool:
         return re.search("|".join(parts), plain) is None
 
     # The standard or the comparison itself, not its position and not a time or a response.
-    return named_places(name)[:2] == ([role], []) and _may_be_stimulus(name)
+    words = named_places(name)
+    return words.stimuli == [role] and not words.places and _may_be_stimulus(name)
 
 
 def names_like(names: Iterable[str], role: str) -> list[str]:
@@ -101,17 +102,23 @@ def names_like(names: Iterable[str], role: str) -> list[str]:
     return [name for name in names if looks_like(name, role)]
 
 
-@lru_cache(maxsize=2**16)
-def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
-    """The stimuli in the name of a column or in a cell, their places in a trial, and other words.
+class NamedPlaces(NamedTuple):
+    """What the words in the name of a column, or in a cell, say of the stimuli."""
 
-    Stimuli are 'standard' and 'comparison', places are 'first' and 'second'.
+    stimuli: list[str]  # 'standard' and 'comparison'
+    places: list[str]  # in a trial: 'first' and 'second'
+    other_words: set[str]
+
+
+@lru_cache(maxsize=2**16)
+def named_places(text: str) -> NamedPlaces:
+    """The stimuli in the name of a column or in a cell, their places in a trial, and other words.
 
     Examples
     --------
-    >>> named_places("standard_first"), named_places("SC")
+    >>> tuple(named_places("standard_first")), tuple(named_places("SC"))
     ((['standard'], ['first'], set()), (['standard', 'comparison'], [], set()))
-    >>> named_places("left"), named_places("testInterval")
+    >>> tuple(named_places("left")), tuple(named_places("testInterval"))
     (([], [], {'left'}), (['comparison'], [], {'interval'}))
     """
     plain = without_accents(re.sub("(?<=[a-z])(?=[A-Z])", " ", text)).lower()  # 'testInterval'
@@ -126,12 +133,12 @@ def named_places(text: str) -> tuple[list[str], list[str], set[str]]:
     # Two letters, such as SC: the standard came first.
     initials = [VOCABULARY["letters"].get(letter, "") for letter in "".join(words)]
     if sorted(initials) == ["comparison", "standard"]:
-        return initials, [], set()
+        return NamedPlaces(initials, [], set())
 
     meanings = [_MEANINGS.get(word, "") for word in words]
     stimuli = list(filter(VOCABULARY["stimuli"].__contains__, meanings))
     places = list(filter(VOCABULARY["places"].__contains__, meanings))
-    return stimuli, places, set(words) - _MEANINGS.keys()
+    return NamedPlaces(stimuli, places, set(words) - _MEANINGS.keys())
 
 
 def _counted_answer(name: str) -> str:
@@ -147,7 +154,9 @@ def _counted_answer(name: str) -> str:
     # A digit may be the number of a response, and a comma stands in a row that is no header.
     words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9;,]", without_accents(name))
     others = set(map(str.lower, words)).difference(VOCABULARY["words"]["counting"])
-    return _ANSWERS.get(others.pop(), "") if len(others) == 1 < len(words) else ""
+    if len(words) < 2 or len(others) != 1:  # 'first' alone may be a stimulus
+        return ""
+    return _ANSWERS.get(others.pop(), "")
 
 
 def is_no_response(text: str) -> bool:
@@ -195,7 +204,7 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     is_of_practice = any(word in plain_name(name) for word in beginnings)
     if is_of_practice and ".this" in name:  # PsychoPy counts the trials of a loop
         return list(filter(None, texts))
-    has_flags = is_of_practice and is_flag(texts)
+    has_flags = is_of_practice and is_flag(texts)  # such as 'TRUE' in `is_practice`
 
     marks = []
     for text in texts:
@@ -347,6 +356,7 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     options = _with_unit_in_names(names, options)
     if options.correct is None:
         answers = _likely_answers(names, options)
+        # Notes name the columns in this order: likely names come before given ones.
         options = replace(options, columns={**likely, **answers, **options.columns})
     return options
 
@@ -385,7 +395,7 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
 
 def _may_be_stimulus(name: str) -> bool:
     """Whether a name has no word such as 'onset': a pair of times is not the stimuli."""
-    return named_places(name)[2].isdisjoint(VOCABULARY["words"]["about"])
+    return named_places(name).other_words.isdisjoint(VOCABULARY["words"]["about"])
 
 
 def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
@@ -424,30 +434,31 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     {'n_first': 'First longer', 'n_second': 'Second longer'}
     """
     roles = (*_ALL_COUNTS, "n_correct", "response")
-    present = {role for role in roles if options.name(role) in names}
-    if "response" in present or ("n_trials" in present and len(present) == 2):
+    roles_in_file = {role for role in roles if options.name(role) in names}
+    if "response" in roles_in_file or ("n_trials" in roles_in_file and len(roles_in_file) == 2):
         return {}  # the file has responses, or trials and a count
 
     counts = _likely(names, options, _ALL_COUNTS)
     response = _likely(names, options, ("response",))
-    answer_roles = present | counts.keys()
-    if set(_THREE_COUNTS) <= answer_roles:
+    all_roles = roles_in_file | counts.keys()
+    if set(_THREE_COUNTS) <= all_roles:
         counts.pop("n_trials", None)  # their sum
-        answer_roles.discard("n_trials")
+        all_roles.discard("n_trials")
     # Beside our names of counts, a similar name is no response.
-    without_counts = {} if present else response
-    if "n_trials" in answer_roles:
-        # Trials and one count are not responses, whatever another column is named.
-        has_one_count = len(answer_roles.difference(OTHER_COUNTS.values())) == 2
-        return counts if has_one_count else without_counts
+    response_alone = {} if roles_in_file else response
+    if "n_trials" in all_roles:
+        # Trials and one count, perhaps with that of the other answer, are not responses, whatever
+        # another column is named.
+        has_one_count = len(all_roles.difference(OTHER_COUNTS.values())) == 2
+        return counts if has_one_count else response_alone
     if response:  # other columns with similar names are then no counts
-        return without_counts
+        return response_alone
     # Columns 'first' and 'second' are the stimuli, if no others are.
     has_stimuli = set(options.stimulus_names) <= set(names)
     if not has_stimuli and counts.get("n_first", "").lower() == "first":
         return {}
     # One column such as 'second_longer' or 'same' may have responses, yes or no.
-    if len(answer_roles) == 1 and not any(map(is_percentage, counts.values())):
+    if len(all_roles) == 1 and not any(map(is_percentage, counts.values())):
         return {}
     return counts
 
@@ -486,6 +497,7 @@ def columns_to_read(
     >>> columns_to_read(["subject", "s1", "s2", "n_equal", "n_trials", "rt"], ReadOptions())
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
+    # Options solve the last problem: what is checked after it waits until it is solved.
     roles_read = _roles_read(names, options)
     problems = list(_role_problems(roles_read, options))
     if options.subject_from is not None:
@@ -541,7 +553,8 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
 
 def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
-    # n_first does not count here: three columns are allowed with it, and only with it.
+    # n_first does not count here: three columns are allowed with it, and only with it. Responses
+    # beside n_trials alone are frequencies.
     answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or answers in (["response", "n_equal"], ["response", "n_second"]):
         first, *other_columns = [display_name(options.name(role)) for role in answers]
@@ -564,7 +577,10 @@ def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
 
 
 def _required(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterable[str]:
-    """The names of columns that must be there once: those read, and those that options name."""
+    """The names of columns that must be there once: those read, and those that options name.
+
+    Messages name them in the order of COLUMNS.
+    """
     roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
     missing = [role for role in options.columns if options.name(role) not in names]
     return dict.fromkeys([*options.where, *map(options.name, [*roles, *missing])])
@@ -612,7 +628,7 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
         return ["response", *counts]
 
     n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
-    if counts == ["n_trials"]:
+    if counts == ["n_trials"]:  # what was counted is asked for
         return ["n_equal", "n_trials"]
     other = OTHER_COUNTS[counts[0]]
     if len(counts) == 1 and options.name(other) in names:
@@ -640,21 +656,22 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
     pair = _stimulus_pair(candidates, _NUMBERS)
     interval_names = _interval_names(columns)
-    if pair:
+    if pair:  # 1 and 2 are places, unless a column says another order
         interval_names = [name for name in interval_names if _are_labels(pair, name, columns)]
     if not interval_names:
         return ""
-    if standards:
+    if standards:  # the name of the comparison is not known
         return f"{display_name(standards[0])} and NAME"
     return " and ".join(map(display_name, pair or _stimulus_pair(candidates, _LETTERS)))
 
 
 def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
-    """Whether a column of order says that stimulus 1 did not always come first.
+    """Whether 1 and 2 are labels of the stimuli, and a column of order says which came first.
 
-    It has both codes where both stimuli are the same, and changes from trial to trial. Else it
-    follows from the stimuli, or tells subjects or blocks from each other.
+    Such a column has both codes for a pair of the same two stimuli, and changes from trial to
+    trial. Else it follows from the stimuli, or tells subjects or blocks from each other.
     """
+    # 'first_tone' says its place, and a column such as 'interval' may have pauses.
     if "first" in pair[0].lower() or looks_like(order, "isi"):
         return False
     codes = {column.name: column.codes for column in columns}
@@ -663,13 +680,18 @@ def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     n_ordered_pairs = len(combination_counts(first, second, order_codes))
     # If only the pairs of equal stimuli have both codes, these are fewer than half of the pairs.
     is_free = n_ordered_pairs > 1.5 * n_pairs
+    # Codes of subjects or blocks have long runs of rows.
     return is_free and len(run_starts(order_codes)) > 0.2 * len(order_codes)
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
-    """The columns of two codes that may say which stimulus came first, by their names."""
-    of_two = [c.name for c in columns if len(list(filterfalse(is_no_response, c.texts))) <= 2]
-    return names_like(of_two, "standard_interval")
+    """The columns of two codes at most that may say which stimulus came first, by their names."""
+    return [
+        column.name
+        for column in columns
+        if looks_like(column.name, "standard_interval")
+        and len(list(filterfalse(is_no_response, column.texts))) <= 2
+    ]
 
 
 def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
@@ -682,7 +704,7 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
     """
     for name in interval_names or ["NAME"]:
         for owner in ("standard", "comparison"):
-            if named_places(name)[0] in ([], [owner]):
+            if named_places(name).stimuli in ([], [owner]):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")
@@ -714,7 +736,10 @@ def suggested_unit(name: str) -> str:
 
 
 def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
-    """Options to type if stimuli may be no natural logs; `unit` is the one that is suggested."""
+    """Options to type if stimuli may be no natural logs; `unit` is the one that is suggested.
+
+    The suggested unit comes first, natural logs come last.
+    """
     intensities, natural_logs = unit_remedies(ANY_UNIT)
     remedies = unit_remedies(unit)[:-1] if unit else []
     if (stimuli > 0.0).all():
@@ -762,15 +787,19 @@ def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     texts = {column.name: set(column.texts) for column in columns}
 
     def fit(pair: Texts) -> tuple[bool, float, str]:
-        """By name, how many values are common, of constant durations one, and the unit."""
+        """What ranks pairs: a name of a stimulus, the values in common, and a unit in the name.
+
+        Not the share of values in common, which is 1 for two constant durations.
+        """
         first, second = map(texts.__getitem__, pair)
         n_common = len(first & second)
         n_all = max(1, len(first | second))  # a table without rows has no values
         return _may_be_stimulus(pair[0]), n_common**2 / n_all, unit_in(pair[0])
 
     pairs = chain(*_pairs_by_sign(list(filterfalse(str.isdigit, texts)), _NUMBERS | _LETTERS))
-    likely = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
-    return nlargest(3, pairs, key=fit) or [max(likely, key=fit, default=())]
+    # The number of a column stands for its name. Without names, few common values may be a chance.
+    neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
+    return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
 
 
 def _remedies(
@@ -781,22 +810,23 @@ def _remedies(
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
     names_read = list(map(options.name, roles_read))
-    free = [column for column in columns if column.name not in names_read]
-    pairs = _likely_pairs(free)
+    unread = [column for column in columns if column.name not in names_read]
+    pairs = _likely_pairs(unread)
+    # If no two columns may be the stimuli, names or cells may be pairs of stimuli.
     if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
         wide = list(_wide_remedies(names, columns))
         yield from wide
         if wide:  # what else is missing depends on it
             return
     # Of columns that are as full, those of ratings come last.
-    free.sort(key=lambda column: (empty(column).sum(), len(column.texts) > 3))
+    unread.sort(key=lambda column: (empty(column).sum(), len(column.texts) > 3))
 
     required = list(filter(_REQUIRED.__contains__, missing))
     for pair in pairs:
-        # Without a pair, no role has a name.
+        # The names for a role, {'s1': ('c1',), 's2': ('c2',)}; without a pair, there is no role.
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
         names_to_skip = (*pair, *solutions(columns, options, pair))
-        others = [column for column in free if column.name not in names_to_skip]
+        others = [column for column in unread if column.name not in names_to_skip]
         yield from _columns_remedies(required, stimuli, others)
 
     if missing == ["n_equal"]:
@@ -826,7 +856,7 @@ def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
         yield Remedy("wide", pattern, f"if the names of {n_names} columns are pairs of stimuli")
     for column in columns:
         pattern, n_texts = _pair_pattern(column.texts)
-        if n_texts == len(column.texts) > 1:
+        if n_texts == len(column.texts) > 1:  # all cells have one shape
             yield Remedy("wide", pattern, f"if the cells of {column} are pairs of stimuli")
 
 
@@ -842,7 +872,8 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     """
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
     for shape, n_texts in shapes.most_common(1):  # none without texts
-        if re.fullmatch(r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*", shape):  # 'Q5_' may be in front
+        # Two numbers with a text between them, as in '{}_{}'; 'Q{}_' may be in front.
+        if re.fullmatch(r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*", shape):
             last_two = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
             return last_two.replace("{}", "*"), n_texts
     return "", 0
@@ -878,11 +909,13 @@ def _columns_remedies(
         "response": _score_remedies(names_like([column.name for column in columns], "correct")),
     }
     names_by_role = {role: stimuli.get(role) or _likely_names(columns, role) for role in roles}
+    # If another option can stand for each role without a column, it is proposed first; but if other
+    # roles have columns, these are asked about first, and the roles without columns afterwards.
     blank_roles = [role for role, names in names_by_role.items() if names == ["NAME"]]
     are_replaced = all(map(replacements.get, blank_roles))
     if are_replaced and blank_roles != roles:
         are_replaced = False
-        for role in blank_roles:  # they are asked about after the others
+        for role in blank_roles:
             del names_by_role[role]
 
     by_name = []
@@ -912,7 +945,9 @@ def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
     by_cells = [column.name for column in columns if _role_by_cells(column) == role]
     # A name such as 'second_longer' says more than the cells.
     by_cells.sort(
-        key=lambda name: named_places(name)[2].isdisjoint(VOCABULARY["words"]["of_answers"])
+        key=lambda name: named_places(name).other_words.isdisjoint(
+            VOCABULARY["words"]["of_answers"]
+        )
     )
     names = [column.name for column in columns]
     likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
@@ -925,7 +960,7 @@ def _role_by_cells(column: Column) -> str:
     The name of a subject stands in a block of rows. Responses are two or three codes, and cells
     without any, that change from trial to trial.
     """
-    words = named_places(column.name)[2]
+    words = named_places(column.name).other_words
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))
@@ -937,7 +972,7 @@ def _role_by_cells(column: Column) -> str:
         or not words.isdisjoint(VOCABULARY["words"]["of_others"])
     ):
         return ""
-    if n_texts == n_runs < 0.5 * n_rows:
+    if n_texts == n_runs < 0.5 * n_rows:  # each text stands in one block of rows
         return "subject"
     return "response" if n_texts < 5 and n_runs > 0.2 * n_rows else ""
 

@@ -1,8 +1,8 @@
 """Stimuli in another layout: a standard and a comparison, or pairs in the names of columns.
 
 `StandardOrder` puts a standard and a comparison in order, `with_pairs` reads wide tables.
-`stimulus_logs` reads the numbers of stimuli, and `require_unit` asks for their unit where they may
-be no natural logs.
+`known_names` has the columns that are read, of the names in a table. `stimulus_logs` reads the
+numbers of stimuli, and `require_unit` asks for their unit where they may be no natural logs.
 
 The order of presentation is what an order effect is about. A table that has a standard and a
 comparison must therefore say which of them came first: a column names the interval of the standard
@@ -17,6 +17,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, filterfalse
+from typing import TypeAlias
 
 import numpy as np
 
@@ -49,6 +50,8 @@ ALLOWED_INTERVALS = (
 )
 
 
+#: Whether the standard came first, by the texts of a column; None where a text does not say it.
+OrderByText: TypeAlias = Mapping[str, bool | None]
 #: What :func:`named_places` finds in a cell that names one stimulus and nothing else.
 _STANDARD = named_places("standard")
 _COMPARISON = named_places("comparison")
@@ -86,11 +89,11 @@ class StandardOrder:
         self.is_unknown = np.zeros(len(table.rows), bool)
         self.notes: list[str] = []
         if column is not None:
-            by_text = _standard_first_by_text(table, column, options)
-            first = join_names(map(quoted, filter(by_text.get, by_text)))
-            self.notes += [f"{column} read as the order: standard first at {first or 'none'}"]
-            self.is_first = column.map(by_text.get)  # None is False
-            self.is_unknown = column.map(lambda text: by_text.get(text) is None)
+            is_first = _standard_first_by_text(table, column, options)
+            texts = join_names(map(quoted, filter(is_first.get, is_first)))
+            self.notes += [f"{column} read as the order: standard first at {texts or 'none'}"]
+            self.is_first = column.map(is_first.get)  # None is False
+            self.is_unknown = column.map(lambda text: is_first.get(text) is None)
 
     def in_order(self, stimuli: FloatArray) -> FloatArray:
         """First and second stimulus of every row, from the standard and the comparison."""
@@ -130,7 +133,7 @@ class StandardOrder:
                 is_second = self.is_first == (meaning == _COMPARISON)
                 answers = np.where(is_second, "second", "first")
                 words = np.where(column.matches([text]), answers, words)
-                stimulus = f"{meaning[0][0]}, first or second by the order"
+                stimulus = f"{meaning.stimuli[0]}, first or second by the order"
                 self.notes.append(f"response {quoted(text)} read as the {stimulus}")
         return Column.from_texts(column.name, words)
 
@@ -143,16 +146,16 @@ def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
     """
     if not unordered_stimuli(table.names, options):
         return options
-    names_in_use = set(map(options.name, COLUMNS))
-    found = {}  # by the order of all rows
+    names_in_use = set(map(options.name, COLUMNS))  # such as that of the responses
+    name_by_order = {}  # by what a column says of all rows; equal columns are one
     for name, column in table.columns.items():
         by_text = _certain_order(column)
         if by_text and name not in names_in_use:
-            found[tuple(column.map(by_text.get, object))] = name
-    if len(found) != 1:
+            name_by_order[tuple(column.map(by_text.get, object))] = name
+    if len(name_by_order) != 1:
         return options
 
-    (name,) = found.values()
+    (name,) = name_by_order.values()
     if named_places(name)[:2] == (["comparison"], []):  # '1' is the interval of the comparison
         options = replace(options, comparison_interval=name)
     else:
@@ -160,7 +163,7 @@ def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
     return with_likely_columns(table.names, options)
 
 
-def _certain_order(column: Column) -> Mapping[str, bool | None]:
+def _certain_order(column: Column) -> OrderByText:
     """Whether the standard came first, by the texts of a column whose name and cells say so.
 
     A column `std_position` has '1' or '2', `ref_first` has 'yes' or 'no', `first_stimulus` has
@@ -180,7 +183,7 @@ def _certain_order(column: Column) -> Mapping[str, bool | None]:
     return {} if None in by_text.values() else by_text
 
 
-def _order_by_text(column: Column, owner: str) -> dict[str, bool | None]:
+def _order_by_text(column: Column, owner: str) -> OrderByText:
     """Whether the standard came first, by the texts of a column; None where it is not said.
 
     A column such as `standard_first` has words for true and false. All other texts must say it
@@ -194,36 +197,35 @@ def _order_by_text(column: Column, owner: str) -> dict[str, bool | None]:
     return {text: _is_standard_first(text, owner, places) for text in texts}
 
 
-def _standard_first_by_text(
-    table: TextTable, column: Column, options: ReadOptions
-) -> Mapping[str, bool | None]:
+def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptions) -> OrderByText:
     """Whether the standard came first, by the texts of the column that options name.
 
     The code that the options give decides first. One or two codes whose meaning is not certain are
     refused, and so is a column of another stimulus.
     """
     owner = "comparison" if options.comparison_interval else "standard"
-    is_first = _order_by_text(column, owner)
+    order_by_text = _order_by_text(column, owner)
     code = options.standard_first_code
     # A single text that is not the code means that the comparison was always first.
-    if code in is_first or (code is not None and len(is_first) == 1):
-        if len(is_first) <= 2:  # the other text needs no meaning of its own
-            is_first = dict.fromkeys(is_first, False)
-        return {**is_first, str(code): True}
+    if code in order_by_text or (code is not None and len(order_by_text) == 1):
+        if len(order_by_text) <= 2:  # the other text needs no meaning of its own
+            order_by_text = dict.fromkeys(order_by_text, False)
+        return {**order_by_text, str(code): True}
 
-    if None in is_first.values() and len(is_first) <= 2:
-        counts = join_names(column.counts(is_first))
+    # Of three texts or more, those without a meaning are problems of their rows.
+    if None in order_by_text.values() and len(order_by_text) <= 2:
+        counts = join_names(column.counts(order_by_text))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
-        _ask_order(table, column, problem, sorted(is_first))  # 'AB' before 'BA'
+        _ask_order(table, column, problem, sorted(order_by_text))  # 'AB' before 'BA'
 
     # Texts such as '1' or 'first' say the interval, but not of which stimulus.
-    intervals = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
+    intervals = [text for text in order_by_text if named_places(text)[:2] == ([], ["first"])]
     stimuli, places, _ = named_places(column.name)
-    has_flags = places and is_flag(is_first)
+    has_flags = places and is_flag(order_by_text)
     if intervals and len(stimuli) == 1 and owner not in stimuli and not has_flags:
         problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
         _ask_order(table, column, problem, intervals[:1], stimuli[0])
-    return is_first
+    return order_by_text
 
 
 def _ask_order(
@@ -258,6 +260,7 @@ def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | N
 
     if len(stimuli) == 1:
         places = places or list(places_of_name)
+    # Without an owner, '1' alone or 'standard' alone has no certain meaning.
     if not owner and (not stimuli or len(stimuli) + len(places) < 2):
         return None
     stimulus = (stimuli or [owner])[0]
@@ -313,7 +316,8 @@ def _without_unit(
     texts = "\n".join(chain.from_iterable(column.texts for column in columns))
     parts = set(re.findall(_NUMBER_IN_NAME, texts))
     beginning, unit, ending = parts.pop() if len(parts) == 1 else ("", "", "")
-    remedies = unit_remedies(unit_in(f"1 {unit}") or unit)[:-1]  # natural logs have no unit
+    unit_name = unit_in(f"1 {unit}") or unit  # 'dB' for 'db'
+    remedies = unit_remedies(unit_name)[:-1]  # not natural logs, which have no unit
     if unit and options.unit not in [remedy.value for remedy in remedies]:
         table.problems.ask(f"the stimuli have the unit {quoted(unit)}.", remedies)
         table.problems.refuse()
@@ -339,7 +343,8 @@ def _require_decimal_sign(
     if not with_sign or not all(map(grouped_digits.fullmatch, with_sign)):
         return
 
-    # '1.050' is no logarithm of 1050, unless other stimuli are large, too, as they may be in cents.
+    # '1.050' is no logarithm of 1050, unless other stimuli are large, too: 950 beside 1.050 may be
+    # in cents.
     others = [text for text in texts if sign not in text]
     if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in others):
         return
@@ -412,6 +417,16 @@ def pair_regex(pattern: str) -> re.Pattern[str]:
     return re.compile(regex.replace(r"\{first\}", _STIMULUS).replace(r"\{second\}", _STIMULUS))
 
 
+def known_names(names: Texts, options: ReadOptions) -> set[str]:
+    """The columns that are read or choose rows, of the names in a table."""
+    pairs = []
+    if options.wide is not None:
+        pairs = list(filter(pair_regex(options.wide).fullmatch, names))
+    likely = with_likely_columns(names, options)
+    names_read = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
+    return {*names_read, "synthetic", *options.where, *pairs} & set(names)
+
+
 def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     """The table with columns of the stimuli, which are read from names of columns or from cells.
 
@@ -442,9 +457,9 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         origin = str(column)
 
     new_columns = {**table.columns}
-    pairs = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
-    for i, name in enumerate(options.stimulus_names, start=1):
-        texts = [pair[i] for pair in pairs]
+    matches = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
+    for group, name in enumerate(options.stimulus_names, start=1):
+        texts = [match[group] for match in matches]
         new_columns[name] = Column.from_texts(name, texts, column.codes)
 
     other_names = [name for name in table.names if name != column.name]

@@ -329,7 +329,7 @@ class ReadOptions:
 
     @property
     def stimulus_names(self) -> Texts:
-        """The names in the file of these columns."""
+        """The names in the file of the columns of the two stimuli."""
         return list(map(self.name, self.stimuli))
 
     @property
@@ -414,20 +414,20 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
         ("--swap", swap, Study.swap),
         ("--exclude", exclude, Study.exclude),
     ):
-        blocks_of: dict[str, list[str]] = {}  # an empty list stands for all blocks
+        blocks_by_unit: dict[str, list[str]] = {}  # an empty list stands for all blocks
         for text in texts:
             units, blocks = _units_and_blocks(text, study, option)
             for unit in units:
-                all_blocks = blocks_of.get(unit, []) + blocks
+                all_blocks = blocks_by_unit.get(unit, []) + blocks
                 has_duplicates = len(set(all_blocks)) < len(all_blocks)
                 # All blocks of a subject are named, now or earlier, and some of them besides.
-                is_whole_twice = unit in blocks_of and not (blocks and blocks_of[unit])
+                is_whole_twice = unit in blocks_by_unit and not (blocks and blocks_by_unit[unit])
                 if has_duplicates or is_whole_twice:
                     raise InputError(
                         f"{option} {text}: named twice; name each subject or block once"
                     )
-                blocks_of[unit] = all_blocks
-        for unit, blocks in blocks_of.items():
+                blocks_by_unit[unit] = all_blocks
+        for unit, blocks in blocks_by_unit.items():
             study = change(study, unit, blocks)
     return study
 

@@ -34,14 +34,14 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.layouts import (
     ALLOWED_INTERVALS,
     StandardOrder,
-    pair_regex,
+    known_names,
     require_unit,
     stimulus_logs,
     with_known_order,
     with_pairs,
 )
 from bayes_toe.data.messages import Note, Texts, display_name, join_names, named_counts
-from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
+from bayes_toe.data.options import ReadOptions, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     ask_for_third_count,
@@ -188,7 +188,7 @@ def read_study(
     paths, folder_notes = table_files(paths)
 
     def read(with_options: ReadOptions) -> Study:
-        choice = partial(_known_names, options=with_options)
+        choice = partial(known_names, options=with_options)
         sheets, sheet_options = with_sheets(paths, with_options, choice)
         studies = read_files(sheets, partial(_read, options=sheet_options))
         return study_of_tasks(studies, sheet_options)
@@ -216,13 +216,8 @@ def read_study(
 
 def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     """The study in a file; a study for each task, where tasks are the condition."""
-    table = read_table(
-        path,
-        lambda names: _known_names(names, options),
-        LARGEST_STUDY,
-        encoding=options.encoding,
-        sheet=options.sheet,
-    )
+    choice = partial(known_names, options=options)
+    table = read_table(path, choice, LARGEST_STUDY, encoding=options.encoding, sheet=options.sheet)
 
     def read_rows(row_options: ReadOptions) -> Study:
         # Rows may be read several times: each reading collects problems of its own.
@@ -353,7 +348,8 @@ class _Rows:
         names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
         for ours in self.options.ignore:
             names_to_skip |= {self.options.name(ours), *names_like(self.table.names, ours)}
-        return list(filterfalse(names_to_skip.__contains__, dict.fromkeys(self.table.names)))
+        names = dict.fromkeys(self.table.names)  # each once
+        return [name for name in names if name not in names_to_skip]
 
     def require_pairs(self, rows: BoolArray) -> None:
         """Note what is wrong with subjects, conditions and stimuli in these rows."""
@@ -369,9 +365,10 @@ class _Rows:
         if self.options.unit is None:
             require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
         elif self.options.has_intensities:
+            # A factor of e^5, which is 148, is more than in any lab.
             self.table.fault(
                 self.stimulus_columns[0],
-                rows & (abs(np.subtract(*self.stimuli.T)) > 5.0),  # more than in any lab
+                rows & (abs(np.subtract(*self.stimuli.T)) > 5.0),
                 "a stimulus within a factor of 148 of the other one, all cells in one unit",
             )
 
@@ -418,16 +415,17 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     if options.wide is not None:
         table = with_pairs(table, options)
     table, options = chosen_rows(table, options)
-    is_open = "response" not in options.columns
+
+    is_named = "response" in options.columns
     options = with_likely_columns(table.names, options)
     options = with_known_order(table, options)
     all_columns = table.columns.values()
-    if is_open and options.name("response") in solutions(all_columns, options):
+    if not is_named and options.name("response") in solutions(all_columns, options):
         # Without the likely name, the column of the responses is missing, and is asked for.
         options = replace(options, columns={**options.columns, "response": "response"})
     roles_read, problems, remedies = columns_to_read(table.names, options, all_columns)
-    # A frame has no name that may have the subject.
-    remedies = [r for r in remedies if isinstance(path, StrPath) or r.option != "subject_from"]
+    if not isinstance(path, StrPath):  # a frame has no name that may have the subject
+        remedies = [remedy for remedy in remedies if remedy.option != "subject_from"]
     table.require(problems, remedies)
 
     if "practice" not in options.ignore:
@@ -440,7 +438,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         table = with_row_for_each_trial(table, frequency)
 
     columns = _columns(table, path, options, roles_read)
-    if frequency is not None:
+    if frequency is not None:  # then the rows are no single trials, see `are_trials`
         columns["n_trials"] = table.columns[frequency.name]
 
     stimuli = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
@@ -478,16 +476,6 @@ def _columns(
     return columns
 
 
-def _known_names(names: Texts, options: ReadOptions) -> set[str]:
-    """The columns that are read or choose rows, of the names in a table."""
-    pairs = []
-    if options.wide is not None:
-        pairs = list(filter(pair_regex(options.wide).fullmatch, names))
-    likely = with_likely_columns(names, options)
-    names_read = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
-    return {*names_read, "synthetic", *options.where, *pairs} & set(names)
-
-
 def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     """The study of valid rows, with the counts of each by their names in :class:`Answers`.
 
@@ -520,17 +508,11 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
 
     pooled: list[str] = []
     if "condition" not in rows.columns:
-        columns_not_read = list(filter(None, map(rows.table.columns.get, rows.names_not_read)))
+        columns_not_read = filter(None, map(rows.table.columns.get, rows.names_not_read))
         pooled += pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
     codes = []
     if "response" in rows.columns:
-        response = rows.columns["response"]
-        codes = list(filterfalse(is_no_response, response.texts))
-        if response.name in solutions(rows.table.columns.values(), rows.options):
-            doubts.append(
-                f"{response} says the same wherever the same stimulus is the larger. If it has "
-                "correct answers, --columns response=NAME names the responses"
-            )
+        codes = list(filterfalse(is_no_response, rows.columns["response"].texts))
 
     source = rows.table.source
     reading = Reading(
@@ -549,7 +531,7 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
     doubts = list(rows.rounding)
     if task == THREE_ANSWERS:
         doubts += rare_answer_doubts(counts)
-    if not are_trials(rows.columns) and len(n) >= 4 and (n == 100).all():
+    if not are_trials(rows.columns) and len(n) >= 4 and (n == 100).all():  # fewer may be a chance
         doubts.append(
             "each row has 100 trials, as in a table of percentages. If there were fewer, write "
             "their number"
@@ -561,6 +543,13 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
             "there are several, add a column subject"
         )
     doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
+    response = rows.columns.get("response")
+    names_of_solutions = solutions(rows.table.columns.values(), rows.options)
+    if response is not None and response.name in names_of_solutions:
+        doubts.append(
+            f"{response} says the same wherever the same stimulus is the larger. If it has "
+            "correct answers, --columns response=NAME names the responses"
+        )
     return doubts
 
 
@@ -650,7 +639,8 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         rule = f"the sum of {display_name(column.name)} and {display_name(other.name)}, "
         table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
 
-    # Counts of 'comparison' or of right answers become counts of 'second'.
+    # Counts of 'comparison' or of right answers become counts of 'second', which is the comparison
+    # where the standard came first, and right where s2 is the larger one.
     if "n_comparison" in rows.columns:
         k = np.where(rows.order.is_first, k, n - k)
     elif "n_correct" in rows.columns:
@@ -673,7 +663,8 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
         [column_counts(rows.table, rows.columns[f"n_{answer}"]) for answer in task.answers]
     )
     if "n_comparison" in rows.columns:
-        # 'comparison' is 'second' where the standard came first, else 'first'.
+        # The rows of `counts` are 'second' and 'first': 'comparison' and 'standard' where the
+        # standard came first, and the other way round where it did not.
         counts = np.where(rows.order.is_first, counts, counts[::-1])
     n = counts.sum(axis=0)
     trials = rows.table.columns.get(rows.options.name("n_trials"))

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import StrPath
+from bayes_toe.arrays import Record, StrPath
 from bayes_toe.data.matlab_file import SAVED, matlab_values
 from bayes_toe.data.messages import (
     Texts,
@@ -234,7 +234,7 @@ def _table_of_values(
                 text = ""
             texts.append(text)
         columns[name] = Column.from_texts(name, texts)
-        if name in chosen and cell_problems:
+        if name in chosen and cell_problems:  # others of the column have the same cause
             problems.add(cell_problems[:1])
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, notes)
@@ -264,7 +264,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         raise _no_such_sheet(source, _excel_sheets(source, data))
     tables = _tables_of_sheets(source, sheets, choice)
     title = max(tables, key=lambda title: len(sheets[title]))
-    first, header = tables[title]
+    head_index, header = tables[title]
     if len(tables) > 1 and n_chosen(header, choice):
         remedies = [
             Remedy("sheet", "*", "if all sheets are of one study"),
@@ -276,8 +276,9 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
 
     rows = sheets[title]
     names = names_or_numbers(header, choice)
-    # Rows count from 1, as in the sheet, and indices from 0.
-    rows_below = range(first + 1 + (names == header), len(rows) + 1)
+    # Rows count from 1, as in the sheet, and indices from 0. If numbers are the names, the row at
+    # the index is no header, but the first row of the table.
+    rows_below = range(head_index + 1 + (names == header), len(rows) + 1)
     filled = [row for row in rows_below if _is_filled(rows[row - 1])]
     values = {
         name: [rows[row - 1][index] for row in filled] for name, index in name_places(names).items()
@@ -287,9 +288,9 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     other_sheets = [display_name(other) for other in sheets if other != title]
     if other_sheets:
         notes.append(f"sheet {display_name(title)} read, not {join_names(other_sheets)}")
-    if any(map(_is_filled, rows[:first])):
-        notes.append(f"rows above row {first + 1} left out")
-    head = f"row {first + 1}"
+    if any(map(_is_filled, rows[:head_index])):
+        notes.append(f"rows above row {head_index + 1} left out")
+    head = f"row {head_index + 1}"
     table = _table_of_values(source, EXCEL, head, names, values, filled, choice, notes)
     return without_headers(table)
 
@@ -475,7 +476,7 @@ def _with_info(value: Any) -> Any:
     """
     if not isinstance(value, dict):
         return value
-    record: dict[str, Any] = {}
+    record: Record = {}
     for key, item in value.items():
         part = _with_info(item)
         if not isinstance(part, dict) or any(isinstance(cell, _NESTED) for cell in part.values()):

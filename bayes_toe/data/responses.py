@@ -12,7 +12,6 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Se
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, compress, filterfalse, permutations
-from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -86,6 +85,9 @@ _MOST_EQUAL = 0.35
 _ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
 #: The text that options give for each answer of a task.
 Codes: TypeAlias = Sequence[str | None]
+#: What makes an answer likelier, shape (rows,), by the option that names its code: of
+#: 'second_code', s2 - s1.
+Trends: TypeAlias = Mapping[str, FloatArray]
 #: What is wrong with a column, empty if nothing is, and options to type.
 Question: TypeAlias = tuple[str, list[Remedy]]
 
@@ -157,7 +159,7 @@ def responses(
         right_answer = task.right(difference)
         is_unscorable = is_answered & (right_answer == 0)
         _require_two_answers(table, column, is_yes[is_unscorable], is_answered)
-        is_yes = is_yes == (right_answer > 0)
+        is_yes = is_yes == (right_answer > 0)  # a wrong answer is the other one
     is_answered &= ~is_unscorable
     is_second = (answer_index == THREE_ANSWERS.answers.index("second")) & (task == THREE_ANSWERS)
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
@@ -173,6 +175,7 @@ def _require_two_answers(
     """
     n = len(is_right)
     n_right = is_right.sum()
+    # n**0.5 is two standard deviations of the number that is right by chance.
     are_many = n > _MOST_EQUAL * is_answered.sum() or n_right > 0.5 * n + n**0.5
     if 0 < n_right < n and are_many:
         problem = (
@@ -316,10 +319,11 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     declared = set(map(_without_decimals, options.missed))
     missed = []
     answers = set()
-    frequent = set(map(_without_decimals, _frequent(column, _MOST_MISSED, 1.0)))
+    frequent = set(map(_without_decimals, _frequent(column, _MOST_MISSED, least=1.0)))
     for text in column.texts:
         cell = _without_decimals(text)
-        if cell in declared or (cell not in codes | frequent and is_no_response(cell)):
+        # A code or a frequent text is an answer, even if it is '.' or '999'.
+        if cell in declared or (cell not in (codes | frequent) and is_no_response(cell)):
             missed.append(text)
         else:
             answers.add(cell)
@@ -418,18 +422,15 @@ def _unknown_meaning(
     table: TextTable,
     column: Column,
     task_column: Column | None,
-    trends: Mapping[str, FloatArray],
+    trends: Trends,
 ) -> Question:
-    """The problem of a column whose words tell no task, or two; empty without a problem.
-
-    The trends are by option.
-    """
+    """The problem of a column whose words tell no task, or two; empty without a problem."""
     tasks_by_text = {} if task_column is None else tasks_named(task_column.texts)
     texts = list(filter(None, column.texts))
     shares = join_names(column.counts(texts), 4)
     words_by_answer = _words_by_answer(column)
     if words_by_answer:
-        if task_with(words_by_answer) is not None:
+        if task_with(words_by_answer) is not None:  # the words say what the responses mean
             return "", []
         return _two_tasks(
             f"found {join_words([*map(quoted, words_by_answer.values())])}, words of two tasks",
@@ -449,6 +450,7 @@ def _unknown_meaning(
     if len(texts) == 1:
         problem = f"the only code is {shares}. The program does not know what it means."
     remedies = _other_responses(table, texts)
+    # If the file names its task, options for the answers of other tasks are not proposed.
     task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
     frequent = _frequent(column)  # none of many numbers, such as those of a slider
     for remedy in _code_remedies(column, frequent, trends) if frequent else []:
@@ -460,7 +462,10 @@ def _unknown_meaning(
 
 
 def _complement(table: TextTable, column: Column) -> str:
-    """The column with which whole numbers add up to one number in all rows; empty if none does."""
+    """The column with which whole numbers add up to one number in all rows; empty if none does.
+
+    Numbers that are one in all rows have none.
+    """
     counts = column.map(whole_number, np.int64)
     for name, other in table.columns.items():
         if np.ptp(counts + other.map(whole_number, np.int64)) == 0 < np.ptp(counts):
@@ -524,6 +529,7 @@ def _unknown_texts(
     """The problem of a column with several unknown texts, if the code of one answer is missing."""
     unknown = column.only(answer_index == _UNKNOWN)
     n_answers = len(set(answer_index.tolist()) - {_MISSING, _UNKNOWN})
+    # If all answers have texts, or one text alone is unknown, it is a problem of its rows.
     if n_answers == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
 
@@ -539,7 +545,7 @@ def _unknown_texts(
 
 
 def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0) -> list[str]:
-    """The texts of a column that more rows have than a share of the filled ones and `least`."""
+    """The texts that more rows have than this share of the filled ones plus `least` rows."""
     counts = np.bincount(column.codes, column.map(lambda text: text.lower() not in MISSING_WORDS))
     return list(compress(column.texts, counts > least + share * counts.sum()))
 
@@ -550,7 +556,7 @@ def _proposals(
     answer_index: IntArray,
     names: Texts,
     options: ReadOptions,
-    trends: Mapping[str, FloatArray],
+    trends: Trends,
     remedies: list[Remedy],
 ) -> list[Remedy]:
     """Options to type if texts are unknown, the likeliest first.
@@ -570,19 +576,8 @@ def _proposals(
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
         remedies = _three_answers(column, frequent, given, trends) + remedies
-    interval = options.standard_interval
-    # '1' would be 'second', and '2' would be 'first'.
-    is_odd = _joined([*frequent, *map(attrgetter("typed"), remedies[:1])]) == "--second-code 1,1,2"
-    if is_odd and interval and not named_places(interval)[0]:  # not of 'std_position'
-        remedies.insert(
-            0,
-            Remedy(
-                "comparison_interval",
-                interval,
-                "or rather that of the comparison, since 2 is then 'second', and 1 is 'first'",
-                together=(Remedy("second_code", "2"),),
-            ),
-        )
+    if remedies and _joined(frequent) == "1,2":
+        remedies = _interval_remedies(options.standard_interval, remedies[0]) + remedies
 
     missed = _missed_remedy(column, unknown, len(names))
     if missed is None:
@@ -594,8 +589,25 @@ def _proposals(
     return remedies
 
 
+def _interval_remedies(interval: str | None, likeliest: Remedy) -> list[Remedy]:
+    """The column of the interval read as that of the comparison, if '1' would be 'second'.
+
+    A column such as `std_position` names the standard.
+    """
+    if not interval or named_places(interval).stimuli or likeliest.typed != "--second-code 1":
+        return []
+    return [
+        Remedy(
+            "comparison_interval",
+            interval,
+            "or rather that of the comparison, since 2 is then 'second', and 1 is 'first'",
+            together=(Remedy("second_code", "2"),),
+        )
+    ]
+
+
 def _three_answers(
-    column: Column, texts: Texts, given: Mapping[str, str], trends: Mapping[str, FloatArray]
+    column: Column, texts: Texts, given: Mapping[str, str], trends: Trends
 ) -> list[Remedy]:
     """An option to type if these texts may be three answers; none if they are two."""
     # 'second', or 'comparison' if there is a standard: what the responses follow more closely.
@@ -656,21 +668,24 @@ def _other_responses(table: TextTable, ratings: Texts) -> list[Remedy]:
 
 
 def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str, str]:
-    """The codes between two answers, and those of the answer that is likelier with a trend.
+    """How far the mean trend rises from one answer to the other; then codes of answers.
 
-    How far the mean trend rises between the answers comes first. Each has half of the codes, in the
-    order of a rating, or else of their mean trend.
+    These are the codes between both answers, and the codes of the answer that is likelier where the
+    trend is large. Each answer has half of the codes: in the order of their mean trend, or in that
+    of ratings such as 1 to 7.
     """
     means = {text: trend[column.matches([text])].mean() for text in column.texts}
     order = sorted(sorted(texts), key=means.__getitem__)
     ratings = list(filter(None, column.texts))  # also rare ones, such as the highest
     if len(texts) > 3 and re.fullmatch("(,?[-+]?(10|[0-9]))+", _joined(ratings)):
-        order = sorted(ratings, key=float, reverse=float(order[0]) > float(order[-1]))
+        is_falling = float(order[0]) > float(order[-1])  # high ratings where the trend is small
+        order = sorted(ratings, key=float, reverse=is_falling)
     half = len(order) // 2 or 1
+    # Of an odd number of codes, the middle one is between the answers.
     return means[order[-1]] - means[order[0]], _joined(order[half:-half]), _joined(order[-half:])
 
 
-def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray]) -> list[Remedy]:
+def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]:
     """Options to type if these codes tell no task, the likeliest first.
 
     Of more than three codes, each answer has several.
@@ -683,7 +698,7 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
         rises[option] = rise / (np.std(trend) or 1.0)
         remedies.append(Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}"))
     # A name such as 'said_same' says the task, and so do keys such as s and d.
-    words = named_places(f"{column.name} {_joined(texts).replace(',', '')}")[2]
+    words = named_places(f"{column.name} {_joined(texts).replace(',', '')}").other_words
     if not words.isdisjoint(VOCABULARY["words"]["sameness"]):
         rises["equal_code"] = np.inf
     remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)

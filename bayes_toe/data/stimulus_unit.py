@@ -102,6 +102,7 @@ def _without_rounding(pairs: FloatArray) -> FloatArray:
     >>> _without_rounding(np.array([[0.1 + 0.2, 0.3], [0.3, 0.0], [0.3, 0.0]])).tolist()
     [[0.3, 0.3], [0.3, 0.0], [0.3, 0.0]]
     """
+    # `index` has the shape of the pairs.
     values, index, n_shown = np.unique(pairs, return_inverse=True, return_counts=True)
     low, high = np.quantile(pairs, (0.05, 0.95))  # without one that was mistyped
     limit = ROUNDED * (high - low)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, Record, run_starts
 from bayes_toe.data.answers import Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import (
@@ -545,7 +545,7 @@ class Study:
         names = [(subject.subject_name, subject.condition) for subject in self]
         n_pairs = [subject.n_pairs for subject in self]
         subject_names, levels = np.repeat(np.array(names, object), n_pairs, axis=0).T
-        columns: dict[str, Any] = {"subject": subject_names}
+        columns: Record = {"subject": subject_names}
         if self.conditions:
             columns["condition"] = levels
         count_keys = {self.task.count: "n_yes", "n_trials": "n_trials"}
@@ -590,6 +590,7 @@ def with_shared_scales(units: Iterable[Subject]) -> tuple[Subject, ...]:
     """Units with the location and scales of all stimuli of their subject, grouped by subject."""
     scaled_units = []
     for subject_units in units_by_subject(units).values():
+        # A unit alone would give the scales back that it shares already.
         scales = common_scales(*(replace(unit, shared_scales=None) for unit in subject_units))
         scaled_units += [replace(unit, shared_scales=scales) for unit in subject_units]
     return tuple(scaled_units)

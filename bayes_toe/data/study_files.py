@@ -20,7 +20,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import StrPath
+from bayes_toe.arrays import Record, StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
@@ -84,8 +84,8 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
     name = display_name(str(path))
     for pattern in _IN_FOLDER:
         tables = []
-        for path in folder.glob(pattern):
-            file = path.relative_to(folder)
+        for file_path in folder.glob(pattern):
+            file = file_path.relative_to(folder)
             # Neither hidden nor a lock of Excel, ~$a.xlsx.
             is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
             if file.suffix.lower() in TABLE_SUFFIXES and not is_hidden:
@@ -193,11 +193,11 @@ def _one_line_each(problems: Iterable[str]) -> list[str]:
     for problem in problems:
         file, _, text = problem.partition(": ")
         lines.append((file, text))
-    one_line_each = []
-    for alike in _alike(lines):
-        several = f"{len(alike)} files, such as " if len(alike) > 1 else ""
-        one_line_each.append(several + ": ".join(filter(None, alike[0])))  # the text may be empty
-    return one_line_each
+    joined = []
+    for group in _alike(lines):
+        beginning = f"{len(group)} files, such as " if len(group) > 1 else ""
+        joined.append(beginning + ": ".join(filter(None, group[0])))  # the text may be empty
+    return joined
 
 
 def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
@@ -267,10 +267,11 @@ def together(studies: Sequence[Study]) -> Study:
     if len(studies) == 1:
         return studies[0]
     first = studies[0]
-    answers_of = defaultdict[str, list[tuple[str, Subject]]](list)  # by the names of subjects
+    # By the name of a subject, the files that have it, each with the answers in it.
+    files_of_subjects = defaultdict[str, list[tuple[str, Subject]]](list)
     for study in studies:
         for subject in study:
-            answers_of[subject.name].append((study.source, subject))
+            files_of_subjects[subject.name].append((study.source, subject))
         if study.task != first.task:
             raise InputError(
                 f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
@@ -280,7 +281,7 @@ def together(studies: Sequence[Study]) -> Study:
     doubts = _one_line_each(reading.doubts)
     subjects = []
     n_files = {}
-    for name, files in answers_of.items():
+    for name, files in files_of_subjects.items():
         subjects.append(_subject_of_files(files))
         doubts += _copies(files)
         if len(files) > 1:
@@ -374,26 +375,27 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
     """
     block_names: list[str] = []
     next_place = 0
-    files = []
-    for source, of_file in answers:
-        block = of_file.block
-        place = of_file.place
+    answers_by_file = []
+    for source, file_answers in answers:
+        block = file_answers.block
+        place = file_answers.place
         names = [source]
         if block is None:
-            block = np.zeros(len(of_file.n_trials), np.int64)
+            block = np.zeros(len(file_answers.n_trials), np.int64)
         else:
-            names = [f"{source}: {name}" for name in of_file.blocks]
+            names = [f"{source}: {name}" for name in file_answers.blocks]
         if place is not None:
             place = place - place[0] + next_place
             next_place = place[-1] + 2  # places with a gap between them begin a session
-        files.append(replace(of_file, block=block + len(block_names), place=place))
+        block = block + len(block_names)  # their index among the blocks of all files
+        answers_by_file.append(replace(file_answers, block=block, place=place))
         block_names += names
 
-    columns: dict[str, Any] = {}
+    columns: Record = {}
     for key in ("keys", "n_yes", "n_trials", "n_second", "block", "place"):
-        arrays = [getattr(file, key) for file in files]
+        arrays = [getattr(file_answers, key) for file_answers in answers_by_file]
         # What one file lacks is not known of the subject.
         if not any(array is None for array in arrays):
             columns[key] = np.concatenate(arrays)
-    has_trial_rows = all(file.has_trial_rows for file in files)
+    has_trial_rows = all(file_answers.has_trial_rows for file_answers in answers_by_file)
     return Answers(**columns, blocks=tuple(block_names), has_trial_rows=has_trial_rows)

@@ -34,7 +34,7 @@ Choice: TypeAlias = Callable[[Texts], Collection[str]]
 #: The cells of a record, or why it cannot be split.
 Cells: TypeAlias = list[str] | csv.Error
 #: The first row of a record, and its cells.
-Record: TypeAlias = tuple[int, Cells]
+CsvRecord: TypeAlias = tuple[int, Cells]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
 #: Of a table whose columns are pairs: the name of the column of each cell, and the cells.
@@ -373,7 +373,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     text, n_remarks = re.subn(_LAST_REMARKS, "", text)
 
     delimiter, place, has_row_names = _layout(text, choice)
-    records: Iterator[Record] = itertools.islice(_records(text, delimiter), place, None)
+    records: Iterator[CsvRecord] = itertools.islice(_records(text, delimiter), place, None)
     first_row, head = next(records, (0, []))
     if not head:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
@@ -418,7 +418,7 @@ def without_headers(table: TextTable) -> TextTable:
 
 
 def _texts_by_name(
-    records: Iterable[Record], names: Texts, problems: Problems
+    records: Iterable[CsvRecord], names: Texts, problems: Problems
 ) -> tuple[IntArray, dict[str, list[str]]]:
     """The row of each record, and the texts in the first column of each name.
 
@@ -536,7 +536,7 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
     return "utf-8", "UTF-8"
 
 
-def _records(text: str, delimiter: str) -> Iterator[Record]:
+def _records(text: str, delimiter: str) -> Iterator[CsvRecord]:
     """First physical row and cells of every record that is not blank.
 
     A record that cannot be split has its error in the place of the cells.

@@ -37,7 +37,7 @@ def answers_in_order(
     table: TextTable,
     columns: Columns,
     pairs: FloatArray,
-    parts: Mapping[str, IndexArray],
+    rows_of_units: Mapping[str, IndexArray],
     counts: Counts,
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
     """The answers of each unit in order, with notes and doubts.
@@ -46,8 +46,8 @@ def answers_in_order(
     trials that the file has twice.
 
     `columns` has the columns by our names. `pairs` are the stimuli of every row, NaN where a cell
-    cannot be read. `parts` has the rows with answers of every unit. `counts` are the answers of
-    each row by their names in :class:`Answers`; n_trials is 0 where nobody answered a trial.
+    cannot be read. `rows_of_units` has the rows with answers of every unit. `counts` are the
+    answers of each row by their names in :class:`Answers`; n_trials is 0 where nobody answered.
     """
     is_trials = are_trials(columns)
     unit = columns["subject"]
@@ -61,7 +61,7 @@ def answers_in_order(
     answers = {}
     unordered = []
     n_missing = {}
-    for name, answered_rows in parts.items():
+    for name, answered_rows in rows_of_units.items():
         rows = answered_rows
         place = None
         if is_trials and "trial" in columns:
@@ -142,6 +142,7 @@ def _ordered(choices: Sequence[IndexArray], order: _Order) -> IndexArray | None:
     """
     for rows in choices:
         trial = order.trial[rows]
+        # All rows are one run; then each block is one, then each block of a session.
         for n_kinds in range(1, order.runs.shape[1] + 1):
             keys = (trial, *order.runs[rows, :n_kinds].T)
             index = np.lexsort(keys)  # the last key counts first
@@ -162,7 +163,8 @@ def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
     if (trial % 1 == 0).all():
         steps = np.diff(trial)[~is_new_run]
         n_missing = int((steps[steps > 1] - 1).sum())
-    return np.arange(len(trial)) + np.r_[0, np.cumsum(is_new_run)], n_missing
+    n_earlier_runs = np.r_[0, np.cumsum(is_new_run)]  # each leaves out a place at its end
+    return np.arange(len(trial)) + n_earlier_runs, n_missing
 
 
 def _repeat_doubts(
@@ -184,7 +186,7 @@ def _repeat_doubts(
     is_repeat = rows.duplicated()
     n_repeats = int(is_repeat.sum())
     n_repeated_numbers = rows.duplicated([*numbered_by, "trial"]).sum()
-    if not n_repeats or n_repeated_numbers > n_repeats:
+    if not n_repeats or n_repeated_numbers > n_repeats:  # some repeat the number alone
         return []
 
     later = rows.index[is_repeat][0]

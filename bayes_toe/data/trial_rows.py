@@ -59,7 +59,7 @@ def with_subjects_below(table: TextTable, name: str) -> TextTable:
     In the file each name stands once, with empty cells below it, as merged cells are saved.
     """
     column = table.columns.get(name)
-    if column is None or column.texts[1:2] != [""]:
+    if column is None or column.texts[1:2] != [""]:  # the text after the first name
         return table
     # Codes are in the order of the first rows of their texts, so that 1 is the empty one.
     is_name = column.codes != 1
@@ -135,7 +135,7 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
-        # Frequencies may be those of other columns, too, such as days.
+        # A row may stand for what all columns say, those that are not read included, such as days.
         keys = (names_read, list(filter(column.name.__ne__, table.columns)))
         answers = list(map(options.name, answer_roles))
         if has_counts and any(_is_cross_table(table, key, answers) for key in keys):

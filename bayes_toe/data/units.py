@@ -108,8 +108,8 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
             f"{study.source}: found column {display_name(column)} in some files only, "
             "allowed: in all or in none"
         )
-    names = [unit.subject_name for unit in units]
-    if len(set(names)) == len(names):
+    subject_names = [unit.subject_name for unit in units]
+    if len(set(subject_names)) == len(subject_names):  # a single unit of each subject
         problem = f"column {display_name(column)}: found every subject at one level of it"
         if has_options or options.condition is not None:
             raise InputError(
@@ -121,7 +121,10 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         return replace(study, subjects=tuple(subjects), notes=(*study.notes, note))
 
     order, is_numeric = _level_order(unit_levels, options)
-    units.sort(key=lambda unit: (names.index(unit.subject_name), order.index(unit.condition)))
+    # Subjects stay in the order of the file.
+    units.sort(
+        key=lambda unit: (subject_names.index(unit.subject_name), order.index(unit.condition))
+    )
     conditions = Conditions(column, tuple(order), is_numeric)
     notes = (*study.notes, f"condition {conditions.about}")
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
@@ -278,7 +281,7 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
     for units in units_of_subjects:
         if len(units) == 1:
             continue
-        outcomes = []  # of each unit: its pairs with the answers that were given
+        outcomes = []  # of each unit: its pairs, each with every answer that was given to it
         for unit in units:
             n_no = unit.n_trials - unit.n_yes
             outcomes += [(pair, "yes") for pair in compress(unit.pairs, unit.n_yes)]
@@ -304,7 +307,7 @@ def pooled_conditions(
     subject_codes = subject.codes[answered]
     n_subjects = len(combination_counts(subject_codes))
     direction = np.sign(np.diff(pairs[answered]))  # of s2 - s1, shape (rows, 1)
-    is_unequal = direction[:, 0] != 0.0
+    is_unequal = direction[:, 0] != 0.0  # equal ones have no order and no right answer
 
     for column in columns:
         is_task = looks_like(column.name, "dimension")
@@ -312,12 +315,14 @@ def pooled_conditions(
             continue
         row_levels = column.codes[answered]
         follows = False
+        # An order or an outcome follows from the direction, the name of a pair from the pair.
         for stimuli in (direction, direction if is_task else pairs[answered]):
             # All rows of a group, with the same subject, answer and stimuli, have the same level.
             rows = np.column_stack([subject_codes, is_yes, stimuli])[is_unequal]
             n_groups = len(combination_counts(*rows.T))
             n_group_levels = len(combination_counts(*rows.T, row_levels[is_unequal]))
-            follows |= n_group_levels == n_groups <= len(rows) - _REPEATED
+            n_repeats = len(rows) - n_groups
+            follows |= n_repeats >= _REPEATED and n_group_levels == n_groups
         n_subject_levels = len(combination_counts(subject_codes, row_levels))
         if n_subjects < n_subject_levels <= 0.5 * len(answered) and not follows:
             yield column.name

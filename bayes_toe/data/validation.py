@@ -136,7 +136,7 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     largest_share = 100.0 if has_percent_sign or (shares > 1.0).any() else 1.0
 
     finite = shares[np.isfinite(shares)]
-    n_decimals = 0
+    n_decimals = 0  # of the most precise share; a double has 16 digits
     while n_decimals < 16 and (finite.round(n_decimals) != finite).any():
         n_decimals += 1
 
@@ -193,7 +193,7 @@ def require_texts(
     table.fault(column, is_empty if rows is None else is_empty & rows, rule)
     if once:
         _, first_row_of_code = np.unique(column.codes, return_index=True)
-        first_row = first_row_of_code[column.codes]
+        first_row = first_row_of_code[column.codes]  # with the text of each row
         is_repeated = np.arange(len(first_row)) > first_row
         table.fault(
             column,
