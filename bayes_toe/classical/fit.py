@@ -441,7 +441,7 @@ def fit(
         for subject in study
     ]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return FitTable(tuple(rows), level, replicates, root, study_prior, study.task)
+    return FitTable(tuple(rows), level, replicates, seed=root, prior=study_prior, task=study.task)
 
 
 def subject_fit(

@@ -326,7 +326,9 @@ class PopulationResult:
             for j, name in enumerate(self.names):
                 zero_factor = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
                 values = self.draws.effects[..., i, j]
-                rows.append(summary_row(name, "effect", values, label, zero_factor))
+                rows.append(
+                    summary_row(name, "effect", values, level=label, zero_factor=zero_factor)
+                )
         for levels in self.comparisons:
             level = " - ".join(levels)
             for name in DIFFERING:
