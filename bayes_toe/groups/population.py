@@ -258,7 +258,8 @@ class PopulationResult:
         conditions = self.study.conditions
         assert conditions is not None  # there are levels
         # A row of the design has the weights of a parameter's coefficients at one level.
-        first, second = conditions.design()[list(map(conditions.levels.index, levels))]
+        rows = [conditions.levels.index(level) for level in levels]
+        first, second = conditions.design()[rows]
         weights = first - second
         columns = self.difference_columns(name)
         mean = self.draws.mean[..., columns] @ weights
