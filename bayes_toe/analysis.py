@@ -179,7 +179,14 @@ def run(
         )
     group = _group(study, table.answers, settings)
     return Analysis(
-        study, Draws(tree), table, settings, tuple(curves), tuple(summary), differences, group
+        study,
+        Draws(tree),
+        table,
+        settings,
+        curves=tuple(curves),
+        summary_rows=tuple(summary),
+        contrast=differences,
+        group=group,
     )
 
 

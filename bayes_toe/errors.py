@@ -198,7 +198,7 @@ def with_next_questions(
 
         try:
             read(options)
-            break
+            break  # nothing more is asked
         except InputError as next_error:
             error = next_error
         if not set(problems).isdisjoint(error.problems):

@@ -174,8 +174,8 @@ class SubjectDependence:
             cells[f"rho_{quantile}"] = self.rho[i]
             cells[f"kappa_{quantile}"] = self.kappa[i]
         for i, column in enumerate(_EVIDENCES):
-            cells[column] = float(self.log_evidence[i])
-            cells[f"{column}_se"] = float(self.standard_error[i])
+            cells[column] = self.log_evidence[i]
+            cells[f"{column}_se"] = self.standard_error[i]
         return cells
 
 

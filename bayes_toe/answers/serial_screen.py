@@ -26,6 +26,7 @@ Its reference is the same sum with the answers to each pair in random order.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,11 +101,10 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
     if subject.task.has_three_answers:  # `tested` lacks the pairs that were always 'equal'
         slopes = slopes[subject.n_trials > subject.n_yes]
     scores, variance = _scores(tested, trials, slopes)
-    # A test given some regressors has these first, and says how many they are.
     return SerialScreen(
-        joint_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND),
-        answer_p=_p_value(scores, variance, _FIRST, _SECOND, _ANSWER, n_adjusted=2),
-        stimuli_p=_p_value(scores, variance, _ANSWER, _FIRST, _SECOND, n_adjusted=1),
+        joint_p=_p_value(scores, variance, (_ANSWER, _FIRST, _SECOND)),
+        answer_p=_p_value(scores, variance, (_ANSWER,), given=(_FIRST, _SECOND)),
+        stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), given=(_ANSWER,)),
         moving_criterion_p=_moving_criterion_p(tested, trials),
     )
 
@@ -136,7 +136,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
     # Trials and counted answers of each pair. A pair may have no tested trial, or one, which says
     # nothing: 1 in place of 0 avoids 0/0.
     n_pairs = subject.n_pairs
-    n = np.bincount(pair, minlength=n_pairs).astype(np.float64)
+    n = np.bincount(pair, minlength=n_pairs)
     k = np.bincount(pair, is_yes, n_pairs)
     n_safe = np.maximum(n, 1.0)
     pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))  # k (n - k) / (n (n - 1))
@@ -209,28 +209,28 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
             shuffled[:, rows] = rng.permuted(shuffled[:, rows], axis=1)
         return statistic(shuffled)
 
-    return simulated_p_value(float(statistic(residual[None])[0]), simulate)
+    return simulated_p_value(statistic(residual[None])[0], simulate)
 
 
 def _p_value(
-    scores: FloatArray, variance: FloatArray, *regressors: int, n_adjusted: int = 0
+    scores: FloatArray, variance: FloatArray, tested: Sequence[int], given: Sequence[int] = ()
 ) -> float | None:
-    """p-value of regressors given the first `n_adjusted` of them.
+    """p-value of the tested regressors, given others; None if they say nothing beyond these.
 
-    It is None if the others say nothing beyond these. U' V^-1 U has a term for each regressor given
-    those before it (Gaussian elimination). A regressor with less than 1e-9 of its variance left is
-    a linear function of those before it, up to rounding, and has no term.
+    U' V^-1 U has a term for each regressor given those before it (Gaussian elimination). A
+    regressor with less than 1e-9 of its variance left is a linear function of those before it, up
+    to rounding, and has no term.
     """
     statistics = [0.0]  # U' V^-1 U of the first regressors: none, one, two, ...
     remaining = variance  # V, given the regressors so far
-    degrees_of_freedom = 0  # of the regressors that are tested
-    for position, i in enumerate(regressors):
+    degrees_of_freedom = 0
+    for i in (*given, *tested):
         own_variance = remaining[i, i]
         own_score = scores[i]
         statistic = statistics[-1]
         if own_variance > 1e-9 * variance[i, i]:
             statistic += own_score**2 / own_variance
-            degrees_of_freedom += position >= n_adjusted
+            degrees_of_freedom += i in tested
             # What is left of the others, given this regressor.
             slope = remaining[:, i] / own_variance
             scores = scores - slope * own_score
@@ -238,5 +238,5 @@ def _p_value(
         statistics.append(statistic)
     if not degrees_of_freedom:
         return None
-    difference = statistics[-1] - statistics[n_adjusted]  # all regressors, less the given ones
+    difference = statistics[-1] - statistics[len(given)]
     return float(chdtrc(degrees_of_freedom, max(difference, 0.0)))  # rounding may go below 0

@@ -411,25 +411,26 @@ class AnswerTable:
     @property
     def chi_square_ratio(self) -> float:
         """X^2 over its degrees of freedom, about 1 if blocks differ by chance; 0 without any."""
-        return float(self.chi_square(self.k)) / max(1, self.freedom)
+        return float(self.chi_square(self.k)) / max(1, self.freedom)  # 0/1 without freedom
 
     def p_value(self, statistic: Callable[[IntArray], FloatArray], name: str) -> float:
-        """Probability of a statistic at least as large if answers fall on trials at random.
+        """Probability of a statistic at least as large if the answers to a pair fall at random.
 
-        The statistic maps counts k, (tables, pairs, blocks), to one value a table. `name` is that
-        of the subject, which has a random stream of its own.
+        How many counted answers a pair has is given; any of its trials may have them. The statistic
+        maps counts k, (tables, pairs, blocks), to one value a table. `name` is that of the subject,
+        which has a random stream of its own.
         """
         rng = generator(0, name, "answers")
         largest_batch = max(1, BLOCK // self.n.size)
 
-        def simulate(size: int) -> FloatArray:
+        def simulate(n_tables: int) -> FloatArray:
             """The statistic of random tables with these margins, in batches of limited memory."""
             statistics = []
-            for start in range(0, size, largest_batch):
-                n_tables = min(largest_batch, size - start)
-                # For each pair, its counted answers in each block, (tables, blocks).
+            for start in range(0, n_tables, largest_batch):
+                batch = min(largest_batch, n_tables - start)
+                # For each pair, its counted answers in each block, (batch, blocks).
                 k_of_pairs = [
-                    rng.multivariate_hypergeometric(n, n_yes, n_tables)
+                    rng.multivariate_hypergeometric(n, n_yes, batch)
                     for n, n_yes in zip(self.n, self.k.sum(1), strict=True)
                 ]
                 statistics.append(statistic(np.stack(k_of_pairs, axis=1)))
@@ -635,11 +636,11 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
 
     def largest_power(k: IntArray) -> FloatArray:
         """The power of the kind that drifts most, (..., pairs, stretches) -> (...)."""
-        return np.square(amplitudes(k)).sum(-1).max(-1)
+        return np.square(amplitudes(k)).sum(axis=-1).max(axis=-1)
 
     # The kind that drifts most, and the range of its fitted course over the trials.
     observed = amplitudes(table.k)  # (kinds, waves)
-    largest = np.square(observed).sum(-1).argmax()
+    largest = np.square(observed).sum(axis=-1).argmax()  # the kind with the largest power
     change = np.ptp((observed @ waves)[largest])  # of (kinds, stretches)
     if change < 0.2:
         return

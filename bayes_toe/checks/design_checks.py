@@ -243,7 +243,8 @@ def _similar_names(names: Iterable[str]) -> Findings:
         # '01' and '1' are the same number. A name that is no number gives NaN.
         letters = unicodedata.normalize("NFKC", name).casefold()
         value = number(name)
-        groups[letters if math.isnan(value) else value].append(name)
+        key = letters if math.isnan(value) else value
+        groups[key].append(name)
     for alike in groups.values():
         if len(alike) > 1:
             # In ASCII, letters that look alike are printed differently.
@@ -392,6 +393,7 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
             return ""
         spans.append((*unit.answers.span, unit.condition))
     spans.sort()
+    # The last trial of a condition, and the first trial of the next one.
     overlaps = [end >= next_start for (_, end, _), (next_start, _, _) in pairwise(spans)]
     if len(spans) == 1 or any(overlaps):
         return ""

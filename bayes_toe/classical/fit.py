@@ -138,16 +138,15 @@ class PenalisedLikelihood:
         distance = self.subject.s1 - mu1
         z = (self.subject.s2 - self.subject.s1 + p * distance) / width
 
-        # The log likelihood, and its slopes in z of each pair and in the logit of the share. Curve
-        # and slopes have two arrays each: for the counted answer, and for the other one.
+        # The log likelihood, and its slopes in z of each pair and in the logit of the share.
         answers_at, slopes_at = CURVES[self.subject.task.lapses]
         logit_share = np.asarray(logit(share))
         log_p = answers_at(z, logit_share)
-        in_z, in_logit = slopes_at(z, logit_share, log_p)
+        (yes_in_z, no_in_z), (yes_in_logit, no_in_logit) = slopes_at(z, logit_share, log_p)
         n_no = self.subject.n_trials - n_yes
         value = n_yes @ log_p.yes + n_no @ log_p.no
-        by_z = n_yes * in_z[0] + n_no * in_z[1]  # (pairs,)
-        by_logit = (n_yes * in_logit[0] + n_no * in_logit[1]).sum()
+        by_z = n_yes * yes_in_z + n_no * no_in_z  # (pairs,)
+        by_logit = (n_yes * yes_in_logit + n_no * no_in_logit).sum()
 
         # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = distance/w.
         deviation = (mu1 - self.mu1_mean) / self.mu1_sd
@@ -441,7 +440,7 @@ def fit(
         for subject in study
     ]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return FitTable(tuple(rows), level, replicates, root, study_prior, study.task)
+    return FitTable(tuple(rows), level, replicates, seed=root, prior=study_prior, task=study.task)
 
 
 def subject_fit(

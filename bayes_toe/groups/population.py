@@ -258,7 +258,8 @@ class PopulationResult:
         conditions = self.study.conditions
         assert conditions is not None  # there are levels
         # A row of the design has the weights of a parameter's coefficients at one level.
-        first, second = conditions.design()[list(map(conditions.levels.index, levels))]
+        rows = [conditions.levels.index(level) for level in levels]
+        first, second = conditions.design()[rows]
         weights = first - second
         columns = self.difference_columns(name)
         mean = self.draws.mean[..., columns] @ weights
@@ -326,7 +327,9 @@ class PopulationResult:
             for j, name in enumerate(self.names):
                 zero_factor = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
                 values = self.draws.effects[..., i, j]
-                rows.append(summary_row(name, "effect", values, label, zero_factor))
+                rows.append(
+                    summary_row(name, "effect", values, level=label, zero_factor=zero_factor)
+                )
         for levels in self.comparisons:
             level = " - ".join(levels)
             for name in DIFFERING:

@@ -136,10 +136,7 @@ def _compare(
     task = units[0].task
     difference = likelihood.rows.difference[:, 0]  # s2 - s1, (rows, pairs)
     n_wrong = task.wrong(difference[:, None], n_yes, n_trials[:, None])
-
-    def by_subject(values: FloatArray | IntArray) -> FloatArray:
-        """Sums over the rows of each subject, which are its conditions."""
-        return np.add.reduceat(values, likelihood.first_row, axis=0)
+    by_subject = likelihood.summed  # over the rows of each subject, which are its conditions
 
     # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
     signs = np.zeros(difference.shape)
