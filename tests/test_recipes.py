@@ -162,9 +162,7 @@ def blocks_of(section):
     return re.findall(r"^```(\w+)\n(.*?)^```", section, flags=re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.filterwarnings(
-    "ignore:Estimated shape parameter of Pareto"
-)  # ArviZ warns, and the page says why
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # as the page says
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_works_as_it_stands(name, tmp_path):
     # RECIPES has the files of a recipe, and what the screen of its commands says of them.

@@ -74,10 +74,10 @@ def test_closed_and_full_streams_cost_no_results(tmp_path):
     """Results with streams closed, also those of workers, are the same as with open ones."""
     write_counts(tmp_path / "study.csv", quick_study("AB"))
     line = "fit study.csv --seed 1 --replicates 5"
-    run_ok(f"{line} -o calm.csv", cwd=tmp_path)
+    run_ok(f"{line} -o open.csv", cwd=tmp_path)
     closed = run_in_shell("<&- >&- 2>&-", f"{line} -o closed.csv --workers 2", cwd=tmp_path)
     assert (closed.returncode, closed.stderr) == (0, "")
-    assert (tmp_path / "closed.csv").read_bytes() == (tmp_path / "calm.csv").read_bytes()
+    assert (tmp_path / "closed.csv").read_bytes() == (tmp_path / "open.csv").read_bytes()
 
     full = run_in_shell(">/dev/full", "simulate -o full.csv --subjects 1 --seed 1", cwd=tmp_path)
     assert error_line(full).startswith("error: standard output: cannot be written (No space left")

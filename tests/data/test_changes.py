@@ -10,9 +10,9 @@ import pytest
 from commands import refusal_of, run_ok
 from conftest import (
     answers_in_order,
-    counts,
     problems,
     quick_study,
+    s1_s2_yes_trials,
     text_table,
     write_counts,
 )
@@ -50,6 +50,7 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     # All six answers of a are 'equal' but the second. Those of blocks 2 and 3 become 'different'. A
     # block may be given as a number or as a text.
     swapped = study.swap("a", [2, "3"])
+    # A text has the block, * where a session begins, s1, s2, and 'equal'/trials.
     assert answers_in_order(swapped["a"]) == [
         "block 1* 0.0 0.3 1/1",
         "block 1 0.0 0.3 0/1",
@@ -58,7 +59,7 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
         "block 3* 0.0 0.0 0/1",
         "block 3 0.3 0.0 0/1",
     ]
-    assert counts(swapped["a"]) == [(0.0, 0.0, 0, 1), (0.0, 0.3, 1, 3), (0.3, 0.0, 0, 2)]
+    assert s1_s2_yes_trials(swapped["a"]) == [(0.0, 0.0, 0, 1), (0.0, 0.3, 1, 3), (0.3, 0.0, 0, 2)]
     assert swapped["b:1"] is study["b:1"]
     assert swapped.select("a").changes == ("--swap a:2,3",)
     assert swapped.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")

@@ -27,17 +27,15 @@ def test_tables_are_plain_csv(tmp_path):
         },
         index=[7, 8, 9],
     )
-    path = write_table(frame, tmp_path / "new/t.csv")
-    assert path == tmp_path / "new/t.csv"
-    assert (
-        path.read_text(encoding="utf-8")
-        == """\
+    expected = """\
 subject,q0,n,note
 01,0.30000000000000004,1,
 NA,,2,
 "Zoë, ""x\""",-1e-300,3,a
 """
-    )
+    path = write_table(frame, tmp_path / "new/t.csv")
+    assert path == tmp_path / "new/t.csv"
+    assert path.read_text(encoding="utf-8") == expected
 
 
 def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
@@ -85,7 +83,8 @@ def test_plain_names_are_their_stems():
     # Names that are only similar to devices, con and nul, and a name of the greatest length, 60.
     plain = ["S01", "a.b", "x-1_y", "CONtrol", "nul1", "0", "a" * 60]
     assert file_stems([*plain, "S01"]) == dict(zip(plain, plain, strict=True))
-    assert file_stems(["a b"]) == {"a b": "a_b-c8687a08"}, "printf 'a b' | sha256sum"
+    # A name with a space has the hash of `printf 'a b' | sha256sum`.
+    assert file_stems(["a b"]) == {"a b": "a_b-c8687a08"}
 
 
 @FUZZ

@@ -111,11 +111,11 @@ def test_wrong_options_of_a_corner_plot_are_refused(analysis, options, message):
 
 
 @pytest.mark.parametrize(
-    "text",
+    "quantities",
     ["gain", "mu1 width", "mu1 sigma_p sigma_l q0 gain offset pull"],
 )
-def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, text):
-    names = text.split()
+def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, quantities):
+    names = quantities.split()
     figure = bt.plots.corner(
         analysis.draws, "A", coordinates=names, truths={"A": TRUE}, prior=bt.Prior()
     )
