@@ -40,7 +40,7 @@ def dask():
 
 @pytest.fixture
 def client(dask):
-    # A client of the cluster, when both workers are there.
+    """A client of the cluster, when both workers are there."""
     with distributed.Client(dask) as built:
         built.wait_for_workers(2, timeout=120)  # a cluster gives up a worker that starts too slowly
         yield built

@@ -110,7 +110,7 @@ def cube_numbers(numbers):
 
 
 def stored_cubes(numbers, folder, **options):
-    # The cubes of the numbers, each a job; those that the folder has are not computed again.
+    """The cubes of the numbers, each a job; those that the folder has are not computed again."""
     settings = {"seed": 1, "folder": folder, "workers": 1, "progress": None}
     return run_stored(cube_numbers, numbers, list(map(str, numbers)), **settings | options)
 

@@ -242,4 +242,5 @@ def test_a_panel_has_a_curve_of_each_answer(study):
     assert shares["second"][:, 0].mean() > shares["second"][:, 1].mean()
     figure = bt.plots.curves(analysis, "B")
     legend = words_of(figure.subfigs[0].legends[0].get_texts())
-    assert {"'first'", "'equal'", "'second'"} <= set(legend)
+    for answer in ("'first'", "'equal'", "'second'"):
+        assert answer in legend

@@ -9,7 +9,7 @@ import resource
 import subprocess
 
 import pytest
-from commands import PROGRAM, call, run_command, run_ok
+from commands import PROGRAM, call, on_one_line, run_command, run_ok
 from conftest import quick_study, text_table, write_counts
 
 
@@ -22,7 +22,7 @@ def study_folder(tmp_path_factory):
 
 
 def error_line(finished):
-    # The one line of stderr of a command that must end with exit code 2.
+    """The one line of stderr of a command that must end with exit code 2."""
     assert finished.returncode == 2, finished.stderr
     assert finished.stderr.startswith("error: ")
     assert finished.stderr.count("\n") == 1, finished.stderr
@@ -152,5 +152,5 @@ def test_names_that_no_output_can_have_are_refused(study_folder, line, message):
     # Such as 'fit --example -o new/', with the message that the name of a file is allowed.
     finished = run_command(line, cwd=study_folder)
     assert (finished.returncode, finished.stdout) == (2, "")
-    assert message in " ".join(finished.stderr.split())
+    assert message in on_one_line(finished.stderr)
     assert [path.name for path in study_folder.iterdir()] == ["study.csv"]

@@ -157,15 +157,15 @@ READERS = """
 """
 
 
-@pytest.mark.parametrize("reader, observed", text_table(READERS))
-def test_a_matlab_file_that_ends_or_stops_its_reader(reader, observed, tmp_path, monkeypatch):
+@pytest.mark.parametrize("reader, message", text_table(READERS))
+def test_a_matlab_file_that_ends_or_stops_its_reader(reader, message, tmp_path, monkeypatch):
     # A MATLAB file is read in another process, which here runs the program `reader`: it crashes, or
     # sleeps longer than the limit of 0.5 s.
     monkeypatch.setattr(matlab_file, "_READER", reader)
     monkeypatch.setattr(matlab_file, "_LONGEST", 0.5)
     savemat(tmp_path / "trials.mat", {"subject": "M1"})
     (problem,) = problems(bt.read_study, tmp_path / "trials.mat")
-    assert problem.startswith(f"trials.mat: {observed}")
+    assert problem.startswith(f"trials.mat: {message}")
     assert problem.endswith("allowed: one that MATLAB has saved with '-v7'")
 
 

@@ -43,13 +43,13 @@ def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
     frame = pd.DataFrame(
         {"subject": names, "s1": 0.0, "s2": [-0.5] * 6, "n_equal": 1, "n_trials": 2}
     )
-    safe = write_table(frame, tmp_path / "safe.csv")
-    first_cells = [line.split(",")[0] for line in safe.read_text().splitlines()[1:]]
+    file = write_table(frame, tmp_path / "safe.csv")
+    first_cells = [line.split(",")[0] for line in file.read_text().splitlines()[1:]]
     assert first_cells == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
-    assert read_study(safe).names == tuple(names)
+    assert read_study(file).names == tuple(names)
     # Without its apostrophe the name '=1+1 would be the other subject =1+1: it keeps it.
-    joint = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])
-    assert "'=1+1" in read_study(write_table(joint, tmp_path / "both.csv")).names
+    both_names = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])
+    assert "'=1+1" in read_study(write_table(both_names, tmp_path / "both.csv")).names
 
 
 # --- Names of files -------------------------------------------------------------------------------

@@ -214,9 +214,9 @@ def test_subjects_and_models_can_be_switched(explorer_page, draws_without_effect
     assert explorer_page.shown_quantities() == ["constant_error", "contraction", "jnd", "noise"]
     noise = draws_without_effects.values("B", "noise").ravel()
     # Without a selection all are selected: evenly spaced draws of the model 'none'.
-    stored = explorer_page.selected_draws("b", "noise", "jnd")
-    rows = np.arange(len(stored["row"])) * noise.size // len(stored["row"])
-    np.testing.assert_allclose(stored["y"], noise[rows], rtol=1e-6)
+    selected = explorer_page.selected_draws("b", "noise", "jnd")
+    rows = np.arange(len(selected["row"])) * noise.size // len(selected["row"])
+    np.testing.assert_allclose(selected["y"], noise[rows], rtol=1e-6)
     label = "Bokeh.documents[0].get_model_by_name('panel-3-2').below[0].axis_label"
     assert explorer_page.page.evaluate(label) == "JND, %"
     # Subject b is shown under the model 'none', which has no contraction.

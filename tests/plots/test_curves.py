@@ -62,8 +62,12 @@ def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
     (*_, x), (*_, share) = drawn_curves(figure.axes[0])[WEAKER_FIRST]
     p_yes = analysis.curve("A").yes(np.zeros(1), np.array([x]))
     assert share == pytest.approx(p_yes.mean())
+
+
+def test_curves_of_a_subject_that_is_not_there_are_refused(analysis):
+    # The subjects are A, B and C.
     with pytest.raises(bt.InputError, match="Z"):
-        bt.plots.curves(analysis, "Z")  # who is no subject of A, B and C
+        bt.plots.curves(analysis, "Z")
 
 
 def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
