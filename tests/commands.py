@@ -81,6 +81,11 @@ def refusal_of(*words, cwd, silent=True):
     return finished.stderr
 
 
+def on_one_line(text):
+    """The text with one space between two words, wherever its lines end."""
+    return " ".join(text.split())
+
+
 def content(folder):
     """The paths in a folder, with the time when each file was written; False for a folder."""
     return {path: path.is_file() and path.stat().st_mtime_ns for path in folder.rglob("*")}

@@ -258,7 +258,7 @@ def real_data():
     return REAL
 
 
-def counts(subject):
+def s1_s2_yes_trials(subject):
     """The pairs of a subject: tuples of s1, s2, n_yes (answers that the task counts), n_trials."""
     columns = subject.s1, subject.s2, subject.n_yes, subject.n_trials
     return list(zip(*(column.tolist() for column in columns), strict=True))

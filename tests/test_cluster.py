@@ -40,7 +40,7 @@ def dask():
 
 @pytest.fixture
 def client(dask):
-    # A client of the cluster, when both workers are there.
+    """A client of the cluster, when both workers are there."""
     with distributed.Client(dask) as built:
         built.wait_for_workers(2, timeout=120)  # a cluster gives up a worker that starts too slowly
         yield built
@@ -73,12 +73,12 @@ def test_an_interrupt_cancels_all_jobs(client, delay):
 
     The 500 jobs would need longer, and none is left on the cluster.
     """
-    press, heard = Timer(delay, interrupt_main), []
+    interrupt_later, reported = Timer(delay, interrupt_main), []
 
     def progress(name):
-        heard.append(name)
-        if len(heard) == 1:
-            press.start()
+        reported.append(name)
+        if len(reported) == 1:
+            interrupt_later.start()
 
     # The traceback refers to the jobs under way, as in a session, where they must end, too.
     with pytest.raises(KeyboardInterrupt) as error:

@@ -78,9 +78,8 @@ def test_commands_and_options_are_there(path):
 @EACH_TEXT
 def test_public_names_are_there(path):
     text = path.read_text(encoding="utf-8")
-    for part, name in re.findall(
-        r"\bbt\.(?:(plots|model)\.)?(\w+)", text
-    ):  # 'plots', 'corner' of bt.plots.corner
+    # Such as ('plots', 'corner') of bt.plots.corner, and ('', 'run') of bt.run.
+    for part, name in re.findall(r"\bbt\.(?:(plots|model)\.)?(\w+)", text):
         module = getattr(bt, part) if part else bt
         assert hasattr(module, name), name
 
@@ -132,7 +131,7 @@ def names_of_files():
 
 
 def test_documents_are_short():
-    """Words of prose, code and tables that people write."""
+    """The limits are for words that people write, without and with the data dictionary."""
     total = sum(map(count_words.count_words, count_words.DOCUMENTS))
     assert total <= count_words.MOST_WORDS
     with_dictionary = total + count_words.count_dictionary_tables()

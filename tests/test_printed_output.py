@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import printed_output
 import pytest
+from commands import on_one_line
 
 import bayes_toe as bt
 from bayes_toe.answers.words import Word
@@ -43,7 +44,7 @@ def known_analyses(monkeypatch, example_analysis):
 
 
 def cheap_call(words):
-    # The screen of a command with the options of CHEAP.
+    """The screen of a command with the options of CHEAP."""
     program, command, *options = words
     extra = CHEAP.get(command, []) if program == "bayes-toe" else []
     return printed_output.call([program, command, *options, *extra])
@@ -54,7 +55,7 @@ def require_same(stated, printed):
 
     Split at its numbers, a text has words and numbers by turns.
     """
-    old, new = (NUMBER.split(" ".join(text.split())) for text in (stated, printed))
+    old, new = (NUMBER.split(on_one_line(text)) for text in (stated, printed))
     assert old[::2] == new[::2]
     for old_number, new_number in zip(old[1::2], new[1::2], strict=True):
         tolerance = 0.0
@@ -75,7 +76,7 @@ def test_documents_print_what_the_program_prints(tmp_path, document, known_analy
         outputs = list(printed_output.outputs(text, cheap_call))
     for output in outputs:
         require_same(output.stated, output.printed)
-    assert outputs
+    assert outputs  # each of these documents has some
     # Intervals in the prose, such as [-1.2, +3.4], are among those that are printed.
     printed = " ".join(output.stated for output in outputs)
     stated = set(re.findall(r"\[[-+.\d]+, [-+.\d]+\]", text))

@@ -33,6 +33,7 @@ def test_the_short_frame_of_an_evidence_table_is_the_answer(analysis):
 
 
 def test_notebooks_run_no_markup_in_names():
+    # A subject named <script>, with rows of s1, s2, 'equal' and trials.
     study_with_markup = bt.Study([made_subject("0 0.3 3 5, 0.3 0 1 5", "<script>")], source="<b>")
     draws = bt.sample(study_with_markup, draws=100, seed=1)
     # Notebooks call a private method of each value.

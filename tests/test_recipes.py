@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import run_ok
+from commands import on_one_line, run_ok
 from scipy.io import savemat
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "how_to.md"
@@ -162,9 +162,7 @@ def blocks_of(section):
     return re.findall(r"^```(\w+)\n(.*?)^```", section, flags=re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.filterwarnings(
-    "ignore:Estimated shape parameter of Pareto"
-)  # ArviZ warns, and the page says why
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # as the page says
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_works_as_it_stands(name, tmp_path):
     # RECIPES has the files of a recipe, and what the screen of its commands says of them.
@@ -185,7 +183,7 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
         for line in block.replace("\\\n", " ").splitlines():
             program, _, words = line.partition(" ")
             assert program == "bayes-toe"
-            screen = " ".join(run_ok(words, cwd=tmp_path).split())
+            screen = on_one_line(run_ok(words, cwd=tmp_path))
             assert [sentence for sentence in sentences if sentence not in screen] == []
 
 

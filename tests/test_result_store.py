@@ -47,9 +47,9 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             bt.run(study, seed=3, keep=tmp_path, draws=100)
     assert len(stored_files(tmp_path)) == 1
-    reported = []
 
-    # Without a seed, the call has that of the stored results. A comparison needs no times.
+    # Without a seed, the call has that of the stored results. Times of creation may differ.
+    reported = []
     resumed = bt.run(study, keep=tmp_path, progress=reported.append, draws=100)
     assert sorted(reported) == ["A", "B"]
     for analysis in (resumed, uninterrupted):
@@ -110,7 +110,7 @@ def cube_numbers(numbers):
 
 
 def stored_cubes(numbers, folder, **options):
-    # The cubes of the numbers, each a job; those that the folder has are not computed again.
+    """The cubes of the numbers, each a job; those that the folder has are not computed again."""
     settings = {"seed": 1, "folder": folder, "workers": 1, "progress": None}
     return run_stored(cube_numbers, numbers, list(map(str, numbers)), **settings | options)
 
@@ -133,10 +133,8 @@ def test_a_damaged_or_foreign_file_is_computed_again(tmp_path):
 def test_each_result_of_a_batch_is_stored_but_that_of_a_failed_job(tmp_path):
     # The number 9 fails, in a batch with others; jobs are named after their numbers.
     reported_names = []
-    assert stored_cubes([9, 2], tmp_path, batch=8, progress=reported_names.append) == [
-        ERROR_OF_9,
-        8,
-    ]
+    results = stored_cubes([9, 2], tmp_path, batch=8, progress=reported_names.append)
+    assert results == [ERROR_OF_9, 8]
     assert reported_names == ["9", "2"]
     assert len(stored_files(tmp_path)) == 1
     assert stored_cubes([3, 2, 9], tmp_path, batch=2) == [27, 8, ERROR_OF_9]

@@ -63,7 +63,7 @@ def imported_names(name):
 
 
 def rank_of(name):
-    # The position of a module's subpackage in ORDER.
+    """The position of a module's subpackage in ORDER."""
     return ORDER.index(name.split(".")[0])
 
 

@@ -227,7 +227,7 @@ def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
 
 
 def require_error_line(refusal, text):
-    # The command ended with exit code 2, and its only line is an error with this text.
+    """The command ended with exit code 2, and its only line is an error with this text."""
     assert (refusal.returncode, refusal.stdout) == (2, "")
     assert len(refusal.stderr.splitlines()) == 1
     assert text in refusal.stderr
@@ -543,8 +543,8 @@ class AppPage(BrowserPage):
     def close(self):
         """Close the page, which asked nobody else for anything, and had no problem."""
         self.page.close()
-        separate = f"http://{self.server.host}/"
-        problems = [problem for problem in self.problems if not problem.startswith(separate)]
+        own_address = f"http://{self.server.host}/"
+        problems = [problem for problem in self.problems if not problem.startswith(own_address)]
         assert problems == []
 
 
@@ -667,10 +667,10 @@ def test_a_column_is_one_question_with_its_values(app_page, tmp_path):
 def test_all_studies_that_are_not_analysed_are_deleted_together(app_page):
     # The page gets a list of three studies, of which a and b were never run.
     questions, deleted, page = [], [], app_page.page
-    listed = []
+    studies = []
     for name, run in (("a.csv", "new"), ("b.csv", "new"), ("c.csv", "changed")):
-        listed.append({"id": name[0], "files": [name], "run": run, "created": "2026-01-01"})
-    page.route("**/api/jobs", lambda route: route.fulfill(json={"jobs": listed, "damaged": []}))
+        studies.append({"id": name[0], "files": [name], "run": run, "created": "2026-01-01"})
+    page.route("**/api/jobs", lambda route: route.fulfill(json={"jobs": studies, "damaged": []}))
 
     def delete(route):
         deleted.append(urlsplit(route.request.url).path)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from commands import call, refusal_of, run_command, run_ok
+from commands import call, on_one_line, refusal_of, run_command, run_ok
 from conftest import text_table, write_counts
 
 import bayes_toe as bt
@@ -71,7 +71,7 @@ def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(r
     sections = "answer overview trust files subject-1 subject-2 order evidence read paper"
     positions = [text.index(f'id="{section}"') for section in sections.split()]
     assert positions == sorted(positions)
-    joined = " ".join(text.split())
+    joined = on_one_line(text)
     for sentence in (
         "Order effect: 2 of 2 subjects yes.",
         "of 2 subjects gave more ",
@@ -118,8 +118,8 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_pat
 def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pictures):
     # A name that would be a path and a script, names that pandas reads as missing, and a name with
     # signs that a terminal obeys, which begins as a formula of a spreadsheet.
-    wild = "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"
-    names = ["../../<script>alert(1)</script> a$b_{c}", "na", "NA", wild]
+    name_with_signs = "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"
+    names = ["../../<script>alert(1)</script> a$b_{c}", "na", "NA", name_with_signs]
     counts = ["0,0,48", "0,0.2,31", "0.2,0,35", "0.2,0.4,34", "0.4,0,11", "0.4,0.4,47"]
     rows = [f'"{name}",{count},50' for name, count in itertools.product(names, counts)]
     text = "\n".join(["subject,s1,s2,n_equal,n_trials", *rows])
@@ -131,12 +131,12 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pi
     assert re.fullmatch(r"([a-z0-9_.-]+\.png )+", " ".join([*files, ""]))
     report = text_of(results)
     assert "<script>alert" not in report
-    unknown = refusal_of("corner out/posterior.nc -o c --subject", "\x1b\u202e", cwd=tmp_path)
-    checked = run_ok("check s.csv", cwd=tmp_path)
-    for visible in (report, screen, checked, unknown):
+    refusal = refusal_of("corner out/posterior.nc -o c --subject", "\x1b\u202e", cwd=tmp_path)
+    screen_of_check = run_ok("check s.csv", cwd=tmp_path)
+    for visible_text in (report, screen, screen_of_check, refusal):
         # Nothing that a terminal or a browser obeys.
-        assert "\\x1b" in visible
-        assert visible.replace("\n", "").isprintable()
+        assert "\\x1b" in visible_text
+        assert visible_text.replace("\n", "").isprintable()
     assert bt.load(results / "posterior.nc").names == tuple(names)
     table = pd.read_csv(results / "evidence.csv", dtype=str, keep_default_na=False)
     # An apostrophe before the formula, and the escape sequence as text.
@@ -152,8 +152,12 @@ def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(study_folde
     # B is alone in one.csv, and has the numbers that it has beside A.
     assert text_of(study_folder, "evidence.csv").splitlines() == [header, row_of_b]
     # These texts stand on the screen in this order.
-    places = ("Log model evidence.", "contraction, %", "Answer\nB: The order changes the response")
-    assert sorted(places, key=screen.index) == list(places)
+    texts_in_order = (
+        "Log model evidence.",
+        "contraction, %",
+        "Answer\nB: The order changes the response",
+    )
+    assert sorted(texts_in_order, key=screen.index) == list(texts_in_order)
 
 
 def test_fit_writes_its_table_and_states_its_level(study_folder):

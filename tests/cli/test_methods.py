@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from commands import on_one_line
 from populations import made_result
 
 import bayes_toe as bt
@@ -13,9 +14,9 @@ from bayes_toe.cli.methods import write_methods
 
 
 def methods_text(analysis, folder, group=None):
-    # The text of methods.md, with one space between two words.
+    """The text of methods.md, with one space between two words."""
     write_methods(replace(analysis, group=group), folder / "methods.md")
-    return " ".join((folder / "methods.md").read_text(encoding="utf-8").split())
+    return on_one_line((folder / "methods.md").read_text(encoding="utf-8"))
 
 
 def with_answers(analysis, *changes):
@@ -69,18 +70,19 @@ def test_citations_are_those_of_the_text(analysis, tmp_path):
     entries = (tmp_path / "methods.bib").read_text(encoding="utf-8")
     keys = re.findall(r"^@\w+\{(\w+),", entries, flags=re.MULTILINE)
     cited = set(re.findall(r"@(\w+)", text))
-    assert set(keys) >= cited >= {"avetta2026", "bayes_toe", "cornuet2012"}
+    assert cited <= set(keys)
+    assert {"avetta2026", "bayes_toe", "cornuet2012"} <= cited
     assert f"Version {bt.__version__}" in entries
 
 
 def test_poor_fits_and_subjects_that_are_not_interpreted_are_named(analysis, tmp_path):
     # A has a poor fit, B is not interpreted, and the fit of C cannot be tested.
     words = dict.fromkeys(analysis.answers[0].words, Word.NOT_INTERPRETABLE)
-    poor = {"fit_p": 0.001}
+    poor_fit = {"fit_p": 0.001}
     problems = {"keys look swapped": Problem("")}
-    excluded = {"words": words, "is_interpretable": False, "problems": problems}
-    untestable = {"fit_p": None}
-    text = methods_text(with_answers(analysis, poor, excluded, untestable), tmp_path)
+    not_interpreted = {"words": words, "is_interpretable": False, "problems": problems}
+    untestable_fit = {"fit_p": None}
+    text = methods_text(with_answers(analysis, poor_fit, not_interpreted, untestable_fit), tmp_path)
     first, second, third = analysis.draws.names
     assert f"The fit was poor for {first} (p = .0010)." in text
     assert f"The fit was not testable for {third}." in text
@@ -89,7 +91,9 @@ def test_poor_fits_and_subjects_that_are_not_interpreted_are_named(analysis, tmp
     assert " ! marks a poor fit." in text
 
     # One subject remains, whose fit is good.
-    text = methods_text(with_answers(analysis, {"fit_p": 0.5}, excluded, excluded), tmp_path)
+    text = methods_text(
+        with_answers(analysis, {"fit_p": 0.5}, not_interpreted, not_interpreted), tmp_path
+    )
     assert "The order changed the response: the first stimulus was" in text
     assert "No fit was poor." in text
     assert " ! marks a poor fit." not in text
@@ -101,9 +105,9 @@ def test_words_are_counted_by_direction(analysis, tmp_path):
     present = dict.fromkeys(QUESTIONS, Word.YES)
     absent = dict.fromkeys(QUESTIONS, Word.NO)
     changes = {"words": present}, {"words": present, "direction": "repulsion"}, {"words": absent}
-    first, *remaining = analysis.study.subjects
-    longer = replace(first, n_trials=first.n_trials + 1)
-    study = replace(analysis.study, subjects=(longer, *remaining))
+    first, *other_subjects = analysis.study.subjects
+    subject_with_more_trials = replace(first, n_trials=first.n_trials + 1)
+    study = replace(analysis.study, subjects=(subject_with_more_trials, *other_subjects))
     text = methods_text(replace(with_answers(analysis, *changes), study=study), tmp_path)
     assert "An order effect was present in 2 of 3 participants and absent in 1." in text
     assert "A contraction was present in 1, reversed (repulsion) in 1 and absent in 1." in text
@@ -134,10 +138,10 @@ def test_names_are_no_markup(analysis, tmp_path):
 
 def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_path):
     # A flag says that another prior scale changes the word 'order effect' of A.
-    plain = {"problems": {}}
-    dependent = {"problems": {f"{PRIOR_FLAG}: order effect": Problem("")}}
-    unchanged = methods_text(with_answers(analysis, plain, plain, plain), tmp_path)
+    no_problem = {"problems": {}}
+    depends_on_prior = {"problems": {f"{PRIOR_FLAG}: order effect": Problem("")}}
+    unchanged = methods_text(with_answers(analysis, no_problem, no_problem, no_problem), tmp_path)
     assert "no conclusion 'yes' or 'no' became undecided." in unchanged
-    text = methods_text(with_answers(analysis, dependent, plain, plain), tmp_path)
+    text = methods_text(with_answers(analysis, depends_on_prior, no_problem, no_problem), tmp_path)
     assert f"a 'yes' or a 'no' became undecided for {analysis.draws.names[0]}." in text
     assert " ? marks a 'yes' or a 'no' that became undecided with another prior scale." in text

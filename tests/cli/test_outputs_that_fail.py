@@ -9,7 +9,7 @@ import resource
 import subprocess
 
 import pytest
-from commands import PROGRAM, call, run_command, run_ok
+from commands import PROGRAM, call, on_one_line, run_command, run_ok
 from conftest import quick_study, text_table, write_counts
 
 
@@ -22,7 +22,7 @@ def study_folder(tmp_path_factory):
 
 
 def error_line(finished):
-    # The one line of stderr of a command that must end with exit code 2.
+    """The one line of stderr of a command that must end with exit code 2."""
     assert finished.returncode == 2, finished.stderr
     assert finished.stderr.startswith("error: ")
     assert finished.stderr.count("\n") == 1, finished.stderr
@@ -74,10 +74,10 @@ def test_closed_and_full_streams_cost_no_results(tmp_path):
     """Results with streams closed, also those of workers, are the same as with open ones."""
     write_counts(tmp_path / "study.csv", quick_study("AB"))
     line = "fit study.csv --seed 1 --replicates 5"
-    run_ok(f"{line} -o calm.csv", cwd=tmp_path)
+    run_ok(f"{line} -o open.csv", cwd=tmp_path)
     closed = run_in_shell("<&- >&- 2>&-", f"{line} -o closed.csv --workers 2", cwd=tmp_path)
     assert (closed.returncode, closed.stderr) == (0, "")
-    assert (tmp_path / "closed.csv").read_bytes() == (tmp_path / "calm.csv").read_bytes()
+    assert (tmp_path / "closed.csv").read_bytes() == (tmp_path / "open.csv").read_bytes()
 
     full = run_in_shell(">/dev/full", "simulate -o full.csv --subjects 1 --seed 1", cwd=tmp_path)
     assert error_line(full).startswith("error: standard output: cannot be written (No space left")
@@ -152,5 +152,5 @@ def test_names_that_no_output_can_have_are_refused(study_folder, line, message):
     # Such as 'fit --example -o new/', with the message that the name of a file is allowed.
     finished = run_command(line, cwd=study_folder)
     assert (finished.returncode, finished.stdout) == (2, "")
-    assert message in " ".join(finished.stderr.split())
+    assert message in on_one_line(finished.stderr)
     assert [path.name for path in study_folder.iterdir()] == ["study.csv"]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import refusal_of, run_command, run_ok
+from commands import on_one_line, refusal_of, run_command, run_ok
 from conftest import quick_study, text_table, write_counts
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
@@ -30,7 +30,7 @@ P005,1,
 
 
 def draws_with_divergences(posterior, n_draws, rng):
-    # In the place of the sampler: draws of which two trajectories diverged.
+    """In the place of the sampler: draws of which two trajectories diverged."""
     draws = independent_draws(posterior, n_draws, rng)
     return replace(draws, n_divergent=2)
 
@@ -57,7 +57,7 @@ def screen(group_folder):
 def test_the_command_writes_four_files_and_answers_with_mean_and_sd(screen, group_folder):
     files = "group.csv group.nc group.png group_subjects.csv"
     assert sorted(path.name for path in group_folder.glob("group*")) == files.split()
-    text = " ".join(screen.split())
+    text = on_one_line(screen)
     assert "Answer In the group of 5 (site 0, age mean), the mean PSE shift is " in text
     assert re.search(
         r"and the SD between subjects is .*\. [\w ]+ differs? from 0 \(BF .*\)\.", text
@@ -71,7 +71,7 @@ def test_the_command_writes_four_files_and_answers_with_mean_and_sd(screen, grou
 def test_files_are_those_of_the_group(screen, group_folder):
     # What the screen says is what the files have, and P005 without an age is left out.
     result = bt.load(group_folder / "group.nc")
-    text = " ".join(screen.split())
+    text = on_one_line(screen)
     shift = format_signed(Size(*result.table.row("mean", "pse_shift_percent").interval), "%")
     contraction = format_share(Size(*result.table.row("mean", "contraction").interval))
     assert f"mean PSE shift is {shift}" in text
@@ -112,7 +112,7 @@ def test_a_group_with_divergent_trajectories_is_not_reliable(tmp_path, monkeypat
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", draws_with_divergences)
     finished = run_command(f"population study.csv {OPTIONS}", cwd=tmp_path)
     assert finished.returncode == 3
-    text = " ".join(finished.stdout.split())
+    text = on_one_line(finished.stdout)
     assert "NOT RELIABLE: In the group of 3, the mean PSE shift is" in text
     assert "! The group's result is not reliable: 2 of 1600 trajectories diverged" in text
     assert "contraction cannot be told" in text
@@ -124,27 +124,27 @@ def test_a_group_with_divergent_trajectories_is_not_reliable(tmp_path, monkeypat
 def test_an_sd_near_zero_is_given_as_a_bound():
     # The draws of the SD of the constant error are set to 1 D, and those of the contraction to
     # values from .001 to .021, whose upper bound is 2 %.
-    built = made_result(simulated_group(1, n_subjects=6))
-    sd = built.draws.sd.copy()
+    group = made_result(simulated_group(1, n_subjects=6))
+    sd = group.draws.sd.copy()
     sd[..., 0] = 1.0
     sd[..., 1] = 0.001 + 0.02 * np.random.default_rng(1).uniform(size=sd.shape[:2])
-    [line] = group_answer(replace(built, draws=replace(built.draws, sd=sd)))
+    [line] = group_answer(replace(group, draws=replace(group.draws, sd=sd)))
     shift, _, contraction = line.partition("contraction")
     assert "], and the SD between subjects is at most 2 %. " in contraction
     assert "at most" not in shift
 
 
 def test_conditions_of_a_group_have_a_line_and_a_table():
-    built = made_result(two_conditions(1, n_subjects=4))
-    lines = group_answer(built)
+    result = made_result(two_conditions(1, n_subjects=4))
+    lines = group_answer(result)
     assert lines[1].startswith("Difference right - left in the group: PSE shift ")
     assert lines[1].count("BF") == 3  # of constant error, contraction and JND
-    (title, _, differences), (group, _, rows) = group_tables(built)
+    (title, _, differences), (group, _, rows) = group_tables(result)
     assert title == "Differences between conditions"
     assert group == "4 subjects, median [95 % interval]"
     assert [row[0] for row in rows] == ["constant error", "contraction", "JND"]
 
     # The difference of the JND is that of log noise, and the table has it as a ratio.
-    [ratio] = built.table.select("difference", "noise")
+    [ratio] = result.table.select("difference", "noise")
     low, median, high = np.exp([ratio.q025, ratio.q50, ratio.q975])
     assert differences[2][2] == f"{median:.2f} [{low:.2f}, {high:.2f}]"

@@ -41,7 +41,7 @@ def open_report(browser, report_path):
 
 
 def visible_names(page):
-    # The names of the subjects in the visible rows of the table.
+    """The names of the subjects in the visible rows of the table."""
     return page.locator("#overview-table tbody tr:visible td.name a").all_inner_texts()
 
 
@@ -156,13 +156,13 @@ def test_a_column_sorts_both_ways_and_what_has_no_value_stays_last(
         answer.probabilities["constant_error"] for answer in analysis_with_problems.answers[:2]
     ]
     page = open_report().page
-    head = page.locator("#overview-table thead tr:last-child th:nth-child(3)")
+    heading = page.locator("#overview-table thead tr:last-child th:nth-child(3)")
     cells = page.locator("#overview-table tbody td:nth-child(3)")
     for order in ("ascending", "descending"):
-        head.click()
+        heading.click()
         values = cells.evaluate_all("cells => cells.map(cell => cell.dataset.value)")
         numbers = [float(value or math.nan) for value in values]
-        assert head.get_attribute("aria-sort") == order
+        assert heading.get_attribute("aria-sort") == order
         assert numbers[:2] == sorted(expected, reverse=order == "descending")
         assert math.isnan(numbers[2])
     # The first column, of names, sorts by the keyboard, too.

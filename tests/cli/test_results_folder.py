@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import refusal_of
+from commands import on_one_line, refusal_of
 from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
@@ -23,28 +23,28 @@ FIRST, AGAIN = RunContext(), RunContext(overwrite=True)
 
 
 def text_of(folder, name="report.html"):
-    # The text of a file of the folder, with one space between two words.
-    return " ".join((folder / name).read_text(encoding="utf-8").split())
+    """The text of a file of the folder, with one space between two words."""
+    return on_one_line((folder / name).read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize(
-    "choice, drawn, note",
+    "choice, subjects_with_figures, note",
     [
         ("flagged", "AC", "Figures are drawn for subjects that need action (poor fit"),
         ("none", "", "To draw figures of single subjects, type <code>--figures all"),
     ],
 )
 def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
-    analysis_with_problems, tmp_path, choice, drawn, note
+    analysis_with_problems, tmp_path, choice, subjects_with_figures, note
 ):
     # Of the subjects A, B and C, A does not fit and C is not interpreted: both are flagged.
     out = write_results(analysis_with_problems, tmp_path / "out", FIRST, figures=choice)
-    assert sorted(file.stem for file in out.glob("corner/*")) == list(drawn)
-    assert (out / "corner").exists() == bool(drawn)
+    assert sorted(file.stem for file in out.glob("corner/*")) == list(subjects_with_figures)
+    assert (out / "corner").exists() == bool(subjects_with_figures)
     text = text_of(out)
     # Two pictures of each subject with figures, and a line about them for each of the others.
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
-    assert counts == (2 * len(drawn), 3 - len(drawn))
+    assert counts == (2 * len(subjects_with_figures), 3 - len(subjects_with_figures))
     assert note in text
 
     # Paragraphs and definitions end with one point.

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from commands import run_command, run_ok
+from commands import on_one_line, run_command, run_ok
 from conftest import WORD_BY_LETTER, leave_pictures_blank, made_subject, order_answer
 from populations import independent_draws, two_conditions
 
@@ -198,13 +198,13 @@ def test_screens_have_the_words_of_the_field_in_lines_of_80_columns(screens, nam
     lines = screens[name].splitlines()
     assert max(map(cell_width, lines)) <= WIDTH
     # A forbidden word is found together with the 20 characters before it.
-    assert re.findall(rf".{{20}}(?:{FORBIDDEN})", " ".join(screens[name].split())) == []
+    assert re.findall(rf".{{20}}(?:{FORBIDDEN})", on_one_line(screens[name])) == []
 
 
 @pytest.mark.parametrize("name", ["check", "run", "evidence", "population", "history"])
 def test_swapped_responses_are_named_with_what_to_type(screens, name):
     # Block 1 of the subject with the long name is swapped.
-    text = " ".join(screens[name].split())
+    text = on_one_line(screens[name])
     assert f"--swap '{LONG}:1'" in text
     assert text.index("swapped") < text.index("Answer")
 
@@ -254,7 +254,7 @@ def check_answer(tmp_path):
         text = "subject,s1,s2,n_second,n_trials\n" + rows
         (tmp_path / "study.csv").write_text(text)
         screen = run_ok(f"check study.csv {options}", cwd=tmp_path)
-        return " ".join(screen.partition("Answer\n")[2].split())
+        return on_one_line(screen.partition("Answer\n")[2])
 
     return check
 
@@ -297,7 +297,7 @@ def test_where_the_task_is_another_one_nobody_is_analysed(tmp_path):
     (tmp_path / "study.csv").write_text(SAME_OR_DIFFERENT)
     screen = run_ok("check study.csv --columns n_second=n", cwd=tmp_path)
     decision = "All subjects need a decision: was the task 'same or different?'"
-    assert decision in " ".join(screen.split())
+    assert decision in on_one_line(screen)
     right_task = run_ok("check study.csv --columns n_equal=n", cwd=tmp_path)
     assert "No subject needs a decision" in right_task
 

@@ -10,9 +10,9 @@ import pytest
 from commands import refusal_of, run_ok
 from conftest import (
     answers_in_order,
-    counts,
     problems,
     quick_study,
+    s1_s2_yes_trials,
     text_table,
     write_counts,
 )
@@ -50,6 +50,7 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     # All six answers of a are 'equal' but the second. Those of blocks 2 and 3 become 'different'. A
     # block may be given as a number or as a text.
     swapped = study.swap("a", [2, "3"])
+    # A text has the block, * where a session begins, s1, s2, and 'equal'/trials.
     assert answers_in_order(swapped["a"]) == [
         "block 1* 0.0 0.3 1/1",
         "block 1 0.0 0.3 0/1",
@@ -58,7 +59,7 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
         "block 3* 0.0 0.0 0/1",
         "block 3 0.3 0.0 0/1",
     ]
-    assert counts(swapped["a"]) == [(0.0, 0.0, 0, 1), (0.0, 0.3, 1, 3), (0.3, 0.0, 0, 2)]
+    assert s1_s2_yes_trials(swapped["a"]) == [(0.0, 0.0, 0, 1), (0.0, 0.3, 1, 3), (0.3, 0.0, 0, 2)]
     assert swapped["b:1"] is study["b:1"]
     assert swapped.select("a").changes == ("--swap a:2,3",)
     assert swapped.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
@@ -68,22 +69,22 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
 
 
 def test_excluding_is_as_if_the_file_had_no_such_rows(study):
-    remaining = study.exclude("a", 2)
+    without_block_2 = study.exclude("a", 2)
     is_excluded = (FRAME.subject == "a") & (FRAME.block == 2)
     expected = bt.read_study(FRAME[~is_excluded])
-    assert answers_by_subject(remaining) == answers_by_subject(expected)
-    assert remaining.frame().equals(expected.frame())
+    assert answers_by_subject(without_block_2) == answers_by_subject(expected)
+    assert without_block_2.frame().equals(expected.frame())
     # Without any of its blocks the subject is excluded, too.
-    for removed in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
-        assert answers_by_subject(removed) == {"b:1": answers_in_order(study["b:1"])}
+    for without_a in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
+        assert answers_by_subject(without_a) == {"b:1": answers_in_order(study["b:1"])}
 
 
 def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
     # As with --swap a:2 --swap 'a: 3' --swap b:1 --exclude b:1:2. A subject may have a colon in its
     # name, and b:1:2 is block 2 of b:1.
-    combined = changed(study, swap=["a:2", "a: 3", "b:1"], exclude=["b:1:2"])
-    assert combined.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
-    assert answers_by_subject(combined) == answers_by_subject(
+    changed_study = changed(study, swap=["a:2", "a: 3", "b:1"], exclude=["b:1:2"])
+    assert changed_study.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
+    assert answers_by_subject(changed_study) == answers_by_subject(
         study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2)
     )
     assert changed(study) is study  # without options

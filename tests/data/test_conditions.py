@@ -194,16 +194,16 @@ def test_tables_have_subject_and_condition(tmp_path):
 def test_check_warns_of_time_stimuli_and_missing_levels():
     # Both subjects have all trials at 'right' before those at 'left', whose stimuli are 1 higher.
     # The standard deviation of the first stimuli is 0.52, so that 1 is 1.9 of them.
-    observed = messages_of_check(read(ROWS))
-    assert "by 1.9 standard deviations" in observed["a", "stimuli_by_condition"]
-    assert "right, left, for 2 subjects" in observed["", "conditions_in_order"]
-    assert ("a", "missing_condition") not in observed
+    messages = messages_of_check(read(ROWS))
+    assert "by 1.9 standard deviations" in messages["a", "stimuli_by_condition"]
+    assert "right, left, for 2 subjects" in messages["", "conditions_in_order"]
+    assert ("a", "missing_condition") not in messages
     # Levels of a alternate, and b has no trial at 'left', where its first row is (1, 1).
     rows = A_ROWS.splitlines(keepends=True)
     alternating = "".join([*rows[::2], *rows[1::2]])
-    mixed = messages_of_check(read(HEADER + alternating + B_ROWS.partition("b,1.0")[0]))
-    assert ("", "conditions_in_order") not in mixed
-    assert "No trials in condition left" in mixed["b", "missing_condition"]
+    other_messages = messages_of_check(read(HEADER + alternating + B_ROWS.partition("b,1.0")[0]))
+    assert ("", "conditions_in_order") not in other_messages
+    assert "No trials in condition left" in other_messages["b", "missing_condition"]
 
 
 def test_files_have_the_condition_all_or_none():
@@ -294,9 +294,9 @@ def test_answers_tell_the_task_of_each_group(text):
 
 def test_a_word_of_another_task_is_named_with_its_row():
     # One response to 2afc, in row 4, is 'equal', which this task does not have.
-    stray = TASKS.replace("0.3,second", "0.3,equal", 1).replace(",task", ",experiment")
+    text = TASKS.replace("0.3,second", "0.3,equal", 1).replace(",task", ",experiment")
     with pytest.raises(bt.InputError, match="row 4, column response: found 'equal', allowed: sec"):
-        read(stray, "--condition experiment")
+        read(text, "--condition experiment")
 
 
 @pytest.mark.parametrize(

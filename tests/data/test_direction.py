@@ -462,8 +462,8 @@ def test_the_advice_for_reversed_answers_works_when_it_is_typed(
     lines = typed_lines(result.stderr)
     assert " ".join(lines) == expected
     for line in lines:
-        after = result_of_check(tmp_path, table, f"{options} {line}")
-        assert (after.returncode, after.stderr) == (0, "")
+        result_with_advice = result_of_check(tmp_path, table, f"{options} {line}")
+        assert (result_with_advice.returncode, result_with_advice.stderr) == (0, "")
 
 
 def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp_path):

@@ -43,9 +43,8 @@ def pairs_as_text(study):
 
 # --- What is read ---------------------------------------------------------------------------------
 
-#: Studies as `pairs_as_text` gives them: one response 'equal', and one trial of each order.
+#: A study of one response 'equal', as `pairs_as_text` gives it.
 EQUAL = "a 0.0 0.0 1 1"
-BOTH_ORDERS = "a 0.0 0.3 1 1, a 0.3 0.0 0 1"
 
 #: Rows of trials, options, and what is read: subjects in the order of their first rows.
 READ_TRIALS = """
@@ -257,8 +256,9 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     rows = "a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n"
     study = read(ORDERED + rows, "--equal-code 1")
     assert pairs_as_text(study) == "a 0.0 0.0 1 2, a 0.0 1.0 1 1, b 0.0 0.0 1 1"
-    # One block is no number: they are in order of appearance. A trial without an answer was
-    # presented all the same.
+    # One block, x, is no number: they are in order of appearance. A trial without an answer was
+    # presented all the same. A text has the block, * where a session begins, s1, s2, and
+    # 'equal'/trials.
     assert answers_in_order(study["a"]) == [
         "block 10* 0.0 0.0 1/1",
         "block 10 0.0 1.0 1/1",
@@ -279,6 +279,7 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
     header = "subject,s1,s2,response,session,block,trial\n"
     rows = "a,0,0,1,2,1,1\na,0,1,1,1,1,1\na,0,1,0,1,2,1\na,1,1,1,1,2,3\n"
     study = read(header + rows, "--equal-code 1")
+    # A session begins at *, where the memory of earlier trials ends.
     assert answers_in_order(study["a"]) == [
         "block 1* 0.0 1.0 1/1",
         "block 2 0.0 1.0 0/1",
@@ -292,7 +293,7 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
     first, second = answers_in_order(study.exclude("a", "2")["a"])
     assert first == "block 1* 0.0 1.0 1/1"
     assert second == "block 1* 0.0 0.0 1/1"
-    # Other counts are not those of the answers.
+    # Counts that are changed by hand are not those of the answers, whose order is then lost.
     assert replace(study["a"], n_yes=[0, 0, 0]).answers is None
 
 
@@ -301,10 +302,11 @@ def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     # those of ORDERED.
     rows = "a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"
     study = read(ORDERED + rows, "--equal-code 1")
+    # The first note is about the format of the file.
     assert study.notes[1:] == (
         "column trial does not order all trials, so the order of the file is used: a, b",
     )
-    assert study["a"].answers.n_yes.tolist() == [1, 0]
+    assert study["a"].answers.n_yes.tolist() == [1, 0]  # 'equal' and 'different', as in the file
 
 
 #: Trials with numbers: columns as in ORDERED, and the same without blocks.
@@ -341,6 +343,7 @@ def test_counts_have_answers_where_they_have_blocks():
     text = "subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n"
     study = read(text, "--columns block=Run")
     assert pairs_as_text(study) == "a 0.0 1.0 3 10"
+    # Each block is a session (*), with its number of 'equal' and of trials.
     assert answers_in_order(study["a"]) == ["block 1* 0.0 1.0 1/5", "block 2* 0.0 1.0 2/5"]
     assert not study["a"].answers.has_trial_rows
     assert read(COUNTS + "a,0,1,1,5\n")["a"].answers is None
@@ -418,7 +421,8 @@ def test_a_column_of_responses_without_any_is_named():
     # The column response is empty, and the responses are in the column judgement.
     rows = "subject,s1,s2,response,judgement\na,0,0.3,,second\na,0.3,0,,first\n"
     assert typed_remedies(rows) == ["--columns response=NAME"]
-    assert pairs_as_text(read(rows, "--columns response=judgement")) == BOTH_ORDERS
+    study = read(rows, "--columns response=judgement")
+    assert pairs_as_text(study) == "a 0.0 0.3 1 1, a 0.3 0.0 0 1"
 
 
 #: Rows of trials, options, and what is proposed.

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from commands import refusal_of, run_command
+from commands import on_one_line, refusal_of, run_command
 from conftest import text_table, typed_options
 from numpy.random import default_rng
 from scipy.io import savemat
@@ -1014,13 +1014,13 @@ def test_a_shape_that_may_mislead_is_warned_of(part, tmp_path):
     # table.
     result = result_of_check(tmp_path, "study.csv", WARNED[part])
     assert result.returncode == 0
-    assert part in " ".join(result.stdout.split())
+    assert part in on_one_line(result.stdout)
 
 
 def test_tables_below_each_other_may_be_of_several_subjects(tmp_path):
     # Two tables below each other in one file, which is named after one subject.
     result = result_of_check(tmp_path, "AB.csv --subject-from {}.*", csv_bytes(WITHOUT_SUBJECT) * 2)
-    assert ": repeated headers may begin other subjects" in " ".join(result.stdout.split())
+    assert ": repeated headers may begin other subjects" in on_one_line(result.stdout)
 
 
 #: Columns, or cells, that say that a trial does not count: texts of these and of other rows.
@@ -1050,7 +1050,7 @@ def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(
     result = result_of_check(tmp_path, "study.csv", table)
     option = f"--where {shlex.quote(f'{column}={other}')}"
     remark = f"16 rows with '{mark}' in column {column} are counted; {option} leaves them out"
-    assert remark in " ".join(result.stdout.split())
+    assert remark in on_one_line(result.stdout)
     assert " 64 trials" in run_command(f"check study.csv {option}", cwd=tmp_path).stdout
 
 
@@ -1262,7 +1262,7 @@ def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjec
     for file in files.split():
         write_file(tmp_path / "data" / file, table)
     result = run_command("check data", cwd=tmp_path)
-    assert part in " ".join((result.stdout + result.stderr).split())
+    assert part in on_one_line(result.stdout + result.stderr)
     pattern = re.search(r"--subject-from \S+", part)[0]
     study = bt.read_study(tmp_path / "data", typed_options(pattern))
     assert " ".join(study.names) == subjects

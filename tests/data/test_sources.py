@@ -7,7 +7,7 @@ from io import StringIO
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import answers_in_order, counts, problems, text_table
+from conftest import answers_in_order, problems, s1_s2_yes_trials, text_table
 from scipy.io import savemat
 
 import bayes_toe as bt
@@ -125,8 +125,8 @@ def test_values_of_other_types_are_read_as_what_they_say():
     study = bt.read_study(frame, options)
     assert study.synthetic
     assert list(study.names) == ["b", "a"]
-    assert counts(study["b"]) == [(0.1, 0.3, 1, 2)]
-    assert counts(study["a"]) == [(0.2, 0.25, 0, 1)]
+    assert s1_s2_yes_trials(study["b"]) == [(0.1, 0.3, 1, 2)]
+    assert s1_s2_yes_trials(study["a"]) == [(0.2, 0.25, 0, 1)]
 
 
 def test_whole_numbers_keep_their_digits():
@@ -157,15 +157,15 @@ READERS = """
 """
 
 
-@pytest.mark.parametrize("reader, observed", text_table(READERS))
-def test_a_matlab_file_that_ends_or_stops_its_reader(reader, observed, tmp_path, monkeypatch):
+@pytest.mark.parametrize("reader, message", text_table(READERS))
+def test_a_matlab_file_that_ends_or_stops_its_reader(reader, message, tmp_path, monkeypatch):
     # A MATLAB file is read in another process, which here runs the program `reader`: it crashes, or
     # sleeps longer than the limit of 0.5 s.
     monkeypatch.setattr(matlab_file, "_READER", reader)
     monkeypatch.setattr(matlab_file, "_LONGEST", 0.5)
     savemat(tmp_path / "trials.mat", {"subject": "M1"})
     (problem,) = problems(bt.read_study, tmp_path / "trials.mat")
-    assert problem.startswith(f"trials.mat: {observed}")
+    assert problem.startswith(f"trials.mat: {message}")
     assert problem.endswith("allowed: one that MATLAB has saved with '-v7'")
 
 

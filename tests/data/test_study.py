@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conftest import columns, counts, made_subject, text_table
+from conftest import columns, made_subject, s1_s2_yes_trials, text_table
 
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
@@ -13,15 +13,19 @@ COLUMNS = ("s1", "s2", "n_yes", "n_trials")
 
 
 def two_pairs_of(name="S01"):
-    # A subject with 2 of 8 responses 'equal' to the pair (0.3, 0), and 7 of 10 to (0, 0.3).
+    """A subject with 2 of 8 responses 'equal' to the pair (0.3, 0), and 7 of 10 to (0, 0.3)."""
     return made_subject("0.3 0 2 8, 0 0.3 7 10", name)
 
 
 def test_pairs_are_sorted_together_with_their_counts():
-    sorted_pairs = made_subject("0.3 0.5 1 4, 0 0.3 2 5, 0.3 0 3 6")
-    assert counts(sorted_pairs) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 3, 6), (0.3, 0.5, 1, 4)]
-    types = [str(getattr(sorted_pairs, column).dtype) for column in COLUMNS]
+    # Rows of s1, s2, answers 'equal' and trials.
+    three_pairs = made_subject("0.3 0.5 1 4, 0 0.3 2 5, 0.3 0 3 6")
+    assert s1_s2_yes_trials(three_pairs) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 3, 6), (0.3, 0.5, 1, 4)]
+    types = [str(getattr(three_pairs, column).dtype) for column in COLUMNS]
     assert " ".join(types) == "float64 float64 int64 int64"
+
+
+def test_a_subject_has_the_number_of_its_pairs_and_trials_and_the_share_of_equal():
     # 2 of 8 and 7 of 10 responses are 'equal'.
     subject = two_pairs_of("S01")
     assert subject.n_pairs == 2
@@ -32,14 +36,14 @@ def test_pairs_are_sorted_together_with_their_counts():
 def test_arrays_are_copies_and_read_only():
     # A later change of the caller's array does not change the subject, and nobody changes its own.
     s1 = np.array([0.0, 0.3])
-    copied = Subject("S01", s1, [0.0, 0.0], [1, 1], [2, 2])
+    subject = Subject("S01", s1, [0.0, 0.0], [1, 1], [2, 2])
     s1[0] = 9.0
-    assert copied.s1.tolist() == [0.0, 0.3]
+    assert subject.s1.tolist() == [0.0, 0.3]
     for column in COLUMNS:
         with pytest.raises(ValueError, match="read-only"):
-            getattr(copied, column)[0] = 1
+            getattr(subject, column)[0] = 1
     with pytest.raises(dataclasses.FrozenInstanceError):
-        copied.name = "S02"
+        subject.name = "S02"
 
 
 #: Rows of s1, s2, answers 'equal' and trials, and what is refused.
@@ -85,9 +89,9 @@ def test_a_subject_without_trials_is_refused():
 
 
 def test_counts_are_added_up():
-    # The pair (0.3, 0) stands there twice, and the pair (1, 1) has no trials.
-    added = Subject.from_counts("S01", *columns("0.3 0 1 5, 0 0.3 2 5, 0.3 0 3 6, 1 1 0 0"))
-    assert counts(added) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 4, 11)]
+    # Rows of s1, s2, 'equal' and trials. (0.3, 0) stands there twice, and (1, 1) has no trials.
+    subject = Subject.from_counts("S01", *columns("0.3 0 1 5, 0 0.3 2 5, 0.3 0 3 6, 1 1 0 0"))
+    assert s1_s2_yes_trials(subject) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 4, 11)]
     # The stimuli of a pair without trials may be nan, and -0 is the same stimulus as 0.
     assert Subject.from_counts("S01", *columns("0 0 1 5, nan 0 0 0")).n_pairs == 1
     assert Subject.from_counts("S01", *columns("0 1 1 1, -0 1 0 1")).n_pairs == 1
@@ -133,8 +137,8 @@ def test_studies_need_distinct_subjects():
     ids=["1e300", "inf", "one count", "sum"],
 )
 def test_counts_that_are_too_large_are_refused(rows):
-    # A pair has at most 10^12 trials. The last case has 3,000 rows of 10^12 trials of the same
-    # pair.
+    # Rows of s1, s2, 'equal' and trials. A pair has at most 10^12 trials. The last case has 3,000
+    # rows of one pair with so many.
     with pytest.raises(InputError, match=r"no more than 10\^12"):
         Subject.from_counts("S01", *columns(rows))
 

@@ -27,17 +27,15 @@ def test_tables_are_plain_csv(tmp_path):
         },
         index=[7, 8, 9],
     )
-    path = write_table(frame, tmp_path / "new/t.csv")
-    assert path == tmp_path / "new/t.csv"
-    assert (
-        path.read_text(encoding="utf-8")
-        == """\
+    expected = """\
 subject,q0,n,note
 01,0.30000000000000004,1,
 NA,,2,
 "Zoë, ""x\""",-1e-300,3,a
 """
-    )
+    path = write_table(frame, tmp_path / "new/t.csv")
+    assert path == tmp_path / "new/t.csv"
+    assert path.read_text(encoding="utf-8") == expected
 
 
 def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
@@ -45,13 +43,13 @@ def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
     frame = pd.DataFrame(
         {"subject": names, "s1": 0.0, "s2": [-0.5] * 6, "n_equal": 1, "n_trials": 2}
     )
-    safe = write_table(frame, tmp_path / "safe.csv")
-    first_cells = [line.split(",")[0] for line in safe.read_text().splitlines()[1:]]
+    file = write_table(frame, tmp_path / "safe.csv")
+    first_cells = [line.split(",")[0] for line in file.read_text().splitlines()[1:]]
     assert first_cells == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
-    assert read_study(safe).names == tuple(names)
+    assert read_study(file).names == tuple(names)
     # Without its apostrophe the name '=1+1 would be the other subject =1+1: it keeps it.
-    joint = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])
-    assert "'=1+1" in read_study(write_table(joint, tmp_path / "both.csv")).names
+    both_names = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])
+    assert "'=1+1" in read_study(write_table(both_names, tmp_path / "both.csv")).names
 
 
 # --- Names of files -------------------------------------------------------------------------------
@@ -85,7 +83,8 @@ def test_plain_names_are_their_stems():
     # Names that are only similar to devices, con and nul, and a name of the greatest length, 60.
     plain = ["S01", "a.b", "x-1_y", "CONtrol", "nul1", "0", "a" * 60]
     assert file_stems([*plain, "S01"]) == dict(zip(plain, plain, strict=True))
-    assert file_stems(["a b"]) == {"a b": "a_b-c8687a08"}, "printf 'a b' | sha256sum"
+    # A name with a space has the hash of `printf 'a b' | sha256sum`.
+    assert file_stems(["a b"]) == {"a b": "a_b-c8687a08"}
 
 
 @FUZZ

@@ -198,6 +198,7 @@ def test_permissions_of_a_replaced_file_stay(tmp_path):
 
 def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypatch):
     """First a single file is written, and then a folder of two files."""
+    # Both functions are noted when they are called, and the second one still does its work.
     steps = []
     replace = os.replace
     monkeypatch.setattr(os, "fsync", lambda _: steps.append("fsync"))

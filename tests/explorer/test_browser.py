@@ -130,6 +130,7 @@ def parameters_of_shown_draws(draws, subject, rows):
 
 def test_a_drag_selects_the_draws_of_both_subjects(explorer_page, analysis):
     explorer_page.choose("#subject-b", "C")
+    # Over the panel of both, from 10 to 60 % of its width and from 10 to 70 % of its height.
     explorer_page.drag("sigma_l", "sigma_p", (0.1, 0.1), (0.6, 0.7))
     limits = explorer_page.limits()  # lower and upper ends of what is selected, by parameter
     assert set(limits) == {"sigma_p", "sigma_l"}
@@ -170,6 +171,7 @@ def test_a_drag_on_the_diagonal_takes_a_range_and_reset_gives_all_back(explorer_
     explorer_page.page.click("#reset")
     explorer_page.settle()
     np.testing.assert_array_equal(explorer_page.data("curve-a-weaker")["kept"], earlier)
+    # The page has at most 2,000 draws of a subject, of the 10,240 that were sampled.
     assert "2,000 of 10,240 draws are shown" in explorer_page.page.inner_text("#share .a")
 
 
@@ -212,9 +214,9 @@ def test_subjects_and_models_can_be_switched(explorer_page, draws_without_effect
     assert explorer_page.shown_quantities() == ["constant_error", "contraction", "jnd", "noise"]
     noise = draws_without_effects.values("B", "noise").ravel()
     # Without a selection all are selected: evenly spaced draws of the model 'none'.
-    stored = explorer_page.selected_draws("b", "noise", "jnd")
-    rows = np.arange(len(stored["row"])) * noise.size // len(stored["row"])
-    np.testing.assert_allclose(stored["y"], noise[rows], rtol=1e-6)
+    selected = explorer_page.selected_draws("b", "noise", "jnd")
+    rows = np.arange(len(selected["row"])) * noise.size // len(selected["row"])
+    np.testing.assert_allclose(selected["y"], noise[rows], rtol=1e-6)
     label = "Bokeh.documents[0].get_model_by_name('panel-3-2').below[0].axis_label"
     assert explorer_page.page.evaluate(label) == "JND, %"
     # Subject b is shown under the model 'none', which has no contraction.
@@ -227,12 +229,13 @@ def test_effects_are_averaged_over_the_four_models_with_the_words_of_the_answer(
 ):
     explorer_page.tab("effects")
     explorer_page.choose("#label-a", "four models averaged")
+    # The average has 4,000 draws of the four models in proportion to their probabilities.
     assert "of 4,000 draws are shown" in explorer_page.page.inner_text("#share .a")
     answer = analysis.evidence["A"].answer
     words = [f"{key.replace('_', ' ')} {answer.word(key)}" for key in answer.words]
     assert explorer_page.page.locator("#answer-a span").all_inner_texts() == words
     # Draws of models without a contraction have no value of it, so that the share of draws with one
-    # is its posterior probability.
+    # is its posterior probability, but for sampling error.
     share = np.isfinite(
         explorer_page.selected_draws("a", "contraction", "constant_error")["y"]
     ).mean()

@@ -28,7 +28,7 @@ def json_of_page(html):
 
 
 def unpacked_numbers(text, kind="<f4"):
-    # The page has arrays as texts of their bytes.
+    """The page has arrays as texts of their bytes."""
     return np.frombuffer(base64.b64decode(text), kind)
 
 
@@ -176,15 +176,15 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(draws_without_eff
 
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
     subject = stronger.study["pulled"]
-    fitted = Predictor.from_draws(stronger.draws, "pulled", n_draws=50)
+    predictor = Predictor.from_draws(stronger.draws, "pulled", n_draws=50)
     middle = np.sort(subject.s1)[len(subject.s1) // 2]  # a first stimulus of some pairs
-    packed = pack_slice(fitted, middle, has_title=True)
-    assert packed["orders"] == [0]
-    assert {subject.s1[pair] for pair in packed["pairs"]} == {middle}
-    assert packed["title"] == f"first stimulus {middle:.3g}"
+    panel = pack_slice(predictor, middle, has_title=True)
+    assert panel["orders"] == [0]
+    assert {subject.s1[pair] for pair in panel["pairs"]} == {middle}
+    assert panel["title"] == f"first stimulus {middle:.3g}"
     # P('second') of each draw at each difference x, as whole numbers from 0 to 65535.
-    expected = fitted.yes(middle, middle + np.array(packed["x"])).T.ravel()
-    assert unpacked_numbers(packed["yes"], "<u2") / 65535 == pytest.approx(expected, abs=1e-5)
+    expected = predictor.yes(middle, middle + np.array(panel["x"])).T.ravel()
+    assert unpacked_numbers(panel["yes"], "<u2") / 65535 == pytest.approx(expected, abs=1e-5)
     wording = page(entries(stronger.draws)).html
     assert "P(second)" in wording
     assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]

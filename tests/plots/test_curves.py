@@ -62,11 +62,16 @@ def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
     (*_, x), (*_, share) = drawn_curves(figure.axes[0])[WEAKER_FIRST]
     p_yes = analysis.curve("A").yes(np.zeros(1), np.array([x]))
     assert share == pytest.approx(p_yes.mean())
+
+
+def test_curves_of_a_subject_that_is_not_there_are_refused(analysis):
+    # The subjects are A, B and C.
     with pytest.raises(bt.InputError, match="Z"):
-        bt.plots.curves(analysis, "Z")  # who is no subject of A, B and C
+        bt.plots.curves(analysis, "Z")
 
 
 def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
+    # Rows of s1, s2, answers 'second' and trials. The weaker stimulus is 0, first or second.
     rows = "0 0.2 30 40, 0 0.4 38 40, 0.2 0 16 40, 0.4 0 3 40"
     subject = made_subject(rows, task=WHICH_STRONGER)
     ax = new_figure(4.0, 3.0).subplots()
@@ -82,8 +87,8 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
-    # 0 is the weaker stimulus of two pairs, and .1 of one. Of equal pairs alone, the lowest is
-    # taken.
+    # Pairs (0, .1), (0, .3) and (.1, .3): 0 is the weaker stimulus of two. Of equal pairs alone,
+    # the lowest is taken.
     shared = made_subject("0 0.1 1 2, 0 0.3 1 2, 0.1 0.3 1 2")
     assert main_weaker(shared) == 0.0
     assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) == 0.0

@@ -15,7 +15,7 @@ from bayes_toe.plots.style import new_figure
 
 @pytest.fixture(scope="module")
 def group_of_four():
-    # The result for a simulated group of four subjects, made without a sampler.
+    """The result for a simulated group of four subjects, made without a sampler."""
     return made_result(simulated_group(1, n_subjects=4))
 
 
@@ -80,9 +80,9 @@ def test_the_figure_is_legible_and_fits_a_page(n_subjects):
 
 def test_many_subjects_are_sorted_and_have_no_names():
     # One subject more than can have names in a forest.
-    built = made_result(simulated_group(2, n_subjects=MAX_NAMES_IN_GROUP + 1, n_each=4))
+    result = made_result(simulated_group(2, n_subjects=MAX_NAMES_IN_GROUP + 1, n_each=4))
     ax = new_figure(3.0, 3.0).subplots()
-    forest(ax, built, "constant_error")
+    forest(ax, result, "constant_error")
     [points] = marks_of(ax, "o")
     assert (np.diff(points.get_xdata()) >= 0.0).all()
     assert not ax.get_yticklabels()

@@ -25,10 +25,10 @@ def enlarged_analysis(analysis, size):
 
 
 def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distribution(stronger):
-    fitted = stronger.curve("pulled")
-    subject = fitted.target.subject
+    curve = stronger.curve("pulled")
+    subject = curve.target.subject
     # The same draw many times, so that the ends are precise.
-    one_draw = replace(fitted, x=np.repeat(fitted.x[:1], 2000, axis=0))
+    one_draw = replace(curve, x=np.repeat(curve.x[:1], 2000, axis=0))
     # P('second') of each pair; its responses are binomial.
     share = one_draw.yes(subject.s1, subject.s2)[0]
     ends = predictive_interval(one_draw, seed=1)
