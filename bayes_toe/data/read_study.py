@@ -282,10 +282,11 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     """
     beginning, parameters = _example(task)
     names, columns = read_numbers(f"{beginning}_truth.csv", parameters, key="subject")
-    return {
-        name: {key: float(values[i]) for key, values in columns.items()}
-        for i, name in enumerate(names)
-    }
+    truth: dict[str, dict[str, float]] = {name: {} for name in names}
+    for parameter, values in columns.items():
+        for name, value in zip(names, values.tolist(), strict=True):
+            truth[name][parameter] = value
+    return truth
 
 
 def _example(given: Task | str) -> tuple[Path, Texts]:

@@ -280,9 +280,9 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     # the index is no header, but the first row of the table.
     rows_below = range(head_index + 1 + (names == header), len(rows) + 1)
     filled = [row for row in rows_below if _is_filled(rows[row - 1])]
-    values = {
-        name: [rows[row - 1][index] for row in filled] for name, index in name_places(names).items()
-    }
+    values = {}
+    for name, index in name_places(names).items():
+        values[name] = [rows[row - 1][index] for row in filled]
 
     notes = []
     other_sheets = [display_name(other) for other in sheets if other != title]
