@@ -822,7 +822,7 @@ def test_fields_become_the_options_of_the_command(app_page, tmp_path, case):
 @pytest.mark.parametrize("width, scheme", [(1200, "light"), (400, "dark")])
 def test_the_page_is_never_wider_than_its_window(browser, server, tmp_path, width, scheme):
     # The name of the file is long. The page is no wider than its window, at first and with all
-    # parts open.
+    # parts open. It is white, or nearly black where the user prefers dark pages.
     app_page = AppPage(browser, server, width, color_scheme=scheme)
     app_page.add(write_trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}{scheme}.csv"))
     assert app_page.page_width() <= width

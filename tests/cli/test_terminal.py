@@ -120,16 +120,20 @@ def test_tables_have_fixed_columns_and_fit_the_screen(headings, rows, expected):
     assert max(map(cell_width, lines)) <= WIDTH
 
 
-def test_estimates_and_options_stay_on_one_line():
+def test_an_estimate_stays_on_one_line_with_its_interval():
     # 13 words of 5 characters leave 15 columns of 80: 'PSE shift' stays, and the estimate begins a
     # new line.
     text = "word " * 13 + "PSE shift +0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
     assert wrap_line(text)[1] == "+0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
+
+
+def test_an_option_stays_on_one_line_with_its_value():
     command = "bayes-toe run " + "study.csv " * 5 + "--swap A08:2,4 --exclude A09"
     assert command_lines(command, "  ") == [
         "  bayes-toe run " + "study.csv " * 5 + "\\",
         "    --swap A08:2,4 --exclude A09",
     ]
+    # A name with spaces is not broken, although it is longer than a line.
     name = "a long name of a file/" * 3 + "study of 2024.csv"
     assert f"'{name}'" in "\n".join(command_lines(f"bayes-toe run '{name}'", "  "))
 

@@ -242,8 +242,8 @@ UNITS = ("a@2AFC", "a@same/different", "b@2AFC")
 
 
 def test_tasks_are_conditions_by_a_column():
-    # Subject a answered both tasks, and b only which was stronger. In CODES the responses are 0 and
-    # 1.
+    # Subject a answered both tasks, and b only which was stronger: UNITS are a@2AFC,
+    # a@same/different and b@2AFC. In CODES the responses are 0 and 1.
     study = read(TASKS, "--condition task")
     assert study.names == UNITS
     assert [part.task for part in study.by_task] == [WHICH_STRONGER, SAME_DIFFERENT]
@@ -260,7 +260,8 @@ def test_the_column_of_tasks_may_have_another_name():
 
 
 def test_tasks_are_conditions_by_files_of_one_task_each():
-    # Two files without a column of tasks: the words of the responses say which task it was.
+    # Two files without a column of tasks: the words of the responses say which task it was. The
+    # units are a@2AFC, a@same/different and b@2AFC.
     frame = pd.read_csv(StringIO(TASKS))
     files = [rows.drop(columns="task") for _, rows in frame.groupby("task")]
     assert bt.read_study(files, bt.ReadOptions(condition="task")).names == UNITS

@@ -97,7 +97,8 @@ REFUSED = """
 
 @pytest.mark.parametrize("kind, rows, problem", text_table(REFUSED))
 def test_a_small_table_that_cannot_be_used_is_refused(file_of, kind, rows, problem):
-    # The rows stand on one line with slashes between, such as 's1,s2 / 0,1,7'.
+    # Such as the kind 'design' with the rows 's1,s2 / 0,1,7', between which slashes stand for line
+    # ends: the third cell of row 2 has no name.
     first_problem, *_ = problems(READERS[kind], file_of(re.sub(" ?/ ?", "\n", rows)))
     assert first_problem.startswith(f"file.csv: {problem}")
 

@@ -140,6 +140,7 @@ def test_whole_numbers_keep_their_digits():
 
 
 def test_covariates_are_read_from_a_frame_without_those_that_are_missing():
+    # The subject 'NA' is a subject, whose age is missing.
     people = pd.DataFrame({"subject": ["01", "NA"], "age": [20.5, None], "group": ["x", "y"]})
     assert bt.read_covariates(people) == {
         "age": {"01": 20.5},

@@ -178,7 +178,7 @@ def test_a_place_without_permission_is_one_line_before_the_work(tmp_path, monkey
 @POSIX
 @pytest.mark.parametrize("name", ["pipe", "link", "/dev/null"])
 def test_only_regular_files_are_replaced(name, tmp_path):
-    # A pipe, a link to nowhere and a device.
+    # A pipe, a link to nowhere and a device are refused before the work begins.
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OutputError, match="is a link, pipe or device"):

@@ -152,6 +152,7 @@ def test_several_subjects_share_their_panels(analysis):
     names = ["gain", "offset"]
     options = {"coordinates": names, "prior": bt.Prior(), "truths": {"C": TRUE}}
     figure = bt.plots.corner(analysis.draws, ["A", "C"], **options)
+    # In the panel of a quantity, both subjects have a line at their median.
     axes = np.array(figure.axes).reshape(2, 2)
     for ax, name in zip(axes.diagonal(), names, strict=True):
         x_of_lines = [line.get_xdata()[0] for line in ax.lines]

@@ -89,6 +89,7 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
     # Pairs (0, .1), (0, .3) and (.1, .3): 0 is the weaker stimulus of two. Of equal pairs alone,
     # the lowest is taken.
+    # Rows of s1, s2, 'equal' and trials.
     shared = made_subject("0 0.1 1 2, 0 0.3 1 2, 0.1 0.3 1 2")
     assert main_weaker(shared) == 0.0
     assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) == 0.0
