@@ -194,7 +194,7 @@ def word_of(log_bf: float) -> str:
     # The words are in the order of falling evidence. The number of limits that it does not reach
     # is the position of its word.
     limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
-    return WORDS[int((log_bf < limits).sum())]
+    return WORDS[(log_bf < limits).sum()]
 
 
 @dataclass(frozen=True, eq=False)

@@ -292,7 +292,10 @@ class OrderEffect:
 
     @property
     def lines(self) -> Mapping[str, Line]:
-        """The conclusion on each question, as screens, report, methods and figures print it."""
+        """The conclusion on each question, as screens, report, methods and figures print it.
+
+        A question that is not interpreted, or cannot be told, has a word but no numbers.
+        """
         lines = {}
         for question, word in self.words.items():
             name = question.replace("_", " ")

@@ -201,9 +201,10 @@ def _direction_sentences(
     As in 'The first stimulus is overestimated in 3 subjects and underestimated in 2.' It counts the
     subjects with a 'yes', or with a 'probably' if there is no 'yes'.
     """
+    # The number of subjects with each direction, which may be empty.
     words = [answer.words[effect] for answer in answers]
     word = Word.YES if Word.YES in words else Word.PROBABLY
-    counts = Counter[str]()  # subjects by their direction, which may be empty
+    counts = Counter[str]()
     for answer in answers:
         if answer.words[effect] is word:
             counts[_direction(answer, effect)] += 1

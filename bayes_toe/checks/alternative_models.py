@@ -71,7 +71,8 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     if study.task in OTHER_TASK:
         as_other = [replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes]
         # Which response is which is not known in another task. Both codes have the probability 1/2.
-        other = np.logaddexp(*np.split(_log_evidence(as_other), 2)) - math.log(2.0)
+        first_code, second_code = np.split(_log_evidence(as_other), 2)
+        other = np.logaddexp(first_code, second_code) - math.log(2.0)
 
     log_bayes_factors = np.column_stack([guesses, swapped, other]) - same_codes[:, None]
     names = [subject.name for subject in subjects]
@@ -80,7 +81,8 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
 
 def log_bayes_factor(changed: Subject, subject: Subject) -> float:
     """The log Bayes factor of changed responses against the responses as they are, in nats."""
-    return float(np.subtract(*_log_evidence([changed, subject])))
+    changed_evidence, evidence = _log_evidence([changed, subject])
+    return float(changed_evidence - evidence)
 
 
 def _is_doubtful(subject: Subject) -> bool:

@@ -206,7 +206,7 @@ def _widest_gap(levels: FloatArray) -> _Gap:
     gaps = np.diff(levels)
     widest = gaps.argmax()
     below, above = np.split(levels, [widest + 1])
-    return _Gap(below, above, float(gaps[widest]), float(np.delete(gaps, widest).sum()))
+    return _Gap(below, above, size=gaps[widest], others=np.delete(gaps, widest).sum())
 
 
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:

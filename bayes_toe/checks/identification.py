@@ -98,7 +98,10 @@ def identify(subject: Subject) -> Identification:
 
 
 def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
-    """1 where the second stimulus is larger, -1 where the first is, 0 where both are equal."""
+    """1 where the second stimulus is larger, -1 where the first is, 0 where both are equal.
+
+    Stimuli that differ by rounding are equal. The shape is that of s1 and s2.
+    """
     difference = s2 - s1
     is_equal = np.abs(difference) <= ROUNDING * np.abs(difference).max()
     return np.where(is_equal, 0.0, np.sign(difference))

@@ -109,7 +109,7 @@ class PenalisedLikelihood:
     @cached_property
     def grid(self) -> FloatArray:
         """Points from which searches may start, shape (4 values of mu1, points of each, 4)."""
-        sbar = float(np.average(self.subject.s1, weights=self.subject.n_trials))
+        sbar = np.average(self.subject.s1, weights=self.subject.n_trials)
         # Far below the stimuli, among them on both sides of the mean, and far above them. No two
         # are at the same distance: a symmetric design has equal maxima on both sides.
         mu1 = sbar + self.step * np.array([-8.0, -0.5, 0.6, 8.1])

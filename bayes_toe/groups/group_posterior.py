@@ -241,7 +241,10 @@ class GroupPosterior:
         return self.n_shared + self.rows.n_subjects * self.rows.n_coordinates
 
     def __call__(self, theta: FloatArray) -> ArrayPair:
-        """Log density, (points,), and gradient, (points, n_coordinates)."""
+        """Log density, (points,), and gradient, (points, n_coordinates).
+
+        The names are those of the module's docstring: `expected` is mu, and `score` is u.
+        """
         numbers = self.numbers
         q = self.rows.n_coefficients
         fits = self.fits
@@ -257,7 +260,7 @@ class GroupPosterior:
         # a = mu + tau^2 s h (e - mu) + tau s^(1/2) xi, and their scores u = (a - mu) / tau.
         share = 1.0 / (1.0 + precision * np.square(tau))
         root = np.sqrt(share)
-        unit = tau * root
+        unit = tau * root  # tau s^(1/2), the step of a for one of xi
         pull = information - precision * expected
         score = tau * share * pull + root * xi
         w = self._subject_points(expected + np.square(unit) * pull + unit * xi, unshared)

@@ -258,7 +258,7 @@ class PopulationResult:
         conditions = self.study.conditions
         assert conditions is not None  # there are levels
         # A row of the design has the weights of a parameter's coefficients at one level.
-        rows = [conditions.levels.index(level) for level in levels]
+        rows = list(map(conditions.levels.index, levels))
         first, second = conditions.design()[rows]
         weights = first - second
         columns = self.difference_columns(name)
