@@ -560,7 +560,7 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
             "repeated headers may begin other subjects, but all rows are read as one subject. If "
             "there are several, add a column subject"
         )
-    doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
+    doubts += taken_out_doubts(rows.table.only(n > 0), rows.options, rows.names_not_read)
     return doubts
 
 
