@@ -39,8 +39,8 @@ VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
 
 
 #: What a cell says where something holds, and where it does not.
-TRUE_WORDS = frozenset({"1", "1.0", "true", "yes", "y", "wahr", "ja", "oui", "x"})
-FALSE_WORDS = frozenset({"0", "0.0", "false", "no", "n", "falsch", "nein", "non", ""})
+TRUE_WORDS = frozenset(VOCABULARY["flags"]["yes"])
+FALSE_WORDS = frozenset(VOCABULARY["flags"]["no"])
 #: The stimulus or the place that a word means: 'std' is 'standard', and '1st' is 'first'.
 _MEANINGS: dict[str, str] = {}
 for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
@@ -49,6 +49,12 @@ for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["places"]).items():
 _ANSWERS: dict[str, str] = {}
 for _meaning, _words in (VOCABULARY["stimuli"] | VOCABULARY["responses"]).items():
     _ANSWERS |= dict.fromkeys(_words, _meaning)
+#: How a cell begins that marks a row as practice: 'Block 2: demo', 'train2'.
+_PRACTICE = re.compile(
+    "([0-9]|{words_before})*({texts}|({whole})[0-9]*$)".format_map(
+        {key: "|".join(words) for key, words in VOCABULARY["practice"].items()}
+    )
+)
 # The longest words first, so that 'standardreiz' is not read as 'standard' and more.
 _KNOWN_WORDS = re.compile("|".join(sorted(_MEANINGS, key=len, reverse=True)))
 
@@ -200,8 +206,8 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     >>> practice_texts("practice", ["1", "2", "3"]), practice_texts("part", ["0_training", "TRAIN"])
     ([], ['0_training', 'TRAIN'])
     """
-    beginnings = tuple(VOCABULARY["practice"]["texts"])
-    is_of_practice = any(word in plain_name(name) for word in beginnings)
+    plain = plain_name(name)
+    is_of_practice = any(map(plain.__contains__, VOCABULARY["practice"]["texts"]))
     if is_of_practice and ".this" in name:  # PsychoPy counts the trials of a loop
         return list(filter(None, texts))
     has_flags = is_of_practice and is_flag(texts)  # such as 'TRUE' in `is_practice`
@@ -209,10 +215,8 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
-        word = re.sub("^(block|[0-9])+", "", plain_name(text))  # 'Block 2: demo' is 'demo'
-        is_whole_word = word.rstrip("0123456789") in VOCABULARY["practice"]["whole"]  # 'train2'
-        is_practice = is_whole_word or word.startswith(beginnings)
-        if is_true or (is_practice and text[:1].isalnum()):  # not a path such as './demo'
+        is_practice = _PRACTICE.match(plain_name(text)) and text[:1].isalnum()
+        if is_true or is_practice:  # not a path such as './demo'
             marks.append(text)
     return marks
 
@@ -228,12 +232,16 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     (['x'], [''])
     >>> taken_out_texts("status", ["ok", "aborted"]), taken_out_texts("rejected", ["0", "3"])
     (['aborted'], [])
+    >>> taken_out_texts("TrialError", ["0", "6", "8"])
+    ['8']
     """
     # A column such as 'rejected' says so by 1, and a column such as 'valid' by 0.
     by_1 = VOCABULARY["taken_out"]["by_1"]
     by_0 = VOCABULARY["taken_out"]["by_0"]
-    words = set(by_1)  # a cell 'aborted' says so in each column
-    plain = re.sub("^(is|was|trial)+|trials?$", "", plain_name(name))  # 'is_valid' is 'valid'
+    plain = plain_name(name)
+    # A cell 'aborted' says so in each column.
+    words = {*by_1, *VOCABULARY["taken_out"]["codes"].get(plain, ())}
+    plain = re.sub("^(is|was|trial)+|trials?$", "", plain)  # 'is_valid' is 'valid'
     if is_flag(texts) and plain in by_1:
         words |= TRUE_WORDS
     elif is_flag(texts) and plain in by_0:

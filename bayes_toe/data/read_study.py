@@ -543,7 +543,7 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
             "repeated headers may begin other subjects, but all rows are read as one subject. If "
             "there are several, add a column subject"
         )
-    doubts += taken_out_doubts(rows.table.only(n > 0), rows.names_not_read)
+    doubts += taken_out_doubts(rows.table.only(n > 0), rows.options, rows.names_not_read)
     response = rows.columns.get("response")
     names_of_solutions = solutions(rows.table.columns.values(), rows.options)
     if response is not None and response.name in names_of_solutions:

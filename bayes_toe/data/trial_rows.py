@@ -13,7 +13,7 @@ from itertools import filterfalse
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, IntArray, combination_counts
+from bayes_toe.arrays import BoolArray, IntArray, combination_counts, run_starts
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
     is_no_response,
@@ -321,18 +321,30 @@ def nameless_doubts(subject: Column) -> Iterator[str]:
             )
 
 
-def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Iterator[str]:
+def taken_out_doubts(
+    table: TextTable, options: ReadOptions, names_not_read: Texts
+) -> Iterator[str]:
     """A doubt for each column with texts, such as 'aborted', that say that a trial does not count.
 
     Columns of blocks, of conditions, and those that are not read may have them. The doubt says how
-    many rows of the table have such a text.
+    many rows of the table have such a text. In any language, one of two texts may mean practice if
+    the first rows of each subject have it, and no others.
     """
+    subject = _subjects(table, options)
+    n_subjects = len(subject.texts)
     for name, column in table.columns.items():
         if name not in (*names_not_read, "block", "condition"):
             continue
         texts = taken_out_texts(name, column.texts)
         if name == "condition":
             texts = [*texts, *practice_texts(name, column.texts)]
+        guess = ""
+        n_runs = len(run_starts(subject.codes, column.codes))
+        n_first = (column.codes == 0).sum()  # rows with the text of the first row
+        is_short = 3 * n_subjects <= n_first <= 0.2 * len(table.rows)
+        if not texts and is_short and n_runs == 2 * n_subjects and len(column.texts) == 2:
+            texts = column.texts[:1]
+            guess = " if these first rows of each subject are practice"
         other_texts = list(filterfalse(texts.__contains__, column.texts))
         if not texts or not other_texts:
             continue
@@ -341,7 +353,7 @@ def taken_out_doubts(table: TextTable, names_not_read: Texts) -> Iterator[str]:
         doubt = f"{rows} with {join_names(map(quoted, texts))} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
-            doubt += f"; {remedy.typed} leaves them out"
+            doubt += f"; {remedy.typed} leaves them out{guess}"
         yield doubt
 
 

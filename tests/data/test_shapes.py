@@ -893,6 +893,9 @@ WARNED = {
     "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
     "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
     "If it has correct answers, --columns": IN_LOGS.assign(response=CORRECT_ANSWERS),
+    "6 rows with 'prova' in column fase are counted; --where fase=vero leaves them out if these": (
+        IN_LOGS.assign(fase=(["prova"] * 3 + ["vero"] * 37) * 2)
+    ),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
 
@@ -963,6 +966,18 @@ PRACTICE = """
     Teil | Übung | Versuch
     warm_up | TRUE | FALSE
     trial_type | attention_check | exp
+    blok | oefen | echt
+    treino | sim | não
+    pratica | sì | no
+    練習 | 1 | 0
+    type | essai entraînement | essai
+    fase | ensayos de práctica | prueba
+    Durchgang | Probedurchgang | Hauptversuch
+    faza | trening | badanie
+    фаза | тренировка | опыт
+    blok | alıştırma | deney
+    vaihe | harjoitus | koe
+    阶段 | 练习 | 正式
 """
 
 
@@ -1038,6 +1053,10 @@ TAKEN_OUT = """
     use | no | yes
     keep |  | x
     Ausschluss | ja | nein
+    TrialError | 8 | 0
+    fix_break | 1 | 0
+    repeated | sim | não
+    geldig | nee | ja
 """
 
 
