@@ -493,10 +493,6 @@ REFUSED = {
         "The columns are 1, 2, 3, 4. The file has no header, so these are the numbers of its col",
         "type:  --columns subject=1,s1=2,s2=3,response=4",
     ),
-    "no_names.txt": (
-        "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
-        "The columns are 1, 2, 3, 4, 5. The file has no header",
-    ),
     "row_names_of_a_part.csv": (
         IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(","),
         "row 2: found 5 cells below 4 names, allowed: a name for each column",
@@ -731,10 +727,6 @@ REFUSED = {
         "Scenario - pitch\n\nSubject\tTrial\tEvent Type\tCode\n",
         "found a log of Presentation, allowed: its trials as CSV",
     ),
-    "below_a_title.csv": (
-        "Experiment 1\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
-        "The columns are vp, dur1, dur2, key.",
-    ),
     "below_names_of_other_things.csv": (
         "name,date,subject no.\nx,1 May,7\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
         "row 3: there is no column s1",
@@ -816,6 +808,21 @@ REFUSED = {
     ),
     "7.csv": (WITHOUT_SUBJECT, "--subject-from '{}.*'"),
     "two_tasks.csv": (with_rows_above(IN_LOGS, [["P03", 0, 0, "different"]]), "words of two tasks"),
+    "mistyped.csv": (
+        "subject,s1,s2,response\na,0,1,secnd\n" + "a,0,1,second\na,1,0,first\n" * 20,
+        "row 2, column response: found 'secnd', allowed: second, s2, 2nd (second) or first, s1, ",
+        "--first-code\nEND",  # and no advice
+    ),
+    "damaged.csv": (
+        "subject,s1,s2,response\na,#REF!,1,#N/A\na,0,1,s\ufffdcond\n"
+        + "a,0,1,second\na,1,0,first\n" * 9,
+        "row 2, column s1: found '#REF!', allowed: a finite number\nerror: damaged.csv: row 3, col",
+        "--first-code\nEND",
+    ),
+    "codes_by_subject.csv": (
+        "subject,s1,s2,response\n" + "a,0,1,1\na,1,0,0\n" * 10 + "b,0,1,2\nb,1,0,1\n" * 10,
+        "found codes that differ between subjects: a '0' or '1', b '1' or '2'; allowed: the",
+    ),
 }
 
 #: The name of a file, its content, and the first advice, which reads it.
@@ -985,7 +992,7 @@ def test_a_shape_that_needs_an_option_is_refused_with_that_option(line, tmp_path
     content, *parts = REFUSED[line]
     result = result_of_check(tmp_path, line, content)
     assert result.returncode == 2
-    assert all(part in result.stderr for part in parts), result.stderr
+    assert all(part in f"{result.stderr}END" for part in parts), result.stderr
 
 
 def first_advice(source, options=None):
