@@ -407,7 +407,9 @@ READ = {
     "header_again.xlsx": excel_bytes(
         T=pd.concat([P03, with_rows_above(IN_LOGS[40:], [IN_LOGS.columns])])
     ),
-    "files_below_each_other.csv": csv_bytes(IN_LOGS[:30]) + csv_bytes(IN_LOGS[30:]),
+    "files_below_each_other.csv": csv_bytes(IN_LOGS[:30])
+    + b"# end\n# day 2, 9:30\n"
+    + csv_bytes(IN_LOGS[30:]),
     "arrays_line_by_line.txt": JATOS,
     "separators.jsonl": SEPARATORS,
     "row_names.csv": ROW_NAMES,
@@ -808,6 +810,12 @@ REFUSED = {
     ),
     "7.csv": (WITHOUT_SUBJECT, "--subject-from '{}.*'"),
     "two_tasks.csv": (with_rows_above(IN_LOGS, [["P03", 0, 0, "different"]]), "words of two tasks"),
+    "saved_as_text.tsv": (
+        "subject\ts1\ts2\tn\tkey_raw\t\t\torder\na\t0\t1\t3\t2\t2\t1\t0\n"
+        "a\t1\t0\t3\t1\t1\t1\t1\n\nextraInfo\nsubject\tS01\n",
+        "column key_raw: the codes are '2' (2), '1' (4).",
+        "type:  --columns response=key_raw --second-code 2",
+    ),
     "mistyped.csv": (
         "subject,s1,s2,response\na,0,1,secnd\n" + "a,0,1,second\na,1,0,first\n" * 20,
         "row 2, column response: found 'secnd', allowed: second, s2, 2nd (second) or first, s1, ",
@@ -1256,6 +1264,8 @@ SUBJECTS_BY_NAME = """
     | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | s.10.A.data.csv s.10.B.data.csv | --subject-from 's.10.{}.*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
+    | A.lvm B.lvm | --subject-from '{}.*' if the subjects are A, B | A B
+    | a.json sub-1/1_beh.tsv sub-2/1_beh.tsv | --subject-from '{}/*' if the subjects | sub-1 sub-2
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
     subject | A/d.csv B/d.csv | one subject, 1. If they are of several, --subject-from '{}/*' | A B
 """
@@ -1278,7 +1288,7 @@ def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjec
 #: Files of a folder, and what is asked.
 SEVERAL_SUFFIXES = """
     A/a.csv B/b.tsv | allowed: tables of one suffix, such as data/*/*.csv
-    1.doc | data: found no table, allowed: tables of one suffix, such as data/*.csv
+    1.doc | data: found 1 .doc file, allowed: tables of one suffix, such as data/*.doc
     a.csv b.tsv c.tsv | found 1 .csv file and 2 .tsv files, allowed: tables of one suffix, such as d
 """
 
