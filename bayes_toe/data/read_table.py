@@ -64,7 +64,7 @@ LARGEST_SMALL_FILE = 2**25
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists, as
 #: '[ {'. A byte-order mark may stand in front.
 _JSON_START = rb"(?:\xef\xbb\xbf)?\s*(?:\[\s*[\[{]|\{)"
-_TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".xpd")
+_TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".xpd", ".lvm", ".iqdat")
 #: A formula that no program has computed, such as '<c r="B2"><f>A1+1</f><v></v></c>', and the error
 #: that stands for it.
 _NOT_COMPUTED = (

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from difflib import get_close_matches
 from itertools import chain, compress, filterfalse, permutations
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -79,6 +80,10 @@ _CODE_MEANINGS = {
 #: Largest share of the trials that are mistakes, and that nobody answered.
 _MOST_MISTAKES = 0.05
 _MOST_MISSED = 0.2
+#: Trials that show which codes a subject has.
+_FEWEST = 20
+#: A letter that could not be decoded, or an error of Excel such as '#N/A'.
+_DAMAGED = "\ufffd|^#[A-Z]"
 #: Largest share of pairs of equal stimuli in 2AFC. Each of three levels with each makes a third.
 _MOST_EQUAL = 0.35
 
@@ -506,6 +511,22 @@ def _count_remedies(table: TextTable, column: Column, trends: Container[str]) ->
         yield Remedy("columns", tuple(names), meaning)
 
 
+def require_one_coding(table: TextTable, column: Column, subject: Column) -> None:
+    """Refuse two codes that differ between subjects, such as 0 and 1, but 1 and 2."""
+    codes_by_subject = {}
+    for name, rows in subject.rows_by_text(np.flatnonzero(column.map(bool))).items():
+        codes = sorted(column.only(rows).texts)
+        if len(codes) != 2 or len(rows) < _FEWEST or _words_by_answer(column):
+            return
+        codes_by_subject[name] = " or ".join(map(quoted, codes))
+    if len(set(codes_by_subject.values())) > 1:
+        raise InputError(
+            f"{table.source}: {column}: found codes that differ between subjects: "
+            f"{join_names(map(' '.join, codes_by_subject.items()))}; allowed: the same codes with "
+            "the same meaning in all rows, or several codes of an answer, as of --second-code 2,k"
+        )
+
+
 def _two_tasks(finding: str, task_column: Column | None) -> Question:
     """The problem of a column with responses to two tasks, and options that choose one of them."""
     problem = (
@@ -545,9 +566,13 @@ def _unknown_texts(
 
 
 def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0) -> list[str]:
-    """The texts that more rows have than this share of the filled ones plus `least` rows."""
+    """The texts that more rows have than this share of the filled ones plus `least` rows.
+
+    Damaged texts are none of them.
+    """
     counts = np.bincount(column.codes, column.map(lambda text: text.lower() not in MISSING_WORDS))
-    return list(compress(column.texts, counts > least + share * counts.sum()))
+    frequent = compress(column.texts, counts > least + share * counts.sum())
+    return list(filterfalse(re.compile(_DAMAGED).search, frequent))
 
 
 def _proposals(
@@ -571,7 +596,9 @@ def _proposals(
     frequent = _frequent(column)
     has_lists = "," in "".join(given.values())  # such as '4,5'
     has_two_answers = names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers)
-    if frequent and has_two_answers and not has_lists:
+    # Words need no code.
+    has_codes = not set(frequent).isdisjoint(unknown.texts)
+    if has_codes and has_two_answers and not has_lists:
         # Two codes of which no word and no option says what they mean.
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
@@ -626,15 +653,20 @@ def _three_answers(
 def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | None:
     """The option to type if nobody gave the rarest unknown text as a response.
 
-    None unless it is rare, and a text more than the answers of the task.
+    None unless it is rare, and a text more than the answers of the task. Nor is a damaged text one,
+    or a word such as 'secnd', which is like a frequent one.
     """
     counts = np.bincount(unknown.codes)
     n_rarest = int(counts.min())
     is_frequent = n_rarest >= _MOST_MISSED * column.map(bool).sum()
-    if is_frequent or sum(map(bool, column.texts)) <= n_answers:
+    text = unknown.texts[counts.argmin()]
+    is_mistyped = text.isalpha() and get_close_matches(text, _frequent(column))
+    if is_frequent or is_mistyped or re.search(_DAMAGED, text):
+        return None
+    if sum(map(bool, column.texts)) <= n_answers:
         return None
     meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
-    return Remedy("missed", unknown.texts[counts.argmin()], meaning)
+    return Remedy("missed", text, meaning)
 
 
 def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:

@@ -43,8 +43,11 @@ from bayes_toe.errors import InputError, Remedy
 
 #: A file, by its name or as a study, and a line about it.
 Line: TypeAlias = tuple[Any, str]
-#: Where the tables of a folder are: those of BIDS, else those in it, else those in subfolders.
-_IN_FOLDER = ("sub-*/**/*_events.tsv", "*", "*/*", "*/*/*")
+#: Where the tables of a folder are: those of BIDS, else those in it, else those in subfolders, else
+#: logs, beside which other programs write tables. The last place has files that are named only.
+_IN_FOLDER = (
+    "sub-*/**/*_events.tsv", "sub-*/**/*_beh.tsv", "*", "*/*", "*/*/*", "*.log", "*.*",
+)  # fmt: skip
 #: Where the name of a file or of its folder may have the subject.
 _SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
 #: The same for a sheet of an Excel file, as in study.xlsx/S01.
@@ -88,22 +91,20 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
             file = file_path.relative_to(folder)
             # Neither hidden nor a lock of Excel, ~$a.xlsx.
             is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
-            if file.suffix.lower() in TABLE_SUFFIXES and not is_hidden:
+            is_table = file.suffix.lower() in TABLE_SUFFIXES or "." in pattern
+            if is_table and not is_hidden and path.is_file():
                 tables.append(file)
         if tables:
             break
-    else:
-        pattern = "*"  # logs, beside which other programs write tables
-        tables = [file.relative_to(folder) for file in folder.glob("*.log")]
 
     tables.sort()
     counts = Counter(file.suffix.lower() for file in tables)
     finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
-    if len(counts) != 1:
+    if len(counts) != 1 or pattern == _IN_FOLDER[-1]:
         commonest = max(counts, key=counts.__getitem__, default=".csv")
         raise InputError(
             f"{name}: found {finding or 'no table'}, allowed: tables of one suffix, such as "
-            f"{shlex.quote(format_path(folder))}/{pattern}{commonest}"
+            f"{shlex.quote(format_path(folder))}/{pattern.partition('.')[0]}{commonest}"
         )
     places = " in subfolders" if "/" in pattern else ""
     return list(map(folder.joinpath, tables)), f"folder {name}: {finding}{places} read"

@@ -60,8 +60,20 @@ _MOST_TEXTS = 2**14
 #: NUL, and halves of characters, which no file can hold.
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")
 
-_TEXT_ALLOWED = "text in UTF-8 or UTF-16, or the encoding that --encoding names"
-_LAST_REMARKS = r"(?i)(?:(?<=[\r\n])(?:#[^\r\n]*|\W*(?:end of|eof)\b[^,;\t\r\n]*)\s*)+\Z"
+_TEXT_ALLOWED = (
+    "text in UTF-8 or UTF-16, or the encoding that --encoding names, such as shift_jis, gb18030, "
+    "euc_kr, cp1251, cp1254 or mac_roman"
+)
+#: Also what PsychoPy's saveAsText writes below the rows.
+_LAST_REMARKS = (
+    r"(?i)(?:(?<=[\r\n])(?:#[^\r\n]*|\W*(?:end of|eof)\b[^,;\t\r\n]*|"
+    r"extraInfo[,;\t]*[\r\n][^\0]*)\s*)+\Z"
+)
+#: A line between the rows such as '# session 2'; '#2,' may begin a row.
+_REMARKS = r"(?<=[\r\n])#(?:[ #][^\r\n]*)?(?=[\r\n])"
+#: The name of a column that is followed by columns without names, of names in lines: each of them
+#: has a trial of the row, as saveAsText of PsychoPy writes them.
+_TRIALS_IN_A_ROW = r"(?m)^(.+_raw)(\n{2,})"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
     "end of data": "a quote that is never closed",
@@ -371,6 +383,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
     # Remarks below the last row, such as 'END OF FILE' of Gorilla.
     text, n_remarks = re.subn(_LAST_REMARKS, "", text)
+    text, n_lines = re.subn(_REMARKS, "", text)
 
     delimiter, place, has_row_names = _layout(text, choice)
     records: Iterator[CsvRecord] = itertools.islice(_records(text, delimiter), place, None)
@@ -403,6 +416,9 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             columns[name] = column
 
     notes = ("remark below the last row left out",) * n_remarks
+    notes += ("lines with # in front left out",) * bool(n_lines)
+    has_trials = re.search(_TRIALS_IN_A_ROW, "\n".join(names))
+    notes += ("columns without names read as further trials of a row",) * bool(has_trials)
     if place:
         notes = (f"rows above row {first_row} left out", *notes)
     table = TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
@@ -422,19 +438,23 @@ def _texts_by_name(
 ) -> tuple[IntArray, dict[str, list[str]]]:
     """The row of each record, and the texts in the first column of each name.
 
-    Records that cannot be split into as many cells are problems.
+    A record may have several trials. Records that cannot be split into as many cells are problems.
     """
     index_of_name = name_places(names)
     texts = {name: list[str]() for name in index_of_name}
+    trials = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
+    n_trials = min(map(len, trials.values()), default=1)
     rows = array("q")
     for row, cells in records:
         if isinstance(cells, csv.Error) or len(cells) != len(names):
             problems.add([(row, _broken(row, cells, len(names)))])
             continue
 
-        rows.append(row)
-        for name, index in index_of_name.items():
-            texts[name].append(intern(cells[index]))  # most texts are there many times
+        for i in range(n_trials):
+            rows.append(row)
+            for name, index in index_of_name.items():
+                cell = cells[index + i * (name in trials)]
+                texts[name].append(intern(cell))  # most texts are there many times
     return np.array(rows, np.int64), texts
 
 
@@ -488,8 +508,7 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
     """
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise InputError(
-            f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its "
-            "sheet as .xlsx or CSV"
+            f"{source}: found a spreadsheet or an archive, allowed: its sheet saved as .xlsx or CSV"
         )
 
     codec, label = _encoding_of(data) if encoding is None else (encoding, encoding)

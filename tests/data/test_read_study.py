@@ -534,7 +534,10 @@ a,0,-0.3,2,standard
 OTHER_CODES = "or empty; other codes by --equal-code, --different-code"
 ANSWERS = f"equal, same (equal) or different (different), {OTHER_CODES}"
 QUOTES = "allowed: quotes around whole cells, doubled inside"
-TEXT = "allowed: text in UTF-8 or UTF-16, or the encoding that --encoding names"
+TEXT = (
+    "allowed: text in UTF-8 or UTF-16, or the encoding that --encoding names, such as shift_jis, "
+    "gb18030, euc_kr, cp1251, cp1254 or mac_roman"
+)
 EMPTY = "found an empty file, allowed: a header and at least one row"
 HEADER_ONLY = "row 1: found no row below it, allowed: at least one row"
 ALONE = (
@@ -683,7 +686,7 @@ def test_a_file_that_cannot_be_used_is_refused(header, table):
         (b"\xff\xfe", EMPTY),
         (
             b"PK\x03\x04" + b"[Content_Types].xml\x82",
-            f"found a spreadsheet or an archive, {TEXT}; save its sheet as .xlsx or CSV",
+            "found a spreadsheet or an archive, allowed: its sheet saved as .xlsx or CSV",
         ),
         (
             b"subject,s1,s2,response\n\xc3\xa4,0,0,equal\r\nZo\xeb,0,0,equal\n",

@@ -407,7 +407,9 @@ READ = {
     "header_again.xlsx": excel_bytes(
         T=pd.concat([P03, with_rows_above(IN_LOGS[40:], [IN_LOGS.columns])])
     ),
-    "files_below_each_other.csv": csv_bytes(IN_LOGS[:30]) + csv_bytes(IN_LOGS[30:]),
+    "files_below_each_other.csv": csv_bytes(IN_LOGS[:30])
+    + b"# end\n# day 2, 9:30\n"
+    + csv_bytes(IN_LOGS[30:]),
     "arrays_line_by_line.txt": JATOS,
     "separators.jsonl": SEPARATORS,
     "row_names.csv": ROW_NAMES,
@@ -492,10 +494,6 @@ REFUSED = {
         csv_bytes(IN_LOGS, header=False),
         "The columns are 1, 2, 3, 4. The file has no header, so these are the numbers of its col",
         "type:  --columns subject=1,s1=2,s2=3,response=4",
-    ),
-    "no_names.txt": (
-        "pair 0 0.3 2 611\npair 0.3 0 1 580\n",
-        "The columns are 1, 2, 3, 4, 5. The file has no header",
     ),
     "row_names_of_a_part.csv": (
         IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(","),
@@ -731,10 +729,6 @@ REFUSED = {
         "Scenario - pitch\n\nSubject\tTrial\tEvent Type\tCode\n",
         "found a log of Presentation, allowed: its trials as CSV",
     ),
-    "below_a_title.csv": (
-        "Experiment 1\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
-        "The columns are vp, dur1, dur2, key.",
-    ),
     "below_names_of_other_things.csv": (
         "name,date,subject no.\nx,1 May,7\nvp,dur1,dur2,key\na,1,2,f\na,2,1,j\n",
         "row 3: there is no column s1",
@@ -816,6 +810,27 @@ REFUSED = {
     ),
     "7.csv": (WITHOUT_SUBJECT, "--subject-from '{}.*'"),
     "two_tasks.csv": (with_rows_above(IN_LOGS, [["P03", 0, 0, "different"]]), "words of two tasks"),
+    "saved_as_text.tsv": (
+        "subject\ts1\ts2\tn\tkey_raw\t\t\torder\na\t0\t1\t3\t2\t2\t1\t0\n"
+        "a\t1\t0\t3\t1\t1\t1\t1\n\nextraInfo\nsubject\tS01\n",
+        "column key_raw: the codes are '2' (2), '1' (4).",
+        "type:  --columns response=key_raw --second-code 2",
+    ),
+    "mistyped.csv": (
+        "subject,s1,s2,response\na,0,1,secnd\n" + "a,0,1,second\na,1,0,first\n" * 20,
+        "row 2, column response: found 'secnd', allowed: second, s2, 2nd (second) or first, s1, ",
+        "--first-code\nEND",  # and no advice
+    ),
+    "damaged.csv": (
+        "subject,s1,s2,response\na,#REF!,1,#N/A\na,0,1,s\ufffdcond\n"
+        + "a,0,1,second\na,1,0,first\n" * 9,
+        "row 2, column s1: found '#REF!', allowed: a finite number\nerror: damaged.csv: row 3, col",
+        "--first-code\nEND",
+    ),
+    "codes_by_subject.csv": (
+        "subject,s1,s2,response\n" + "a,0,1,1\na,1,0,0\n" * 10 + "b,0,1,2\nb,1,0,1\n" * 10,
+        "found codes that differ between subjects: a '0' or '1', b '1' or '2'; allowed: the",
+    ),
 }
 
 #: The name of a file, its content, and the first advice, which reads it.
@@ -1000,7 +1015,7 @@ def test_a_shape_that_needs_an_option_is_refused_with_that_option(line, tmp_path
     content, *parts = REFUSED[line]
     result = result_of_check(tmp_path, line, content)
     assert result.returncode == 2
-    assert all(part in result.stderr for part in parts), result.stderr
+    assert all(part in f"{result.stderr}END" for part in parts), result.stderr
 
 
 def first_advice(source, options=None):
@@ -1268,6 +1283,8 @@ SUBJECTS_BY_NAME = """
     | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | s.10.A.data.csv s.10.B.data.csv | --subject-from 's.10.{}.*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
+    | A.lvm B.lvm | --subject-from '{}.*' if the subjects are A, B | A B
+    | a.json sub-1/1_beh.tsv sub-2/1_beh.tsv | --subject-from '{}/*' if the subjects | sub-1 sub-2
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
     subject | A/d.csv B/d.csv | one subject, 1. If they are of several, --subject-from '{}/*' | A B
 """
@@ -1290,7 +1307,7 @@ def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjec
 #: Files of a folder, and what is asked.
 SEVERAL_SUFFIXES = """
     A/a.csv B/b.tsv | allowed: tables of one suffix, such as data/*/*.csv
-    1.doc | data: found no table, allowed: tables of one suffix, such as data/*.csv
+    1.doc | data: found 1 .doc file, allowed: tables of one suffix, such as data/*.doc
     a.csv b.tsv c.tsv | found 1 .csv file and 2 .tsv files, allowed: tables of one suffix, such as d
 """
 
