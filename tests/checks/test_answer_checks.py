@@ -211,12 +211,6 @@ def test_a_guessing_subject_is_flagged_and_interpreted_all_the_same(task):
     assert codes.count("independent_answers") >= 4
 
 
-@BOTH_TASKS
-def test_a_hundred_guesses_may_have_no_flag(task):
-    """So few may look like responses to the stimuli by chance, as those of seed 0 do."""
-    assert findings_of(guessing_subject(0, task, n_trials=100)) == ()
-
-
 def simulated(seed, task, *, p=0.0, noise=0.25, name="S"):
     """A subject by counts: an observer with contraction p, 30 trials of each neighbouring pair."""
     pairs = neighbouring_pairs(task)

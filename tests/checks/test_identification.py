@@ -1,6 +1,7 @@
 """Identification: each row of the table where it holds, and where it does not."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,7 @@ from conftest import BOTH_TASKS
 from serial_observers import neighbouring_pairs
 
 import bayes_toe as bt
-from bayes_toe.checks.identification import IMITATION, QUESTIONS, identify
+from bayes_toe.checks.identification import IMITATION, QUESTIONS, contraction_information, identify
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
 
@@ -116,6 +117,12 @@ def is_imitated(pairs, task, n_trials=20):
     reasons = identify(make_subject(pairs, task, n_trials)).reasons
     assert set(reasons) <= {"contraction"}
     return reasons == {"contraction": IMITATION}
+
+
+def test_missed_trials_change_no_design():
+    planned = make_subject(GRID)
+    missed = replace(planned, n_trials=planned.n_trials - (planned.s1 > 0.4))
+    assert contraction_information(missed) == contraction_information(planned)
 
 
 def test_the_papers_pairs_cannot_show_a_contraction_whatever_the_trials():
