@@ -257,13 +257,17 @@ class SearchOptions:
             return replace(unit, name=ANY_UNIT)
         return unit
 
+    def read_design(self, file: Path) -> StudyDesign:
+        """A given design, in the natural logs of :meth:`shown_unit`."""
+        return bt.design.read_study_design(file, self.question, self.unit, self.intensity)
+
     def goal(self) -> DesignGoal:
         """The effect that the design must show, and the limits of its pairs."""
         from bayes_toe.data.tasks import task_of
 
         keep = None
         if self.keep is not None:
-            keep = bt.design.read_study_design(self.keep, self.question, self.unit)
+            keep = self.read_design(self.keep)
         task = task_of(self.question)
         return bt.design.DesignGoal(self.aim, self.max_pairs, keep, task, is_even=self.even)
 
@@ -407,7 +411,7 @@ def _list_trials(
     conditions = simulated_conditions(*read_differences(lists.conditions, differ=None))
     if conditions is not None:
         levels = conditions.levels
-    study_design = bt.design.read_study_design(file, search.question, search.unit)
+    study_design = search.read_design(file)
     seed = root_seed(context.seed)
     tables = []
     for name in subject_names(lists.subjects):

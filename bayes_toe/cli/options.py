@@ -194,7 +194,7 @@ class StudyFile:
         question = self.reading.get("task")
         task = None if question is None else task_of(question)
         if self.example:
-            study = example_study(task_of(self.example, "--example"))
+            study = example_study(task_of(self.example, "--example"), self._read_options())
         elif self.files:
             study = read_study(self._paths(), self._read_options())
         else:
@@ -211,7 +211,7 @@ class StudyFile:
         """The files that the command reads: a folder stands for the tables in it."""
         from bayes_toe.data.study_files import table_files
 
-        return tuple(table_files(self.files or ())[0])  # without the notes on folders
+        return tuple(table_files(self._paths())[0])  # without the notes on folders
 
     def _paths(self) -> list[Path]:
         """The files; a name with * that the shell has not replaced becomes those that match."""

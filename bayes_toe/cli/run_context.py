@@ -15,6 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from inspect import Parameter
+from os.path import isfile
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_type_hints
@@ -300,12 +301,16 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
-    """The files that options name for reading: all paths but those of outputs."""
+    """The files that options name for reading: all paths but those of outputs.
+
+    A text, such as that of --prior, is a path if a file has its name.
+    """
     paths = []
     for name, value in values.items():
         if not name.endswith("output"):
-            items = value if isinstance(value, list) else [value]
-            paths += [item for item in items if isinstance(item, Path)]
+            for item in value if isinstance(value, list) else [value]:
+                if isinstance(item, Path) or (isinstance(item, str) and isfile(item)):
+                    paths.append(Path(item))
     return tuple(paths)
 
 

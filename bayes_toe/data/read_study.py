@@ -230,7 +230,7 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     return studies_by_task(table, options, read_rows)
 
 
-def example_study(task: Task | str = WHICH_STRONGER) -> Study:
+def example_study(task: Task | str = WHICH_STRONGER, options: ReadOptions | None = None) -> Study:
     """Return a bundled study. Its subjects are synthetic.
 
     "2afc", the default: 12 subjects were asked which stimulus was stronger, 40 times for each of
@@ -242,6 +242,8 @@ def example_study(task: Task | str = WHICH_STRONGER) -> Study:
     Parameters
     ----------
     task : Task or str
+    options : ReadOptions, optional
+        Such as the rows to read.
 
     Returns
     -------
@@ -256,8 +258,14 @@ def example_study(task: Task | str = WHICH_STRONGER) -> Study:
     'equal'
     """
     beginning, _ = _example(task)
-    study = read_study(f"{beginning}_study.csv")
-    return Study(study.subjects, "bundled example (synthetic)", synthetic=True, notes=study.notes)
+    study = read_study(f"{beginning}_study.csv", options)
+    return Study(
+        study.subjects,
+        "bundled example (synthetic)",
+        synthetic=True,
+        notes=study.notes,
+        conditions=study.conditions,
+    )
 
 
 def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:

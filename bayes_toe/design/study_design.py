@@ -198,7 +198,10 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
 
 
 def read_study_design(
-    path: StrPath, task: Task | str = SAME_DIFFERENT, unit: str | None = None
+    path: StrPath,
+    task: Task | str = SAME_DIFFERENT,
+    unit: str | None = None,
+    intensity: float | None = None,
 ) -> StudyDesign:
     """Read a design from a CSV file with the columns s1,s2,n_trials.
 
@@ -208,13 +211,16 @@ def read_study_design(
     task : Task or str
     unit : str, optional
         Of the stimuli, as in :class:`bayes_toe.ReadOptions`; intensities may be in i1 and i2.
+    intensity : float, optional
+        REF: intensities i in the unit are read as s = ln(i / REF). Without a unit it has no effect.
 
     Raises
     ------
     InputError
         One line per problem of the file, with row and column.
     """
-    _, columns = read_stimuli(path, ReadOptions(unit=unit), required=("n_trials",))
+    options = ReadOptions(unit=unit, intensity=intensity if unit else None)
+    _, columns = read_stimuli(path, options, required=("n_trials",))
     n_trials = columns["n_trials"].astype(np.int64)
     try:
         design = StudyDesign(columns["s1"], columns["s2"], n_trials, task=task_of(task))

@@ -205,6 +205,11 @@ REFUSED = """
     fit study.csv -o new.csv --asymmetry one.csv | overwrite
     run study.csv -o study.csv/new | study.csv
     run study.csv -o study.csv | study.csv
+    fit 'st*y.csv' -o study.csv --overwrite | study.csv: this command reads that file
+    evidence one.csv --prior study.csv -o study.csv --overwrite | study.csv: this command reads that
+    simulate -o one.csv --observers one.csv --overwrite | one.csv: this command reads that file
+    simulate -o one.csv --design ./one.csv --overwrite | one.csv: this command reads that file
+    check --example --condition hand | example_study.csv: row 1: there is no column hand.
     check a.csv --example | exclude each other. Allowed: --example 2afc, --example same-different
     check --example same | exclude each other. Allowed: --example 2afc, --example same-different
     check --example=same | error: --example: found 'same', allowed: same/different, 2afc

@@ -226,6 +226,11 @@ def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     run_ok(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {small}", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "d.csv")
     assert (frame.i1.min(), frame.i1.max()) == (45.0, 213.0)
+    # A reference of the logarithms changes no intensity of pairs to keep and of a list of trials.
+    line = f"design -o kept.csv --keep d.csv --intensity 87 --trials 80 {small}"
+    run_ok(f"{line} --lowest 45 --highest 213", cwd=tmp_path)
+    run_ok("design kept.csv --list l.csv --unit um --intensity 87", cwd=tmp_path)
+    assert pd.read_csv(tmp_path / "l.csv").i1.max() == 213.0
     # As typed by hand: intensities alone, without their logarithms s1 and s2.
     frame[["i1", "i2", "n_trials"]].to_csv(tmp_path / "raw.csv", index=False)
     run_ok(f"power raw.csv --trials 60 -o power {small}", cwd=tmp_path)
