@@ -14,7 +14,7 @@ from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS
 from bayes_toe.classical.fit import fit_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.design.power import DATA_SET_COLUMNS, GROUP_COLUMNS, POWER_COLUMNS
+from bayes_toe.design.power import GROUP_COLUMNS, POWER_COLUMNS
 from bayes_toe.design.study_design import DESIGN_COLUMNS
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
@@ -33,7 +33,6 @@ FILES = {
     "fit.csv": fit_columns(SAME_DIFFERENT),
     "asymmetry.csv": ASYMMETRY_COLUMNS,
     "power.csv": POWER_COLUMNS,
-    "power_data_sets.csv": DATA_SET_COLUMNS,
     "power_groups.csv": GROUP_COLUMNS,
     "design.csv": DESIGN_COLUMNS,
 }

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from bayes_toe.design.study_design import StudyDesign
 
 _POWER_FIGURES = ("power.png", "power.pdf")
-_POWER_FILES = ("power.csv", "power_data_sets.csv", "power_groups.csv", *_POWER_FIGURES)
+_POWER_FILES = ("power.csv", "power_groups.csv", *_POWER_FIGURES)
 Observers = Annotated[Text, rare("--observers", "NAME", "Kind of observers, or a file.")]
 Simulated = Annotated[int, rare("--simulated", NUMBER, "Simulated observers of each kind.", min=1)]
 Unit = Annotated[Text, option("--unit", "UNIT", "Unit of the stimuli: um, dB, log10, ...")]
@@ -104,7 +104,6 @@ def power(
     [bold]Example[/bold]: bayes-toe power design.csv --trials 240 --subjects 10,20,40 --seed 1
     """
     from bayes_toe.cli.design_screens import print_groups, print_power
-    from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS
     from bayes_toe.design.power import group_power
@@ -134,7 +133,6 @@ def power(
     groups = group_power(table, numbers_of_subjects, preset_or_file(context.prior).observer)
     with whole_folder(output, _POWER_FILES, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
-        write_table(table.data_sets_frame(), folder / "power_data_sets.csv", table.seed)
         if groups.rows:
             groups.save(folder / "power_groups.csv")
         for name in _POWER_FIGURES:

@@ -50,20 +50,6 @@ from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 
-#: Sizes whose 95 % intervals have their width in power_data_sets.csv.
-WIDTHS = ("pse_shift_jnd", "contraction_p")
-#: Columns of power_data_sets.csv.
-DATA_SET_COLUMNS = (
-    "design",
-    "trials",
-    "observers",
-    "observer",
-    "true_constant_error",
-    "true_contraction",
-    *QUESTIONS,
-    *(f"p_{question}" for question in QUESTIONS),
-    *(f"{size}_width" for size in WIDTHS),
-)
 #: The answer 'yes' or 'probably'.
 DETECTED = "yes or probably"
 _TAIL = 0.025  # probability beyond each end of a 95 % interval
@@ -79,23 +65,6 @@ class DataSet:
     observer: Observer
     answer: OrderEffect
     scales: StimulusScales
-
-    @property
-    def cells(self) -> tuple[object, ...]:
-        """The entries of :data:`DATA_SET_COLUMNS`."""
-        truth = self.observer.parameters
-        intervals = [self.answer.sizes[size] for size in WIDTHS]
-        return (
-            self.design,
-            self.trials,
-            self.observer.kind,
-            self.observer.name,
-            truth["constant_error"],
-            truth["contraction"],
-            *map(self.answer.word, QUESTIONS),
-            *map(self.answer.probabilities.get, QUESTIONS),
-            *(interval.q975 - interval.q025 for interval in intervals),
-        )
 
 
 class PowerEstimate(NamedTuple):
@@ -198,11 +167,6 @@ class PowerTable(Table[PowerEstimate]):
     def _full_frame(self) -> pd.DataFrame:
         """The table with the columns of power.csv."""
         return pd.DataFrame(self.rows, columns=list(POWER_COLUMNS))
-
-    def data_sets_frame(self) -> pd.DataFrame:
-        """Every simulated data set, with the columns of power_data_sets.csv."""
-        cells = [data_set.cells for data_set in self.data_sets]
-        return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
     def sentences(self) -> list[str]:
         """How often each design detects order effects, and which questions it cannot answer.

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from commands import refusal_of, run_ok
 from conftest import text_table
@@ -12,6 +11,7 @@ from populations import grid_design
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS, answer_subject
 from bayes_toe.answers.words import Word
+from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER
 from bayes_toe.design.observers import assume_observers
 from bayes_toe.design.power import (
     DETECTED,
@@ -118,24 +118,25 @@ def test_the_command_writes_tables_and_a_figure_and_one_of_groups(tmp_path):
     screen = run_ok(words, "-o", "out", "--subjects", "4,8", "--overwrite", cwd=tmp_path)
     assert "4 subjects  8 subjects" in screen
     names = {path.name for path in (tmp_path / "out").glob("power*")}
-    tables = {"power.csv", "power_data_sets.csv", "power_groups.csv"}
+    tables = {"power.csv", "power_groups.csv"}
     assert names == {*tables, "power.pdf", "power.png"}
 
 
 def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
+    """A task has the same numbers whatever else is compared."""
     words = "power --task 2afc,ternary --trials 130 --simulated 2 --observers both --seed 1"
     screen = run_ok(words, "-o", "both", cwd=tmp_path)
     assert "The paper's pairs, three answers, 130 trials: both detected in" in screen
-    data_sets = pd.read_csv(tmp_path / "both" / "power_data_sets.csv").groupby("design")
-    two, three = (rows for _, rows in data_sets)  # sorted by name: 2AFC, three answers
-    for effect in ("true_constant_error", "true_contraction"):
-        assert two[effect].tolist() == three[effect].tolist()
 
-    # A task has the same numbers whatever else is compared.
-    alone = words.replace("2afc,ternary", "ternary")
-    run_ok(alone, "-o", "alone", cwd=tmp_path)
-    expected = pd.read_csv(tmp_path / "alone" / "power_data_sets.csv").drop(columns="design")
-    assert three.drop(columns="design").reset_index(drop=True).equals(expected)
+    pairs = paper_study_design()
+    two, three = (replace(pairs, task=task) for task in (WHICH_STRONGER, THREE_ANSWERS))
+    options = {"trials": [130], "observers": "both", "data_sets": 2, "seed": 1, "workers": 1}
+    of_both = power({"two": two, "three": three}, **options).data_sets  # two of each design
+    for effect in ("constant_error", "contraction"):
+        values = [data_set.observer.parameters[effect] for data_set in of_both]
+        assert values[:2] == values[2:]
+    for alone, beside in zip(power(three, **options).data_sets, of_both[2:], strict=True):
+        assert alone.answer.sizes == beside.answer.sizes
 
 
 #: Options of `power`, and what they are refused with. Two folders have a design d.csv.

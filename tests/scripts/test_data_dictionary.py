@@ -31,7 +31,6 @@ def written(analysis, small_study):
         "population.csv": group.summary(),
         "population_subjects.csv": group.subject_table,
         "power.csv": power.frame(),
-        "power_data_sets.csv": power.data_sets_frame(),
         "posterior.nc, group sample_stats": list(analysis.draws.group("sample_stats").data_vars),
     }
 
