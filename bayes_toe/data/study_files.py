@@ -92,7 +92,7 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
             # Neither hidden nor a lock of Excel, ~$a.xlsx.
             is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
             is_table = file.suffix.lower() in TABLE_SUFFIXES or "." in pattern
-            if is_table and not is_hidden and path.is_file():
+            if is_table and not is_hidden and file_path.is_file():
                 tables.append(file)
         if tables:
             break

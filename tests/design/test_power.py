@@ -57,7 +57,10 @@ def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not
     assert table["wide", 650, "contraction", "constant_error", DETECTED].value == 0.0
     assert table["wide", 650, "large constant error", "constant_error", "yes"].value == 1.0
     assert table["wide", 650, "none", "order_effect", "yes"].value == 0.0
-    widths = table.data_sets_frame().groupby("design").contraction_p_width.mean()
+    widths = {"paper": 0.0, "wide": 0.0}  # of all 95 % intervals of the contraction
+    for data_set in table.data_sets:
+        interval = data_set.answer.sizes["contraction_p"]
+        widths[data_set.design] += interval.q975 - interval.q025
     assert widths["paper"] > 2.0 * widths["wide"]
 
 
