@@ -306,7 +306,7 @@ def is_percentage(name: str) -> bool:
     (True, True, False)
     """
     words = VOCABULARY["units"]["percentage"]
-    return "%" in name or any(word in plain_name(name) for word in words)
+    return "%" in name or any(map(plain_name(name).__contains__, words))
 
 
 # --- Roles ----------------------------------------------------------------------------------------
@@ -320,6 +320,7 @@ _UNIT_MEANINGS = {
     "cents": "they are cents, 1200 to an octave",
     "ln": "the numbers are natural logs",
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
+    "NAME": "it is a unit of logarithms; to differences from a base, add the base instead",
 }
 #: Signs of the first of two stimuli in names of columns, with those of the second: the last digit,
 #: apart from that of m2, or a word; and signs that may not say which stimulus came first.
@@ -327,6 +328,7 @@ _NUMBERS = {"1(?=[^0-9]*(?:m2)?$)": "2", **VOCABULARY["pairs"]}
 _LETTERS = {
     r"(?<![^\W\d_])a(?![^\W\d_])": "b",
     r"(?<![A-Z])A(?![^\W\d_])": "B",
+    "(?<![0-9])0(?=[^0-9]*$)": "1",
     "left": "right",
     "Left": "Right",
 }
@@ -370,7 +372,7 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
 
 
 def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
-    """Options with the unit in the names of both stimuli, if no option gives one.
+    """Options with the unit in the names of both stimuli, if no option gives another one.
 
     Two columns such as 'weight1_g' and 'weight2_g' are the stimuli if the file has no others.
 
@@ -381,8 +383,10 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     ('g', ('i1', 'i2'), 'weight1_g')
     >>> _with_unit_in_names(["first_N", "second_N"], ReadOptions()).unit
     'N'
+    >>> _with_unit_in_names(["s1_ms", "s2_ms"], ReadOptions(unit="ms")).columns
+    {'i1': 's1_ms', 'i2': 's2_ms'}
     """
-    if options.unit is not None or options.intensity is not None:
+    if options.intensity is not None:
         return options
     stimuli = options.stimulus_names
     if not options.has_standard and set(map(options.name, _STIMULI)).isdisjoint(names):
@@ -394,7 +398,12 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
         stimuli = _stimulus_pair(candidates, _NUMBERS)
 
     units = set(map(unit_in, stimuli))
-    if len(units) != 1 or "" in units or not set(stimuli) <= set(names):
+    if (
+        len(units) != 1
+        or "" in units
+        or options.unit not in (None, *units)
+        or not set(stimuli) <= set(names)
+    ):
         return options
     options = replace(options, unit=units.pop())
     name_of_stimulus = dict(zip(options.stimuli, stimuli, strict=True))
@@ -420,9 +429,12 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     others = [options.name(role) for role in _STIMULI if role not in stimuli]
     has_stimuli = not set(names).isdisjoint(options.stimulus_names)
     is_reference_alone = options.intensity is not None and options.unit is None
-    if options.has_standard or has_stimuli or is_reference_alone:
-        return options  # --intensity without a unit is about columns i1 and i2
-    if not set(others) <= set(names):
+    if (
+        options.has_standard
+        or has_stimuli
+        or is_reference_alone  # --intensity without a unit is about columns i1 and i2
+        or not set(others) <= set(names)
+    ):
         return options
     return replace(options, columns={**options.columns, **dict(zip(stimuli, others, strict=True))})
 
@@ -527,9 +539,12 @@ def columns_to_read(
         )
         return roles_read, problems, list(_order_remedies(_interval_names(columns)))
 
-    required = _required(names, roles_read, options)
+    # The names that must be there once: those of roles, and those that options name.
+    roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
+    given_names = filterfalse(names.__contains__, map(options.name, options.columns))
+    required = dict.fromkeys([*options.where, *map(options.name, roles), *given_names])
     problems += repeated_columns(names, required)
-    missing = [name for name in required if name not in names]
+    missing = list(filterfalse(names.__contains__, required))
     if not missing:
         return roles_read, problems, []
 
@@ -551,6 +566,8 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
         return problem
     if names_like(names, "difference"):
         problem += " Of a base and a difference, add a column of their sum: s2, or the comparison."
+    if re.search(r"(?i)(\b|_|\d)(off|offset|end|stop(ped)?)(\b|_|\d)", " ".join(names)):
+        problem += " Of the times of on and off, add columns of their differences: s1 and s2."
     if names_like(names, "comparison") and not names_like(names, "standard"):
         problem += (
             " If one standard was in all trials, add a column standard with its level. Type "
@@ -582,16 +599,6 @@ def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
         yield "--comparison-code: found alone, allowed: with --standard-interval COLUMN"
     if options.subject_from is not None and "subject" in options.columns:
         yield "--columns subject: found together with --subject-from, allowed: one of them"
-
-
-def _required(names: Texts, roles_read: Texts, options: ReadOptions) -> Iterable[str]:
-    """The names of columns that must be there once: those read, and those that options name.
-
-    Messages name them in the order of COLUMNS.
-    """
-    roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
-    missing = [role for role in options.columns if options.name(role) not in names]
-    return dict.fromkeys([*options.where, *map(options.name, [*roles, *missing])])
 
 
 def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
@@ -656,7 +663,8 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     if options.has_standard:
         return ""
     candidates = options.stimulus_names
-    if set(names).isdisjoint(candidates):
+    are_open = set(names).isdisjoint(candidates)
+    if are_open:
         candidates = names
     standards = names_like(candidates, "standard")
     comparisons = names_like(candidates, "comparison")
@@ -666,11 +674,12 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     interval_names = _interval_names(columns)
     if pair:  # 1 and 2 are places, unless a column says another order
         interval_names = [name for name in interval_names if _are_labels(pair, name, columns)]
-    if not interval_names:
-        return ""
-    if standards:  # the name of the comparison is not known
+    if standards and interval_names:
         return f"{display_name(standards[0])} and NAME"
-    return " and ".join(map(display_name, pair or _stimulus_pair(candidates, _LETTERS)))
+    pair = pair or _stimulus_pair(candidates, _LETTERS)
+    # Sides are no order, but the user may say that the left one was always first.
+    are_sides = are_open and "left" in str(pair).lower()
+    return " and ".join(map(display_name, pair)) if interval_names or are_sides else ""
 
 
 def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
@@ -721,21 +730,29 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
 def unit_remedies(unit: str) -> list[Remedy]:
     """Options to type if stimuli seem to be in this unit; natural logs are the last choice."""
     choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
-    meanings = {choice: f"they are intensities in {choice}" for choice in choices} | _UNIT_MEANINGS
-    return [Remedy("unit", choice, f"if {meanings[choice]}") for choice in choices]
+    default = f"they are intensities in {unit}"
+    return [
+        Remedy("unit", choice, f"if {_UNIT_MEANINGS.get(choice, default)}") for choice in choices
+    ]
 
 
-def suggested_unit(name: str) -> str:
+def suggested_unit(name: str, lowest: float) -> str:
     """The unit of logarithms that the name of a column of stimuli suggests; empty if none.
+
+    `lowest` is the smallest stimulus.
 
     Examples
     --------
-    >>> suggested_unit("standardLevel"), suggested_unit("logContrast"), suggested_unit("catalog")
-    ('dB', 'log10', '')
+    >>> suggested_unit("standardLevel", 0), suggested_unit("logContrast", 0)
+    ('dB', 'log10')
+    >>> suggested_unit("catalog", 0), suggested_unit("level1", 350)
+    ('', '')
     """
     unit = unit_in(name)
     if unit in LOG_UNITS and unit != "ln":
         return unit
+    if lowest > 100.0:  # no levels of sounds are all as loud
+        return ""
     for word in _words_in(without_accents(name)):
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
             if word.startswith(tuple(beginnings)):
@@ -747,12 +764,19 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     """Options to type if stimuli may be no natural logs; `unit` is the one that is suggested.
 
     The suggested unit comes first, natural logs come last.
+
+    Examples
+    --------
+    >>> [remedy.value for remedy in intensity_remedies(np.array([500.0, 700.0]), "ms")]
+    ['ms', 'a.u.', 'ln']
+    >>> [remedy.value for remedy in intensity_remedies(np.array([-150.0, 200.0]))]
+    ['NAME', 'ln']
     """
-    intensities, natural_logs = unit_remedies(ANY_UNIT)
     remedies = unit_remedies(unit)[:-1] if unit else []
-    if (stimuli > 0.0).all():
-        remedies.append(intensities)
-    return [*remedies, natural_logs]
+    low = stimuli.min()
+    if low != 0.0:  # 0 has no logarithm, and is none of a unit that is named
+        remedies += unit_remedies(ANY_UNIT if low > 0.0 else "NAME")[:-1]
+    return [*remedies, *unit_remedies("ln")[1:]]
 
 
 def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
@@ -764,6 +788,8 @@ def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
     ('stim1_dB', 'stim2_dB')
     >>> _stimulus_pair(["toneA", "toneB"], _LETTERS), _stimulus_pair(["DATA", "DATB"], _LETTERS)
     (('toneA', 'toneB'), ())
+    >>> _stimulus_pair(["amp[0]", "amp[1]"], _LETTERS), _stimulus_pair(["q10", "q11"], _LETTERS)
+    (('amp[0]', 'amp[1]'), ())
     """
     return next((pairs[0] for pairs in _pairs_by_sign(names, signs) if len(pairs) == 1), ())
 
@@ -791,8 +817,14 @@ def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     >>> columns = [Column.from_texts(name, text.split()) for name, text in texts.items()]
     >>> _likely_pairs(columns)
     [('c1', 'c2'), ('dur1', 'dur2')]
+    >>> _likely_pairs([Column.from_texts(name, "ab") for name in ("on1_ms", "on2_ms")])
+    [()]
     """
-    texts = {column.name: set(column.texts) for column in columns}
+    texts = {
+        column.name: set(column.texts)
+        for column in columns
+        if named_places(column.name).other_words.isdisjoint(VOCABULARY["words"]["of_times"])
+    }
 
     def fit(pair: Texts) -> tuple[bool, float, str]:
         """What ranks pairs: a name of a stimulus, the values in common, and a unit in the name.
@@ -967,8 +999,16 @@ def _role_by_cells(column: Column) -> str:
 
     The name of a subject stands in a block of rows. Responses are two or three codes, and cells
     without any, that change from trial to trial.
+
+    Examples
+    --------
+    >>> names = ("Rec_Session_Id", "file", "Session")
+    >>> [_role_by_cells(Column.from_texts(name, "aaabbb")) for name in names]
+    ['subject', 'subject', '']
     """
-    words = named_places(column.name).other_words
+    # A session or a file is that of a subject, if others do not name the subject.
+    pattern = "(?i)^((rec_?)?session_?id|(data|source|log)?_?(file(_?name)?|datei(name)?))$"
+    words = named_places(re.sub(pattern, "id", column.name)).other_words
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))

@@ -377,14 +377,15 @@ def require_unit(
     if not len(rows):
         return
 
-    unit = suggested_unit(columns[0].name)
+    low = stimuli[rows].min()
+    unit = suggested_unit(columns[0].name, low)
     finding, index = "", None
     if not options.has_intensities:
         finding, index = sign_of_intensities(*stimuli[rows].T)
-    names = join_words([display_name(column.name) for column in columns])
-    low = stimuli[rows].min()
+    names = [column.name for column in columns]
+    words = join_words(list(map(display_name, names)))
     if finding:
-        problem = f"columns {names}: found {finding}, allowed: natural logs or a unit"
+        problem = f"columns {words}: found {finding}, allowed: natural logs or a unit"
         if index is not None:
             problem = f"row {table.rows[rows[index]]}, {problem}"
         if low == 0.0:
@@ -392,11 +393,12 @@ def require_unit(
                 ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
             )
     else:
-        has_our_name = any(column.name in ("s1", "s2") for column in columns)
+        has_our_name = not {"s1", "s2"}.isdisjoint(names)
         is_known = options.has_intensities or (has_our_name and options.wide is None)
         if not unit and (is_known or low <= 0.0):
             return
-        problem = f"columns {names} may be {f'in {unit}' if unit else 'intensities'}."
+        problem = f"columns {words} may be {f'in {unit}' if unit else 'intensities'}."
+    unit = unit or unit_in(f"1 {columns[0].texts[0]}")  # in the row below the names
     table.problems.ask(problem, intensity_remedies(stimuli[rows], unit))
 
 

@@ -35,7 +35,8 @@ _LOGARITHM = re.compile(
 )
 #: A unit of intensities to type where theirs is not known.
 ANY_UNIT = "a.u."
-#: No two natural logs of a pair differ by more (a factor of 20), and none is so large and whole.
+#: No two natural logs of a pair differ by more (a factor of 20), nor do whole ones of several
+#: pairs; and none is so large and whole.
 LARGEST_STEP = 3.0
 _LARGEST_LOG = 10.0
 #: Per cent of intensity beyond which differences are shown as natural logs: a factor of 11.
@@ -78,11 +79,14 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     ('45 and 60 in one pair', 0)
     >>> sign_of_intensities(np.array([3.8, 4.1]), np.array([4.1, 3.8]))
     ('', None)
+    >>> sign_of_intensities(np.array([-3.0, 1.0]), np.array([-1.0, 4.0]))
+    ('whole numbers from -3 to 4', None)
     """
     stimuli = np.concatenate([first, second])
     low = stimuli.min()
     high = stimuli.max()
-    if low > _LARGEST_LOG and (stimuli % 1.0 == 0.0).all():
+    is_wide = high - low > LARGEST_STEP
+    if (low > _LARGEST_LOG or is_wide) and (stimuli % 1.0 == 0.0).all():
         return f"whole numbers from {low:g} to {high:g}", None
     steps = np.abs(second - first)
     widest = int(steps.argmax())

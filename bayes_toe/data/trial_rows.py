@@ -207,10 +207,10 @@ def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) 
 
         marks = join_names(map(quoted, practice))
         reason = (
-            f"left out as practice or catch trials ({column}: {marks}); --ignore practice reads "
+            f" left out as practice or catch trials ({column}: {marks}); --ignore practice reads "
             "them"
         )
-        table = table.only(~is_marked, Note((is_marked.sum(), "row"), f" {reason}"))
+        table = table.only(~is_marked, Note((is_marked.sum(), "row"), reason))
     return table
 
 

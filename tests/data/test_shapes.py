@@ -808,6 +808,23 @@ REFUSED = {
         "found a, b, no columns of one length",
         "data frame",
     ),
+    "onsets.csv": (
+        "subject,on1_ms,off1_ms,on2_ms,off2_ms,response\na,500,900,1400,1900,second\n",
+        "Of the times of on and off, add columns of their differences: s1 and s2.",
+    ),
+    "sides.csv": (
+        "subject,left_g,right_g,lifted_first,heavier\na,50,60,left,right\na,60,50,right,left\n",
+        "columns left_g and right_g do not say which stimulus came first",
+        "type:  --standard-interval lifted_first --columns standard=left_g,comparison=right_g,resp",
+    ),
+    "unit_below_names.csv": (
+        "subject,s1,s2,response\n,ms,ms,\na,500,700,first\na,700,500,second\n",
+        "type:  --unit ms ",
+    ),
+    "loud.csv": (
+        "subject,level1,level2,shorter\na,500,700,1\na,700,500,2\n",
+        "type:  --columns s1=level1,s2=level2,response=shorter --second-code 1 --unit a.u.\n",
+    ),
     "7.csv": (WITHOUT_SUBJECT, "--subject-from '{}.*'"),
     "two_tasks.csv": (with_rows_above(IN_LOGS, [["P03", 0, 0, "different"]]), "words of two tasks"),
     "saved_as_text.tsv": (
