@@ -370,7 +370,9 @@ def _find_design(
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:  # a warning that subjects may learn a regularity of the pairs
-        context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
+        # An even design has no pairs to keep.
+        command = "" if search.keep else f"{repeated_command()} --even"
+        context.out.notes([("", optimal.learnable, command)])
     power_command = (
         f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"
     )

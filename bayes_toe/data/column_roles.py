@@ -746,11 +746,11 @@ def _pairs_by_sign(names: Texts, signs: Mapping[str, str]) -> Iterator[Sequence[
         yield pairs
 
 
-def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
+def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> list[Texts]:
     """The names of two columns that may be the stimuli; of several such, the likeliest first.
 
     Columns without names stand next to each other and have many values in common. A pair without
-    names stands for none.
+    names stands for none. Stimuli that are positive have no number of 0 or below.
 
     Examples
     --------
@@ -759,7 +759,11 @@ def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     >>> _likely_pairs(columns)
     [('c1', 'c2'), ('dur1', 'dur2')]
     """
-    texts = {column.name: set(column.texts) for column in columns}
+    texts = {
+        column.name: set(column.texts)
+        for column in columns
+        if not (are_positive and (column.map(number, float) <= 0.0).any())
+    }
 
     def fit(pair: Texts) -> tuple[bool, float, str]:
         """By name, how many values are common, of constant durations one, and the unit."""
@@ -782,7 +786,7 @@ def _remedies(
     missing = [role for role in roles if options.name(role) not in names]
     names_read = list(map(options.name, roles_read))
     free = [column for column in columns if column.name not in names_read]
-    pairs = _likely_pairs(free)
+    pairs = _likely_pairs(free, are_positive=options.has_intensities)
     if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
         wide = list(_wide_remedies(names, columns))
         yield from wide
