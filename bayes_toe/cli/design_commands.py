@@ -415,18 +415,17 @@ def _list_trials(
         levels = conditions.levels
     study_design = search.read_design(file)
     seed = root_seed(context.seed)
-    tables = []
-    for name in subject_names(lists.subjects):
-        tables.append(
-            bt.design.trial_list(
-                study_design,
-                blocks=lists.blocks,
-                seed=seed,
-                conditions=levels,
-                unit=search.shown_unit(),
-                subject=name,
-            )
+    tables = [
+        bt.design.trial_list(
+            study_design,
+            blocks=lists.blocks,
+            seed=seed,
+            conditions=levels,
+            unit=search.shown_unit(),
+            subject=name,
         )
+        for name in subject_names(lists.subjects)
+    ]
     write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
     context.print_written(_describe_list(lists, study_design.total, levels), seed)
 
