@@ -25,6 +25,7 @@ from bayes_toe.cli.terminal import (
     is_narrow,
     names_to_show,
     repeated_command,
+    with_options,
 )
 from bayes_toe.data.messages import Texts, capitalized, join_names
 from bayes_toe.data.study import Study
@@ -149,7 +150,7 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
     for subject, problems in problems_by_subject.items():
         for mark, message, option in problems:
             if option and len(options) == 1:
-                option = f"{command} {option}"
+                option = with_options(command, [option])
             # A text without the subject's numbers: the notes of many subjects become one.
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
                 message = "With another prior width, a 'yes' or a 'no' becomes undecided."
@@ -159,7 +160,7 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
         out.notes(notes_of_mark, mark, file=file)
         if mark == "!" and len(options) > 1:
             out.line("To apply all of these, type:")
-            out.lines(command_lines(f"{command} {' '.join(options)}", "  "))
+            out.lines(command_lines(with_options(command, options), "  "))
 
 
 def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:

@@ -20,6 +20,7 @@ from bayes_toe.cli.terminal import (
     describe_study,
     merge_notes,
     typed_command,
+    with_options,
 )
 from bayes_toe.data.messages import capitalized, cli_argument, join_names, join_words, plural
 from bayes_toe.data.study import Study, common_scales
@@ -146,11 +147,11 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
     exclusions = [option.replace("--swap", "--exclude", 1) for option in options]
     commands = []
     if exclusions != options:
-        commands.append(f"{run_command} {' '.join(options)}")
+        commands.append(with_options(run_command, options))
     if {f"--exclude {cli_argument(name)}" for name in study.names}.issubset(exclusions):
         lines.append("Without the subjects that need a decision, no subject is left.")
     else:
-        commands.append(f"{run_command} {' '.join(exclusions)}")
+        commands.append(with_options(run_command, exclusions))
 
     verb = "needs" if len(options) == 1 else "need"
     decision = f"{len(options)} of {plural(len(study), 'subject')} {verb} a decision."

@@ -368,7 +368,9 @@ def _find_design(
     if observers is None:
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:  # a warning that subjects may learn a regularity of the pairs
-        context.out.notes([("", optimal.learnable, f"{repeated_command()} --even")])
+        # An even design has no pairs to keep.
+        command = "" if search.keep else f"{repeated_command()} --even"
+        context.out.notes([("", optimal.learnable, command)])
     power_command = (
         f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"
     )
@@ -411,18 +413,17 @@ def _list_trials(
         levels = conditions.levels
     study_design = search.read_design(file)
     seed = root_seed(context.seed)
-    tables = []
-    for name in subject_names(lists.subjects):
-        tables.append(
-            bt.design.trial_list(
-                study_design,
-                blocks=lists.blocks,
-                seed=seed,
-                conditions=levels,
-                unit=search.shown_unit(),
-                subject=name,
-            )
+    tables = [
+        bt.design.trial_list(
+            study_design,
+            blocks=lists.blocks,
+            seed=seed,
+            conditions=levels,
+            unit=search.shown_unit(),
+            subject=name,
         )
+        for name in subject_names(lists.subjects)
+    ]
     write_table(pd.concat(tables), lists.list_output, overwrite=context.overwrite)
     context.print_written(_describe_list(lists, study_design.total, levels), seed)
 

@@ -301,16 +301,15 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
-    """The files that options name for reading: all paths but those of outputs.
+    """The files that options name for reading: all that exist, but those of outputs.
 
-    A text, such as that of --prior, is a path if a file has its name.
+    A text, such as that of --prior, may be a kind or a file.
     """
     paths = []
     for name, value in values.items():
         if not name.endswith("output"):
-            for item in value if isinstance(value, list) else [value]:
-                if isinstance(item, Path) or (isinstance(item, str) and isfile(item)):
-                    paths.append(Path(item))
+            items = value if isinstance(value, list) else [value]
+            paths += [Path(item) for item in items if isfile(str(item))]
     return tuple(paths)
 
 

@@ -218,6 +218,24 @@ def repeated_command() -> str:
     return shlex.join(["bayes-toe", *words])
 
 
+def with_options(command: str, options: Iterable[str]) -> str:
+    """A command line with further options; one that was typed already is removed instead.
+
+    Responses that look swapped only after --swap were not swapped. An option for a whole subject
+    replaces those for its blocks.
+
+    Examples
+    --------
+    >>> with_options("bayes-toe run study.csv --swap A:3", ["--swap A:3", "--exclude B"])
+    'bayes-toe run study.csv --exclude B'
+    """
+    for option in options:
+        shorter = re.sub(rf" {re.escape(option)}(:\S+)?(?= |$)", "", command)
+        was_typed = f" {option} " in f"{command} "
+        command = shorter if was_typed else f"{shorter} {option}"
+    return command
+
+
 def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> list[str]:
     r"""Lines of a table of at most :data:`WIDTH` columns.
 

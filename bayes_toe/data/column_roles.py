@@ -805,11 +805,11 @@ def _pairs_by_sign(names: Texts, signs: Mapping[str, str]) -> Iterator[Sequence[
         yield pairs
 
 
-def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
+def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> list[Texts]:
     """The names of two columns that may be the stimuli; of several such, the likeliest first.
 
     Columns without names stand next to each other and have many values in common. A pair without
-    names stands for none.
+    names stands for none. Stimuli that are positive have no number of 0 or below.
 
     Examples
     --------
@@ -820,11 +820,13 @@ def _likely_pairs(columns: Sequence[Column]) -> list[Texts]:
     >>> _likely_pairs([Column.from_texts(name, "ab") for name in ("on1_ms", "on2_ms")])
     [()]
     """
-    texts = {
-        column.name: set(column.texts)
-        for column in columns
-        if named_places(column.name).other_words.isdisjoint(VOCABULARY["words"]["of_times"])
-    }
+    words_of_times = VOCABULARY["words"]["of_times"]
+    texts = {}
+    for column in columns:
+        is_of_times = not named_places(column.name).other_words.isdisjoint(words_of_times)
+        is_no_intensity = are_positive and (column.map(number, float) <= 0.0).any()
+        if not (is_of_times or is_no_intensity):
+            texts[column.name] = set(column.texts)
 
     def fit(pair: Texts) -> tuple[bool, float, str]:
         """What ranks pairs: a name of a stimulus, the values in common, and a unit in the name.
@@ -851,7 +853,7 @@ def _remedies(
     missing = [role for role in roles if options.name(role) not in names]
     names_read = list(map(options.name, roles_read))
     unread = [column for column in columns if column.name not in names_read]
-    pairs = _likely_pairs(unread)
+    pairs = _likely_pairs(unread, are_positive=options.has_intensities)
     # If no two columns may be the stimuli, names or cells may be pairs of stimuli.
     if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
         wide = list(_wide_remedies(names, columns))

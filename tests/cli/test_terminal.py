@@ -38,7 +38,7 @@ def test_of_many_subjects_the_table_has_those_that_need_action(
     hundred_answers, capsys, monkeypatch
 ):
     # In the answers of a hundred subjects, the blocks of S98 differ, and S99 does not fit.
-    monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv"])
+    monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv", "--exclude", "S99:2"])
     print_subjects(Terminal(), hundred_answers, "evidence.csv")
     text = capsys.readouterr().out
     assert re.findall(r"^(S\d+) ", text, re.MULTILINE) == ["S98", "S99"]

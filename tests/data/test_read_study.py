@@ -430,14 +430,17 @@ REMEDIES = """
     a,0,0.3,z a,0.3,0,m a,0,0.3,z a,0.3,0,m a,0,0.3,m |  | --second-code z, --equal-code z
     a,0,1,9 a,1,0,7 a,0,1,0 a,1,0,0 | --first-code 7 --second-code 9 | --equal-code 0
     a,0,1,1 a,1,0,-1 a,1,0,0 | --second-code 1 | --equal-code 0, --first-code -1
+    a,0,1,first a,1,0,second | --intensity 2 | --columns i1=NAME,i2=NAME
+    a,2,1,first a,1,2,second | --intensity 2 | --columns i1=s1,i2=s2
 """
 
 
 @pytest.mark.parametrize("rows, options, expected", text_table(REMEDIES))
-def test_codes_that_are_not_known_are_asked_for(rows, options, expected):
+def test_codes_and_columns_that_are_not_known_are_asked_for(rows, options, expected):
     """The code of 'second' is the one that is more frequent where the second stimulus is stronger.
 
-    With responses z and m, such as in 'a,0,0.3,z a,0.3,0,m', it is z.
+    With responses z and m, such as in 'a,0,0.3,z a,0.3,0,m', it is z. A column with 0 has no
+    intensities.
     """
     remedies = typed_remedies(TRIALS + rows.replace(" ", "\n"), options)
     assert ", ".join(remedies).startswith(expected)
