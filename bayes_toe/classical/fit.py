@@ -289,19 +289,11 @@ class SubjectFit:
     def yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
         """Probability of the counted answer by each replicate, shape (replicates, pairs).
 
-        s1 and s2 are natural-log intensities.
+        s1 and s2 are natural-log intensities. The shaded bands of the paper (Fig. 3) are from the
+        20 to the 80 % quantile of the replicates.
         """
         # Each parameter has the shape (replicates, 1).
         return p_counted(self.task, s1, s2, Natural(*self.replicates.T[:, :, None]))
-
-    def bands(
-        self, s1: npt.ArrayLike, s2: npt.ArrayLike, low: float = 0.2, high: float = 0.8
-    ) -> FloatArray:
-        """Quantiles of :meth:`yes`, shape (2, pairs).
-
-        The default is the paper's central 60 % range. Source: Methods; Fig. 3, shaded.
-        """
-        return np.quantile(self.yes(s1, s2), [low, high], axis=0)
 
     @property
     def notes(self) -> Texts:

@@ -27,8 +27,6 @@ MAX_LINES = 10
 _LONGEST_SHOWN = 40
 #: Why repeated trials matter.
 TWICE = "repeated trials make intervals too narrow"
-#: Rows that a notebook shows; the rest is counted.
-MOST_ROWS = 20
 
 
 def visible(text: str) -> str:
@@ -212,17 +210,12 @@ def cli_argument(name: str, blocks: Texts = ()) -> str:
     return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
 
 
-def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:
-    """The HTML of a caption and the first rows of a frame.
-
-    `rows` is the number of all rows if the frame has only the first ones.
-    """
-    count = len(frame) if rows is None else rows
-    table = frame.head(MOST_ROWS).to_html(
-        index=False, border=0, na_rep="", float_format=lambda value: f"{value:.4g}"
+def as_html(caption: str, frame: pd.DataFrame) -> str:
+    """The HTML of a caption and 20 rows of a frame: of more rows, the first and the last ones."""
+    table = frame.to_html(
+        max_rows=20, index=False, border=0, na_rep="", float_format="{:.4g}".format
     )
-    ending = f"<p>and {count - MOST_ROWS:,} more rows</p>" if count > MOST_ROWS else ""
-    return f"<p><b>{escape(caption)}</b></p>{table}{ending}"
+    return f"<p><b>{escape(caption)}</b></p>{table}"
 
 
 def with_policy(page: str, *more_sources: str) -> str:

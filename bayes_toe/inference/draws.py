@@ -21,7 +21,7 @@ import pandas as pd
 import xarray as xr
 
 from bayes_toe.arrays import FloatArray, NamedArrays, Record, StrPath, Texts
-from bayes_toe.data.messages import MOST_ROWS, as_html, format_path, join_few
+from bayes_toe.data.messages import format_path, join_few
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
@@ -333,20 +333,6 @@ class Draws:
         size_and_seed = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}"
         subjects = f"{len(self.names):,} subjects ({join_few(self.names)})"
         return f"<Draws of {model_title(self.model)}: {subjects}, {size_and_seed}{missed}>"
-
-    def _repr_html_(self) -> str:
-        missed = self.not_converged
-        rows = []
-        for name in self.names[:MOST_ROWS]:
-            row = {"subject": name, "converged": "no" if name in missed else "yes"}
-            for key in self.posterior(name).names.natural:
-                low, middle, high = np.quantile(self.values(name, key), [0.025, 0.5, 0.975])
-                row[key] = f"{middle:.3g} [{low:.3g}, {high:.3g}]"
-            rows.append(row)
-
-        return as_html(
-            f"{repr(self)[1:-1]}. Medians [95 % interval]", pd.DataFrame(rows), len(self.names)
-        )
 
 
 def require_draws(value: object) -> None:

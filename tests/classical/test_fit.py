@@ -114,7 +114,7 @@ def test_resampled_counts_are_beta_binomial():
     assert ((counts >= 0) & (counts <= n)).all()
 
 
-def test_a_study_of_which_is_stronger_has_a_lapse_rate_and_bands_about_half():
+def test_a_study_of_which_is_stronger_has_a_lapse_rate_and_curves_about_half():
     study = bt.example_study(WHICH_STRONGER).select(["S01", "S08"])
     table = bt.fit(study, replicates=50, seed=1)
     frame = table.frame(full=True).set_index("subject")
@@ -122,8 +122,9 @@ def test_a_study_of_which_is_stronger_has_a_lapse_rate_and_bands_about_half():
     assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
     assert frame.loc["S08", natural].tolist() == table["S08"].parameters.tolist()
     # P(second) is below a half if the second stimulus is weaker, and above if it is stronger.
-    low, high = table["S08"].bands(s1=0.0, s2=[-0.3, 0.3])
-    assert low[0] < high[0] < 0.5 < low[1] < high[1]
+    p_second = table["S08"].yes([0.0, 0.0], [-0.3, 0.3])  # (replicates, pairs)
+    weaker, stronger = np.quantile(p_second, 0.5, axis=0)
+    assert weaker < 0.5 < stronger
 
 
 @pytest.fixture
@@ -142,12 +143,6 @@ def test_90_percent_of_replicates_lie_in_their_90_percent_interval(fit):
     is_inside = (fit.replicates >= low) & (fit.replicates <= high)
     # The ends of an interval lie between two of 400 replicates.
     assert is_inside.mean(axis=0) == pytest.approx(np.full(4, 0.9), abs=0.01)
-
-
-def test_a_band_is_from_the_20_to_the_80_percent_quantile_of_the_curves_of_replicates(fit):
-    s1, s2 = np.array([0.0, 0.3]), np.array([0.3, 0.0])
-    q = np.array([bt.model.equal_probability(s1, s2, *theta) for theta in fit.replicates])
-    assert fit.bands(s1, s2) == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
 
 
 def test_failed_searches_and_a_fit_far_from_its_replicates_are_noted(fit):
