@@ -935,6 +935,7 @@ def _role_by_cells(column: Column) -> str:
         n_texts < 2
         or not (words or column.name.isdigit())
         or not words.isdisjoint(VOCABULARY["words"]["of_others"])
+        or _pair_pattern(column.texts)[0]  # '17/20' counts, or is a pair
     ):
         return ""
     if n_texts == n_runs < 0.5 * n_rows:

@@ -100,7 +100,7 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
     tables.sort()
     counts = Counter(file.suffix.lower() for file in tables)
     finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
-    if len(counts) != 1 or pattern == _IN_FOLDER[-1]:
+    if len(counts) != 1 or pattern == "*.*":
         commonest = max(counts, key=counts.__getitem__, default=".csv")
         raise InputError(
             f"{name}: found {finding or 'no table'}, allowed: tables of one suffix, such as "
