@@ -573,8 +573,7 @@ def _proposals(
     has_lists = "," in "".join(given.values())  # such as '4,5'
     has_two_answers = names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers)
     # Words need no code.
-    codes = set(frequent).intersection(unknown.texts)
-    if codes and has_two_answers and not has_lists:
+    if has_two_answers and not has_lists and set(frequent).intersection(unknown.texts):
         # Two codes of which no word and no option says what they mean.
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
@@ -629,11 +628,12 @@ def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | 
     counts = np.bincount(unknown.codes)
     n_rarest = int(counts.min())
     text = unknown.texts[counts.argmin()]
-    is_mistyped = text.isalpha() and get_close_matches(text, _frequent(column))
-    is_answer = (
-        n_rarest >= 0.1 * column.map(bool).sum() or sum(map(bool, column.texts)) <= n_answers
-    )
-    if is_answer or is_mistyped or _DAMAGED.search(text):
+    if (
+        n_rarest >= 0.15 * column.map(bool).sum()
+        or sum(map(bool, column.texts)) <= n_answers
+        or (text.isalpha() and get_close_matches(text, _frequent(column)))
+        or _DAMAGED.search(text)
+    ):
         return None
     meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
     return Remedy("missed", text, meaning)
@@ -709,8 +709,8 @@ def _code_remedies(column: Column, texts: Texts, trends: Mapping[str, FloatArray
         remedies.append(Remedy("correct", column.name, meaning))
         # Without equal stimuli, most responses may be right, but hardly so many 'different'.
         is_often_right = column.matches(right_codes).mean() > 0.7 and trends["equal_code"].all()
-        option, code = remedies[0][:2]
-        if is_often_right and option == "equal_code" and code not in right_codes:
+        option, equal = remedies[0][:2]
+        if is_often_right and option == "equal_code" and equal not in right_codes:
             remedies.reverse()
     return remedies
 

@@ -452,8 +452,8 @@ def _texts_by_name(
         for i in range(n_trials):
             rows.append(row)
             for name, index in index_of_name.items():
-                cell = cells[index + i * (name in trials)]
-                texts[name].append(intern(cell))  # most texts are there many times
+                # Most texts are there many times.
+                texts[name].append(intern(cells[index + i * (name in trials)]))
     return np.array(rows, np.int64), texts
 
 
