@@ -332,6 +332,14 @@ _LETTERS = {
     "left": "right",
     "Left": "Right",
 }
+#: Names of columns that are numbers, or end in that of a question or trial, as 'b1_t1' and 'Q1_3'.
+_NUMBER_OF_TRIAL = r"(?i)\d+|.*\d_(?:[qrt]|rep|trial|item)?_?\d+"
+#: Shapes of names with two numbers, of which none is that of a question or trial, as in 'Q{}_{}'.
+_PAIR_SHAPE = (
+    r"(?i)(?!.*{}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
+    r"(?!(?:[^{}]*[-_. ])?(?:q|b|block|item|question)[-_. ]*{}[^{}]+{}$)"
+    r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*"  # 'Q5_' may be in front
+)
 #: Roles whose names are proposed only, by role.
 _PROPOSED = {"response": "key", "subject": "id"}
 #: Columns of which each makes a table one of counts, in the order in which messages name them.
@@ -838,7 +846,8 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
         n_all = max(1, len(first | second))  # a table without rows has no values
         return _may_be_stimulus(pair[0]), n_common**2 / n_all, unit_in(pair[0])
 
-    pairs = chain(*_pairs_by_sign(list(filterfalse(str.isdigit, texts)), _NUMBERS | _LETTERS))
+    names = filterfalse(re.compile(_NUMBER_OF_TRIAL).fullmatch, texts)
+    pairs = chain(*_pairs_by_sign(list(names), _NUMBERS | _LETTERS))
     # The number of a column stands for its name. Without names, few common values may be a chance.
     neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
     return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
@@ -911,11 +920,14 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     (('{first} Hz vs {second} Hz', 2), ('', 0))
     >>> _pair_pattern(["Q5_100_112", "Q5_112_100"]), _pair_pattern(["2026-11-30"])
     (('Q*_{first}_{second}', 2), ('', 0))
+    >>> _pair_pattern(["p350_500_r1", "p350_500_r2"]), _pair_pattern(["1_Q7", "2_Q7", "3_Q7"])
+    (('p{first}_{second}_r*', 2), ('', 0))
     """
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
     for shape, n_texts in shapes.most_common(1):  # none without texts
-        # Two numbers with a text between them, as in '{}_{}'; 'Q{}_' may be in front.
-        if re.fullmatch(r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*", shape):
+        # The number of a repetition may stand behind a pair, as in 'p{}_{}_r{}'.
+        shape = re.sub("(?i)({}[^{}]+{}[^{}]*_(?:r|rep|t|trial|run|item)_?){}$", r"\1*", shape)
+        if re.fullmatch(_PAIR_SHAPE, shape):
             last_two = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
             return last_two.replace("{}", "*"), n_texts
     return "", 0
@@ -1020,6 +1032,7 @@ def _role_by_cells(column: Column) -> str:
         n_texts < 2
         or not (words or column.name.isdigit())
         or not words.isdisjoint(VOCABULARY["words"]["of_others"])
+        or _pair_pattern(column.texts)[0]  # '17/20' counts, or is a pair
     ):
         return ""
     if n_texts == n_runs < 0.5 * n_rows:  # each text stands in one block of rows

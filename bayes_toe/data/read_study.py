@@ -47,7 +47,6 @@ from bayes_toe.data.responses import (
     ask_for_third_count,
     blank_missed,
     require_direction,
-    require_one_coding,
     require_task,
     responses,
     with_joined_codes,
@@ -578,7 +577,6 @@ def _trial_study(rows: _Rows) -> Study:
     column, missed_texts = blank_missed(rows.columns[answer_role], options, has_stimuli)
     if options.has_standard and "response" in rows.columns:
         column = rows.order.by_interval(table, column, options)
-    require_one_coding(table, column, rows.subject)
     difference = np.diff(rows.pairs)[:, 0]
     answers = responses(table, column, task_column, options, difference, rows.order)
     answers, missed_signs = without_missed(answers, column, rows.response_signs, options.missed)

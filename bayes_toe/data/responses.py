@@ -80,10 +80,8 @@ _CODE_MEANINGS = {
 #: Largest share of the trials that are mistakes, and that nobody answered.
 _MOST_MISTAKES = 0.05
 _MOST_MISSED = 0.2
-#: Trials that show which codes a subject has.
-_FEWEST = 20
 #: A letter that could not be decoded, or an error of Excel such as '#N/A'.
-_DAMAGED = "\ufffd|^#[A-Z]"
+_DAMAGED = re.compile("\ufffd|^#[A-Z]")
 #: Largest share of pairs of equal stimuli in 2AFC. Each of three levels with each makes a third.
 _MOST_EQUAL = 0.35
 
@@ -511,22 +509,6 @@ def _count_remedies(table: TextTable, column: Column, trends: Container[str]) ->
         yield Remedy("columns", tuple(names), meaning)
 
 
-def require_one_coding(table: TextTable, column: Column, subject: Column) -> None:
-    """Refuse two codes that differ between subjects, such as 0 and 1, but 1 and 2."""
-    codes_by_subject = {}
-    for name, rows in subject.rows_by_text(np.flatnonzero(column.map(bool))).items():
-        codes = sorted(column.only(rows).texts)
-        if len(codes) != 2 or len(rows) < _FEWEST or _words_by_answer(column):
-            return
-        codes_by_subject[name] = " or ".join(map(quoted, codes))
-    if len(set(codes_by_subject.values())) > 1:
-        raise InputError(
-            f"{table.source}: {column}: found codes that differ between subjects: "
-            f"{join_names(map(' '.join, codes_by_subject.items()))}; allowed: the same codes with "
-            "the same meaning in all rows, or several codes of an answer, as of --second-code 2,k"
-        )
-
-
 def _two_tasks(finding: str, task_column: Column | None) -> Question:
     """The problem of a column with responses to two tasks, and options that choose one of them."""
     problem = (
@@ -572,7 +554,7 @@ def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0)
     """
     counts = np.bincount(column.codes, column.map(lambda text: text.lower() not in MISSING_WORDS))
     frequent = compress(column.texts, counts > least + share * counts.sum())
-    return list(filterfalse(re.compile(_DAMAGED).search, frequent))
+    return list(filterfalse(_DAMAGED.search, frequent))
 
 
 def _proposals(
@@ -597,8 +579,7 @@ def _proposals(
     has_lists = "," in "".join(given.values())  # such as '4,5'
     has_two_answers = names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers)
     # Words need no code.
-    has_codes = not set(frequent).isdisjoint(unknown.texts)
-    if has_codes and has_two_answers and not has_lists:
+    if has_two_answers and not has_lists and set(frequent).intersection(unknown.texts):
         # Two codes of which no word and no option says what they mean.
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
@@ -658,12 +639,13 @@ def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | 
     """
     counts = np.bincount(unknown.codes)
     n_rarest = int(counts.min())
-    is_frequent = n_rarest >= _MOST_MISSED * column.map(bool).sum()
     text = unknown.texts[counts.argmin()]
-    is_mistyped = text.isalpha() and get_close_matches(text, _frequent(column))
-    if is_frequent or is_mistyped or re.search(_DAMAGED, text):
-        return None
-    if sum(map(bool, column.texts)) <= n_answers:
+    if (
+        n_rarest >= 0.15 * column.map(bool).sum()
+        or sum(map(bool, column.texts)) <= n_answers
+        or (text.isalpha() and get_close_matches(text, _frequent(column)))
+        or _DAMAGED.search(text)
+    ):
         return None
     meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
     return Remedy("missed", text, meaning)
@@ -740,6 +722,11 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
     if right_codes and set(map(str.lower, codes)) <= set(chain(*_RIGHT_WRONG)):
         meaning = f"if {right_codes[0]} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
+        # Without equal stimuli, most responses may be right, but hardly so many 'different'.
+        is_often_right = column.matches(right_codes).mean() > 0.7 and trends["equal_code"].all()
+        option, equal = remedies[0][:2]
+        if is_often_right and option == "equal_code" and equal not in right_codes:
+            remedies.reverse()
     return remedies
 
 

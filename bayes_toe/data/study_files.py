@@ -100,11 +100,11 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
     tables.sort()
     counts = Counter(file.suffix.lower() for file in tables)
     finding = join_words([plural(n, f"{suffix} file") for suffix, n in counts.items()])
-    if len(counts) != 1 or pattern == _IN_FOLDER[-1]:
+    if len(counts) != 1 or pattern == "*.*":
         commonest = max(counts, key=counts.__getitem__, default=".csv")
         raise InputError(
             f"{name}: found {finding or 'no table'}, allowed: tables of one suffix, such as "
-            f"{shlex.quote(format_path(folder))}/{pattern.partition('.')[0]}{commonest}"
+            f"{shlex.quote(format_path(folder))}/{pattern.replace('*.*', '*')}{commonest}"
         )
     places = " in subfolders" if "/" in pattern else ""
     return list(map(folder.joinpath, tables)), f"folder {name}: {finding}{places} read"
@@ -124,8 +124,9 @@ def with_sheets(
     for path in paths:
         is_workbook = isinstance(path, StrPath) and is_excel(path) and os.path.isfile(path)
         sheets += sheet_paths(path, pattern.replace("{}", "*"), choice) if is_workbook else [path]
-    subject_from = pattern if "{}" in pattern else options.subject_from
-    return sheets, replace(options, sheet=None, subject_from=subject_from)
+    if "{}" in pattern:
+        options = replace(options, subject_from=pattern)
+    return sheets, replace(options, sheet=None)
 
 
 # --- A study in several files ---------------------------------------------------------------------
@@ -292,8 +293,8 @@ def together(studies: Sequence[Study]) -> Study:
     if n_files:
         n_subjects = (len(n_files), "subject")
         notes.append(Note(n_subjects, " in several files, put together: ", named_counts(n_files)))
-    sources = {study.source for study in studies}  # all frames are one source
-    if len(subjects) == 1 and len(sources) > 1:
+    # All frames are one source.
+    if len(subjects) == 1 and len({study.source for study in studies}) > 1:
         ending = "/*" * first.source.count("/") or ".*"  # of a/x.csv the folder is the subject
         doubts.append(
             f"all {len(studies)} files are of one subject, {display_name(subjects[0].name)}. If "

@@ -64,13 +64,13 @@ _TEXT_ALLOWED = (
     "text in UTF-8 or UTF-16, or the encoding that --encoding names, such as shift_jis, gb18030, "
     "euc_kr, cp1251, cp1254 or mac_roman"
 )
-#: Also what PsychoPy's saveAsText writes below the rows.
-_LAST_REMARKS = (
+#: Lines below the last row, also those that saveAsText of PsychoPy writes there, and lines between
+#: rows such as '# session 2'; '#2,' may begin a row.
+_REMARKS = (
     r"(?i)(?:(?<=[\r\n])(?:#[^\r\n]*|\W*(?:end of|eof)\b[^,;\t\r\n]*|"
-    r"extraInfo[,;\t]*[\r\n][^\0]*)\s*)+\Z"
+    r"extraInfo[,;\t]*[\r\n][^\0]*)\s*)+\Z|"
+    r"(?<=[\r\n])#(?:[ #][^\r\n]*)?(?=[\r\n])"
 )
-#: A line between the rows such as '# session 2'; '#2,' may begin a row.
-_REMARKS = r"(?<=[\r\n])#(?:[ #][^\r\n]*)?(?=[\r\n])"
 #: The name of a column that is followed by columns without names, of names in lines: each of them
 #: has a trial of the row, as saveAsText of PsychoPy writes them.
 _TRIALS_IN_A_ROW = r"(?m)^(.+_raw)(\n{2,})"
@@ -381,9 +381,8 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # The same with remarks above the names, as of Expyriment. One line alone may have the names.
     text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
 
-    # Remarks below the last row, such as 'END OF FILE' of Gorilla.
-    text, n_remarks = re.subn(_LAST_REMARKS, "", text)
-    text, n_lines = re.subn(_REMARKS, "", text)
+    # Remarks below rows, such as 'END OF FILE' of Gorilla.
+    text, n_remarks = re.subn(_REMARKS, "", text)
 
     delimiter, place, has_row_names = _layout(text, choice)
     records: Iterator[CsvRecord] = itertools.islice(_records(text, delimiter), place, None)
@@ -415,10 +414,10 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         if name in chosen or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
 
-    notes = ("remark below the last row left out",) * n_remarks
-    notes += ("lines with # in front left out",) * bool(n_lines)
-    has_trials = re.search(_TRIALS_IN_A_ROW, "\n".join(names))
-    notes += ("columns without names read as further trials of a row",) * bool(has_trials)
+    notes = ("remarks below rows left out",) * bool(n_remarks)
+    notes += ("columns without names read as further trials of a row",) * bool(
+        re.search(_TRIALS_IN_A_ROW, "\n".join(names))
+    )
     if place:
         notes = (f"rows above row {first_row} left out", *notes)
     table = TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
@@ -453,8 +452,8 @@ def _texts_by_name(
         for i in range(n_trials):
             rows.append(row)
             for name, index in index_of_name.items():
-                cell = cells[index + i * (name in trials)]
-                texts[name].append(intern(cell))  # most texts are there many times
+                # Most texts are there many times.
+                texts[name].append(intern(cells[index + i * (name in trials)]))
     return np.array(rows, np.int64), texts
 
 

@@ -449,7 +449,6 @@ NOTES = """
     encoding.csv | trial rows, comma-separated, mac_roman, resp
     lines_above.csv | rows above row 4 left out
     header_again.xlsx | 1 repeated header left out
-    files_below_each_other.csv | 1 repeated header left out
     participant.csv | column Participant ID read as subject
     psychopy.csv | 2 rows left out as practice or catch trials (column practice.thisN: '0', '1')
     units.csv | 2 rows without stimuli and response left out
@@ -463,7 +462,8 @@ NOTES = """
     counts_of_both.csv | grouped rows, comma-separated, UTF-8, 80 trials answered 50 'second', 30
     decibel.csv | column s1_dB read as s1, dB
     grams_by_name.csv | column weight2_g read as i2, intensity in g
-    gorilla.csv | remark below the last row left out
+    gorilla.csv | remarks below rows left out
+    files_below_each_other.csv | remarks below rows left out
     forces.csv | column first_N read as i1, intensity in N
     luminances.csv | column lum1_cd_m2 read as i1, intensity in cd/m2
     names_of_history.csv | column Trial read as trial
@@ -844,10 +844,6 @@ REFUSED = {
         "row 2, column s1: found '#REF!', allowed: a finite number\nerror: damaged.csv: row 3, col",
         "--first-code\nEND",
     ),
-    "codes_by_subject.csv": (
-        "subject,s1,s2,response\n" + "a,0,1,1\na,1,0,0\n" * 10 + "b,0,1,2\nb,1,0,1\n" * 10,
-        "found codes that differ between subjects: a '0' or '1', b '1' or '2'; allowed: the",
-    ),
 }
 
 #: The name of a file, its content, and the first advice, which reads it.
@@ -893,6 +889,10 @@ ADVISED = {
             :, lambda table: ~table.columns.duplicated()
         ],
         "--wide 'Q*_{first}_{second}' --columns subject=ResponseId --unit a.u.",
+    ),
+    "right_answers.csv": (
+        labelled(SCORED.drop(columns=["key", "rt"]), correct="response"),
+        "--correct response",
     ),
     "third_answer.csv": (
         "subject,s1,s2,n_first,maybe,n_second\na,0,0.3,1,2,5\na,0.3,0,4,2,2\na,0,0,3,3,2\n",

@@ -134,12 +134,12 @@ def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
     pairs = paper_study_design()
     two, three = (replace(pairs, task=task) for task in (WHICH_STRONGER, THREE_ANSWERS))
     options = {"trials": [130], "observers": "both", "data_sets": 2, "seed": 1, "workers": 1}
-    of_both = power({"two": two, "three": three}, **options).data_sets  # two of each design
+    both_tasks = power({"two": two, "three": three}, **options).data_sets  # two of each design
     for effect in ("constant_error", "contraction"):
-        values = [data_set.observer.parameters[effect] for data_set in of_both]
+        values = [data_set.observer.parameters[effect] for data_set in both_tasks]
         assert values[:2] == values[2:]
-    for alone, beside in zip(power(three, **options).data_sets, of_both[2:], strict=True):
-        assert alone.answer.sizes == beside.answer.sizes
+    for alone, compared in zip(power(three, **options).data_sets, both_tasks[2:], strict=True):
+        assert alone.answer.sizes == compared.answer.sizes
 
 
 #: Options of `power`, and what they are refused with. Two folders have a design d.csv.
