@@ -304,7 +304,9 @@ def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     study = read(ORDERED + rows, "--equal-code 1")
     # The first note is about the format of the file.
     assert study.notes[1:] == (
-        "column trial does not order all trials, so the order of the file is used: a, b",
+        "column trial does not order all trials, so the order of the file is used: a, b. If its "
+        "numbers begin anew, two persons or sessions may be pooled: --columns subject=NAME or "
+        "session=NAME keeps them apart, or --where one of them",
     )
     assert study["a"].answers.n_yes.tolist() == [1, 0]  # 'equal' and 'different', as in the file
 
