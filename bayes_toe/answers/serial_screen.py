@@ -16,23 +16,26 @@ those stimuli does.
 An answer is not independent of the other ones to its pair: where both trials are among the n of one
 pair, the mean of e times the earlier answer is -2 k (n - k) / (n^2 (n - 1)). U is corrected for it.
 
+Where few answers are the rarer ones to their pair, chi-square is far from right, and V may be
+almost singular. The reference is then U' V^-1 U with the answers to each pair in random orders, and
+V is the mean of U U' over these orders and the observed one.
+
 A criterion that wanders makes the residuals of neighbouring trials alike. The statistic sees it at
 short and at long time scales; the weights are those of a noise whose power falls with frequency:
 
     T = sum over trials s and t, t - s > 1, of e_s e_t / sqrt(t - s)
 
-Its reference is the same sum with the answers to each pair in random order.
+Its reference is the same sum with the answers to each pair in random orders.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtrc
 
-from bayes_toe.arrays import ArrayPair, FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray, Rng
 from bayes_toe.checks.alarm_rate import simulated_p_value
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
@@ -44,6 +47,12 @@ from bayes_toe.seeds import generator
 
 #: Positions of the regressors: the answer and the two stimuli of the trial before.
 _ANSWER, _FIRST, _SECOND = range(3)
+#: From so many rarer answers on, summed over pairs, the reference is chi-square.
+_ENOUGH_RARER_ANSWERS = 50
+#: Numbers of random orders. The second one is for a p-value below 5 % with the first one.
+_ORDERS = (400, 10_000)
+#: Values of all orders together, which bounds the memory.
+_MOST_VALUES = 2_000_000
 
 
 @dataclass(frozen=True)
@@ -100,9 +109,13 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
     slopes = logit_slopes(posterior, mode)
     if subject.task.has_three_answers:  # `tested` lacks the pairs that were always 'equal'
         slopes = slopes[subject.n_trials > subject.n_yes]
-    scores, variance = _scores(tested, trials, slopes)
+    for n_orders in _ORDERS:
+        scores, variance = _scores(tested, trials, slopes, n_orders)
+        joint_p = _p_value(scores, variance, (_ANSWER, _FIRST, _SECOND))
+        if joint_p is None or joint_p > 0.05:
+            break
     return SerialScreen(
-        joint_p=_p_value(scores, variance, (_ANSWER, _FIRST, _SECOND)),
+        joint_p=joint_p,
         answer_p=_p_value(scores, variance, (_ANSWER,), given=(_FIRST, _SECOND)),
         stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), given=(_ANSWER,)),
         moving_criterion_p=_moving_criterion_p(tested, trials),
@@ -124,46 +137,62 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     return -in_constant_error / posterior.prior.constant_error_scale
 
 
-def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> ArrayPair:
-    """U, shape (3,), and V, shape (3, 3), of the regressors, as in the module's docstring."""
+def _scores(
+    subject: Subject, trials: TrialSequence, slopes: FloatArray, n_orders: int
+) -> ArrayPair:
+    """U, shape (3, sequences), and V, shape (3, 3), as in the module's docstring.
+
+    The first sequence is the observed one. Where the reference is not chi-square, random orders
+    follow, `n_orders` at most.
+    """
     # The tested trials have an answer and a trial before, which may be without an answer.
     previous = trials.previous  # -1 where there is none
     rows = np.flatnonzero(trials.is_answered & (previous >= 0))
     previous = previous[rows]
     pair = trials.pair[rows]
-    is_yes = 0.5 * (trials.answer[rows] + 1.0)  # 1 or 0, from 1 or -1
 
     # Trials and counted answers of each pair. A pair may have no tested trial, or one, which says
     # nothing: 1 in place of 0 avoids 0/0.
     n_pairs = subject.n_pairs
-    n = np.bincount(pair, minlength=n_pairs)
-    k = np.bincount(pair, is_yes, n_pairs)
+    n = np.bincount(pair, minlength=n_pairs).astype(np.float64)
+    k = np.bincount(pair, trials.answer[rows] > 0.0, n_pairs)
     n_safe = np.maximum(n, 1.0)
-    pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))  # k (n - k) / (n (n - 1))
+    pair_variance = k * (n - k) / np.maximum(n * (n - 1.0), 1.0)
 
-    mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
-    regressors = np.stack(  # (3, tested trials)
-        [
-            trials.answer[previous],
-            slopes[pair] * (trials.first[previous] - mean_stimulus),
-            slopes[pair] * (trials.second[previous] - mean_stimulus),
-        ]
-    )
+    stimuli = np.stack([trials.first, trials.second])
+    of_stimuli = slopes[pair] * (stimuli[:, previous] - stimuli.mean())
+    regressors = np.vstack([trials.answer[previous], of_stimuli])  # (3, tested trials)
     # Each pair's mean is subtracted; a regressor is a row of the array, which changes.
-    residual = is_yes - (k / n_safe)[pair]
     for regressor in regressors:
         regressor -= (np.bincount(pair, regressor, n_pairs) / n_safe)[pair]
     variance = (regressors * pair_variance[pair]) @ regressors.T
-    scores = regressors @ residual
+
+    answers = trials.answer[None]  # (sequences, trials)
+    is_simulated = np.minimum(k, n - k).sum() < _ENOUGH_RARER_ANSWERS
+    if is_simulated:
+        rng = generator(0, subject.name, "previous trial")
+        n_orders = min(n_orders, _MOST_VALUES // len(trials.pair))
+        answers = np.vstack([answers, _in_random_order(trials.answer, trials, n_orders, rng)])
+    residuals = 0.5 * (answers[:, rows] + 1.0) - (k / n_safe)[pair]
 
     # Two tested trials of one pair that follow each other are not independent: the mean of their
     # product is -2 k (n - k) / (n^2 (n - 1)), which is subtracted.
-    is_tested = np.zeros(len(trials.pair), np.bool_)
-    is_tested[rows] = True
-    is_same_pair = is_tested[previous] & (trials.pair[previous] == pair)
-    correction = 2.0 * pair_variance / n_safe
-    scores[_ANSWER] += correction[pair[is_same_pair]].sum()
+    is_same_pair = np.isin(previous, rows) & (trials.pair[previous] == pair)
+    correction = (2.0 * pair_variance / n_safe)[pair[is_same_pair]].sum()
+    of_answer = np.sum(residuals * answers[:, previous], axis=1) + correction
+    scores = np.vstack([of_answer, regressors[_FIRST:] @ residuals.T])
+    if is_simulated:
+        variance = scores @ scores.T / len(answers)
     return scores, variance
+
+
+def _in_random_order(values: FloatArray, trials: TrialSequence, size: int, rng: Rng) -> FloatArray:
+    """So many sequences of values, with those of the answered trials of a pair in random order."""
+    shuffled = np.tile(values, (size, 1))
+    for i in range(trials.pair.max() + 1):
+        rows = np.flatnonzero(trials.is_answered & (trials.pair == i))
+        shuffled[:, rows] = rng.permuted(shuffled[:, rows], axis=1)
+    return shuffled
 
 
 def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None:
@@ -171,15 +200,8 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
 
     The statistic is T in the module's docstring, times a constant.
     """
-    answered = np.flatnonzero(trials.is_answered)
-
-    residual = np.zeros(len(answered))  # e
-    rows_by_pair = []  # where the trials of each pair stand among the answered ones
-    for i in range(subject.n_pairs):
-        rows = np.flatnonzero(trials.pair[answered] == i)
-        is_yes = trials.answer[answered[rows]] > 0.0
-        residual[rows] = is_yes - is_yes.mean()
-        rows_by_pair.append(rows)
+    share = (subject.n_yes / subject.n_trials)[trials.pair]
+    residual = np.where(trials.is_answered, (trials.answer > 0.0) - share, 0.0)  # e
     if not residual.any():  # every pair has one answer only
         return None
 
@@ -196,20 +218,14 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     rng = generator(0, subject.name, "moving criterion")
 
     def statistic(residuals: FloatArray) -> FloatArray:
-        """The statistic of sequences of residuals, shape (sequences, answered trials)."""
-        sequences = np.zeros((len(residuals), n_trials))
-        sequences[:, answered] = residuals
-        power = np.square(np.abs(np.fft.rfft(sequences, n_padded)))
+        """The statistic of sequences of residuals, shape (sequences, trials)."""
+        power = np.square(np.abs(np.fft.rfft(residuals, n_padded)))
         return np.asarray(power @ weights)
 
-    def simulate(size: int) -> FloatArray:
-        """Statistics of so many sequences with the answers to each pair in random order."""
-        shuffled = np.tile(residual, (size, 1))
-        for rows in rows_by_pair:
-            shuffled[:, rows] = rng.permuted(shuffled[:, rows], axis=1)
-        return statistic(shuffled)
-
-    return simulated_p_value(statistic(residual[None])[0], simulate)
+    return simulated_p_value(
+        float(statistic(residual[None])[0]),
+        lambda size: statistic(_in_random_order(residual, trials, size, rng)),
+    )
 
 
 def _p_value(
@@ -221,22 +237,23 @@ def _p_value(
     regressor with less than 1e-9 of its variance left is a linear function of those before it, up
     to rounding, and has no term.
     """
-    statistics = [0.0]  # U' V^-1 U of the first regressors: none, one, two, ...
+    total = np.zeros_like(scores[0])  # U' V^-1 U of the regressors that are tested
     remaining = variance  # V, given the regressors so far
-    degrees_of_freedom = 0
+    degrees_of_freedom = 0  # of the regressors that are tested
     for i in (*given, *tested):
         own_variance = remaining[i, i]
         own_score = scores[i]
-        statistic = statistics[-1]
         if own_variance > 1e-9 * variance[i, i]:
-            statistic += own_score**2 / own_variance
-            degrees_of_freedom += i in tested
+            if i in tested:
+                total += own_score**2 / own_variance
+                degrees_of_freedom += 1
             # What is left of the others, given this regressor.
             slope = remaining[:, i] / own_variance
-            scores = scores - slope * own_score
+            scores = scores - np.outer(slope, own_score)
             remaining = remaining - np.outer(slope, remaining[i])
-        statistics.append(statistic)
     if not degrees_of_freedom:
         return None
-    difference = statistics[-1] - statistics[len(given)]
-    return float(chdtrc(degrees_of_freedom, max(difference, 0.0)))  # rounding may go below 0
+    if len(total) == 1:  # the observed sequence alone
+        return float(chdtrc(degrees_of_freedom, total[0]))
+    # Statistics that differ by rounding count as equal.
+    return float(np.mean(total >= total[0] - 1e-9))

@@ -107,7 +107,6 @@ def power(
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.design.observers import GROUPS, KINDS_IN_WORDS
     from bayes_toe.design.power import group_power
-    from bayes_toe.model.prior_file import preset_or_file
 
     numbers_of_trials = _whole_numbers("--trials", plan.trials)
     numbers_of_subjects = []
@@ -130,7 +129,7 @@ def power(
         data_sets=plan.simulated,
         prior=context.prior,
     )
-    groups = group_power(table, numbers_of_subjects, preset_or_file(context.prior).observer)
+    groups = group_power(table, numbers_of_subjects, context.prior)
     with whole_folder(output, _POWER_FILES, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
         if groups.rows:

@@ -58,6 +58,9 @@ def print_groups(
         heading = f"{capitalized(design)}, {trials:,} trials"
         # By the kind of observers, a row for each size of a study; all kinds have the same sizes.
         rows_by_kind = groups.select(design, trials, "order_effect")
+        if not rows_by_kind:
+            out.line(f"{heading}: an order effect {Word.CANNOT_BE_TOLD}.")
+            continue
         sizes = [f"{row.subjects} subjects" for row in next(iter(rows_by_kind.values()))]
         rows = []
         for kind, kind_rows in rows_by_kind.items():

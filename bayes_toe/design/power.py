@@ -43,9 +43,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.zero_mean import approximate_zero_mean
 from bayes_toe.inference.order_evidence import BATCH, order_evidence
-from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import CONSTANT_ERROR, ObserverPrior
-from bayes_toe.model.prior import Hyperprior, Prior
+from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
@@ -459,22 +458,22 @@ class GroupPowerTable(Table[GroupPower]):
 
 
 def group_power(
-    table: PowerTable, subjects: Sequence[int], prior: ObserverPrior = DEFAULT_PRIOR
+    table: PowerTable, subjects: Sequence[int], prior: Prior | str | None = None
 ) -> GroupPowerTable:
     """Predict in how many subjects a study finds an effect, and how often in the group mean.
 
     A study draws its subjects from the simulated observers of a kind, with replacement. A subject's
     estimate is its true effect with a normal error, as large as the analysis of that observer says.
     The Bayes factor of the group mean averages over the prior of the standard deviation between
-    subjects, as `population` does.
+    subjects, as `population` does. A question that the design cannot answer has no rows.
 
     Parameters
     ----------
     table : PowerTable
     subjects : sequence of int
         Numbers of subjects.
-    prior : ObserverPrior
-        The prior with which the observers were analysed.
+    prior
+        The prior with which the observers were analysed, and that of a group.
 
     Examples
     --------
@@ -482,9 +481,12 @@ def group_power(
     >>> [row.question for row in group_power(table, [10]).rows]
     ['order_effect', 'constant_error', 'contraction']
     """
+    whole_prior = preset_or_file(prior)
     rows = []
     for (design, trials, kind), group in group_data_sets(table.data_sets).items():
         for question in QUESTIONS:
+            if table.is_unknown(design, trials, question):
+                continue
             n_detected = sum(data_set.answer.words[question].is_positive for data_set in group)
             # The order effect has no parameter, so that its mean and the power of its mean are NaN.
             true_sizes = [data_set.observer.parameters.get(question, np.nan) for data_set in group]
@@ -495,7 +497,7 @@ def group_power(
                 power_of_mean = np.nan, np.nan, np.nan
                 if question in SIZE_OF:
                     rng = generator(table.seed, design, kind, f"{trials} {size} {question}")
-                    hits = _count_detected_means(group, question, size, prior, rng)
+                    hits = _count_detected_means(group, question, size, whole_prior, rng)
                     power_of_mean = share(hits, _N_STUDIES)
                 rows.append(
                     GroupPower(
@@ -514,7 +516,7 @@ def group_power(
 
 
 def _count_detected_means(
-    group: Sequence[DataSet], question: str, size: int, prior: ObserverPrior, rng: Rng
+    group: Sequence[DataSet], question: str, size: int, prior: Prior, rng: Rng
 ) -> int:
     """How many of :data:`_N_STUDIES` studies say 'yes' or 'probably' to a group mean that is not 0.
 
@@ -529,14 +531,14 @@ def _count_detected_means(
         # True sizes are natural logs, and the ends of intervals are per cent of intensity.
         low, high = np.log1p([low / 100.0, high / 100.0])
         unit = scales.step
-        hyperprior = Hyperprior().constant_error
+        hyperprior = prior.group.constant_error
         # A subject's prior is Student's t with 3 degrees of freedom and this scale. At 0 it is
         # curved like a normal with this SD: its log density has the curvature (3 + 1)/3/scale^2.
-        prior_sd = 0.5 * np.sqrt(3.0) * prior.constant_error_scale
+        prior_sd = 0.5 * np.sqrt(3.0) * prior.observer.constant_error_scale
     else:
         unit = 1.0
-        hyperprior = Hyperprior().contraction.narrowed(scales.roving_share)
-        prior_sd = prior.contraction_sd * scales.roving_share
+        hyperprior = prior.group.contraction.narrowed(scales.roving_share)
+        prior_sd = prior.observer.contraction_sd * scales.roving_share
 
     posterior_sd = (high - low) / 3.92 / unit  # a 95 % interval of a normal is 2 x 1.96 SD wide
     # Of normal densities: the precision of the posterior is that of the prior plus that of the
