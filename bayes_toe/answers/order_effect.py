@@ -12,9 +12,8 @@ changes it.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import chain, product
 from typing import NamedTuple
 
@@ -411,6 +410,8 @@ def short_direction(word: str) -> str:
 def format_probability(probability: float) -> str:
     """A probability after '=', or a bound after '>' or '<', with two digits.
 
+    More digits show that a probability is not on the other side of the limit of a word.
+
     Examples
     --------
     >>> format_probability(0.914), format_probability(0.9999), format_probability(0.0)
@@ -422,16 +423,11 @@ def format_probability(probability: float) -> str:
         return "> .99"
     if probability < 0.005:  # two digits would be 0.00
         return "< .01"
-    text = _digits_of_word(probability, "f", partial(word_for, log_bayes_factor=-np.inf))
+    text = f"{probability:.2f}"
+    # Any Bayes factor with which each limit of probability changes the word.
+    if word_for(float(text), -9.0) != word_for(probability, -9.0):
+        text = f"{probability:.6g}"
     return f"= {text}".replace("0.", ".")
-
-
-def _digits_of_word(value: float, form: str, word_of: Callable[[float], Word]) -> str:
-    """A number with two digits, or with as many as leave its word what it is."""
-    n_digits = 2
-    while word_of(float(f"{value:.{n_digits}{form}}")) != word_of(value):
-        n_digits += 1
-    return f"{value:.{n_digits}{form}}"
 
 
 def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -> str:
@@ -613,17 +609,13 @@ def format_bayes_factor(log_bayes_factor: float) -> str:
     --------
     >>> [format_bayes_factor(value) for value in (2.9, -0.92, 4.601, 5.0, -9.0)]
     ['18', '0.4', '100', '> 100', '< 1/100']
-    >>> format_bayes_factor(1.09)  # undecided
-    '2.97'
     """
     if log_bayes_factor > np.log(100.0):
         return "> 100"
     if log_bayes_factor < -np.log(100.0):
         return "< 1/100"
-    text = _digits_of_word(
-        np.exp(log_bayes_factor), "g", lambda factor: word_of_bayes_factor(np.log(factor))
-    )
-    return f"{float(text):g}"  # 100, not 1e+02
+    two_digits = f"{np.exp(log_bayes_factor):.2g}"
+    return f"{float(two_digits):g}"  # 100, not 1e+02
 
 
 def word_of_bayes_factor(log_bayes_factor: float) -> Word:

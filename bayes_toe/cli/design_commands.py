@@ -254,19 +254,18 @@ class SearchOptions:
             return replace(unit, name=ANY_UNIT)
         return unit
 
-    def read_design(self, file: Path) -> StudyDesign:
-        """A given design, in the natural logs of :meth:`shown_unit`."""
-        return bt.design.read_study_design(file, self.question, self.unit, self.intensity)
-
     def goal(self) -> DesignGoal:
         """The effect that the design must show, and the limits of its pairs."""
-        from bayes_toe.data.tasks import task_of
-
         keep = None
         if self.keep is not None:
-            keep = self.read_design(self.keep)
-        task = task_of(self.question)
-        return bt.design.DesignGoal(self.aim, self.max_pairs, keep, task, is_even=self.even)
+            keep = bt.design.read_study_design(self.keep, self.question, self.unit, self.intensity)
+        return bt.design.DesignGoal(
+            self.aim,
+            self.max_pairs,
+            keep,
+            self.question,  # type: ignore[arg-type]
+            is_even=self.even,
+        )
 
 
 @dataclass(frozen=True)
@@ -304,7 +303,7 @@ def design(
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest 45 --highest 213 --unit um
     """
     if file is not None:  # a design that is found already
-        _list_trials(file, search, lists, context)
+        _list_trials(file, search, observers or context.prior, lists, context)
         return
     if lists != ListOptions():
         raise bt.InputError(
@@ -381,11 +380,12 @@ def _find_design(
 
 
 def _list_trials(
-    file: Path, search: SearchOptions, lists: ListOptions, context: RunContext
+    file: Path, search: SearchOptions, simulated: Text, lists: ListOptions, context: RunContext
 ) -> None:
     """Write the trials of a given design in random order, for the experiment to present.
 
     The table has an empty column of responses. When it is filled, `run` reads the table.
+    `simulated` is what only a search assumes in its simulation, and must be absent.
     """
     import pandas as pd
 
@@ -397,8 +397,7 @@ def _list_trials(
     options_of_reading = SearchOptions(
         question=search.question, unit=search.unit, intensity=search.intensity
     )
-    has_other_options = search != options_of_reading
-    if lists.list_output is None or has_other_options:
+    if lists.list_output is None or search != options_of_reading or simulated:
         raise bt.InputError(
             f"{file}: a given design needs --list trials.csv, without options of the search such "
             "as --lowest, --trials and --max-pairs."
@@ -410,7 +409,7 @@ def _list_trials(
     conditions = simulated_conditions(*read_differences(lists.conditions, differ=None))
     if conditions is not None:
         levels = conditions.levels
-    study_design = search.read_design(file)
+    study_design = bt.design.read_study_design(file, search.question, search.unit, search.intensity)
     seed = root_seed(context.seed)
     tables = [
         bt.design.trial_list(

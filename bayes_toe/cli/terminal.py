@@ -219,20 +219,21 @@ def repeated_command() -> str:
 
 
 def with_options(command: str, options: Iterable[str]) -> str:
-    """A command line with further options; one that was typed already is removed instead.
+    """A command line with further options, which replace those for blocks of the same subject.
 
-    Responses that look swapped only after --swap were not swapped. An option for a whole subject
-    replaces those for its blocks.
+    A swap that was typed is removed: the responses look swapped only after it.
 
     Examples
     --------
-    >>> with_options("bayes-toe run study.csv --swap A:3", ["--swap A:3", "--exclude B"])
+    >>> with_options("bayes-toe run study.csv --swap A:3", ["--swap A:3"])
+    'bayes-toe run study.csv'
+    >>> with_options("bayes-toe run study.csv --exclude B:3", ["--exclude B"])
     'bayes-toe run study.csv --exclude B'
     """
     for option in options:
-        shorter = re.sub(rf" {re.escape(option)}(:\S+)?(?= |$)", "", command)
-        was_typed = f" {option} " in f"{command} "
-        command = shorter if was_typed else f"{shorter} {option}"
+        command, n_typed = re.subn(rf" {re.escape(option)}(:\S+)?(?!\S)", "", command)
+        if not n_typed or "--exclude" in option:
+            command += f" {option}"
     return command
 
 

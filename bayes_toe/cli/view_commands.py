@@ -146,20 +146,19 @@ def corner(
     context.require_folder(output, files)
     with whole_folder(output, files, overwrite=context.overwrite) as folder:
         folder = folder.absolute()  # A worker may be in another folder than this process.
-        jobs = []
-        for file, group in subjects_by_file.items():
-            jobs.append(
-                partial(
-                    _save_corner,
-                    folder / file,
-                    # They are copied to the worker, so that a single subject's are selected.
-                    draws[group[0]] if len(group) == 1 else draws,
-                    group,
-                    coordinates=coordinates,
-                    prior=draws.prior if show_prior else None,
-                    truths=truths,
-                )
+        jobs = [
+            partial(
+                _save_corner,
+                folder / file,
+                # They are copied to the worker, so that a single subject's are selected.
+                draws[group[0]] if len(group) == 1 else draws,
+                group,
+                coordinates=coordinates,
+                prior=draws.prior if show_prior else None,
+                truths=truths,
             )
+            for file, group in subjects_by_file.items()
+        ]
         context.draw(jobs, files)
     context.print_written(f"{plural(len(files), 'corner plot')} in {output}")
 

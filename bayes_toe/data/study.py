@@ -31,7 +31,7 @@ from bayes_toe.data.messages import (
 )
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tables import frame_of
-from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR
 from bayes_toe.errors import InputError, require_kind
 
@@ -63,7 +63,7 @@ class Subject:
     n_second : array_like of int, shape (pairs,), optional
         Of three answers: how often 'second' was given. It may be omitted where every answer is
         'equal'.
-    task : Task
+    task : Task or str
         What was asked: same or different (the default), which is stronger, or three answers.
     unit : StimulusUnit
         The unit in which screens, figures and reports show the stimuli.
@@ -87,6 +87,8 @@ class Subject:
     --------
     >>> Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50]).fraction_yes
     0.69
+    >>> Subject("S02", [0.0], [0.3], [2], [5], task="2afc").task.yes
+    'second'
     """
 
     name: str
@@ -106,6 +108,7 @@ class Subject:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
 
+        object.__setattr__(self, "task", task_of(self.task))
         rows = counted_rows(
             self.name, (self.s1, self.s2), self.n_yes, self.n_trials, self._all_n_second()
         )
@@ -196,6 +199,7 @@ class Subject:
         >>> subject.n_yes.tolist(), subject.n_trials.tolist()
         ([2], [3])
         """
+        task = task_of(task)
         is_yes = np.asarray(yes).ravel()
         n_second = None
         if task == THREE_ANSWERS:

@@ -15,7 +15,7 @@ from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_informat
 from bayes_toe.data.messages import join_words
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, UNKNOWN_UNIT, StimulusUnit
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.validation import number
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import Observer, assume_observers
@@ -58,7 +58,7 @@ class DesignGoal:
         Different pairs.
     keep : StudyDesign, optional
         Pairs that stay, with at least their trials.
-    task : Task
+    task : Task or str
         What is asked; "2afc": which is stronger.
     is_even : bool
         Whether the design spreads the trials evenly over the range: each of the first stimuli with
@@ -72,7 +72,6 @@ class DesignGoal:
     is_even: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "task", task_of(self.task))
         if self.aim not in AIMS:
             raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(AIMS)}")
         require_number("--max-pairs", self.max_pairs, _FEWEST)

@@ -39,7 +39,7 @@ from bayes_toe.data.tables import Table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.zero_mean import approximate_zero_mean
 from bayes_toe.inference.order_evidence import BATCH, order_evidence
@@ -287,6 +287,7 @@ def power(
     >>> table["the paper's pairs", 130, "both", "order_effect", "yes"].data_sets
     2
     """
+    require_kind("trials", trials, Iterable, "whole numbers, in a list")
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
     simulated: list[DataSet] = []

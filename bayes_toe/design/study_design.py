@@ -223,7 +223,12 @@ def read_study_design(
     _, columns = read_stimuli(path, options, required=("n_trials",))
     n_trials = columns["n_trials"].astype(np.int64)
     try:
-        design = StudyDesign(columns["s1"], columns["s2"], n_trials, task=task_of(task))
+        design = StudyDesign(
+            columns["s1"],
+            columns["s2"],
+            n_trials,
+            task=task,  # type: ignore[arg-type]
+        )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return design.in_order()
@@ -312,7 +317,7 @@ def stimulus_columns(
 
 def paper_study_design(task: Task | str = SAME_DIFFERENT) -> StudyDesign:
     """The paper's 13 pairs, 50 trials each, sorted by (s1, s2)."""
-    return replace(reference_design(), task=task_of(task)).in_order()
+    return replace(reference_design(), task=task).in_order()  # type: ignore[arg-type]
 
 
 def reference_design(

@@ -185,6 +185,6 @@ def pareto_k(log_weights: FloatArray) -> float:
     with np.errstate(all="ignore"):  # weights of zero, and tails that are all but flat
         try:
             smoothed, k = array_stats.psislw(-log_weights)  # ArviZ takes the opposite sign
-        except ValueError:  # a tail of fewer than five weights, or of equal ones
+        except (ValueError, IndexError):  # a tail of fewer than five weights, or of equal ones
             return np.inf
         return float(k) if np.isfinite(k) and not np.isnan(smoothed).any() else np.inf

@@ -197,6 +197,8 @@ REFUSED = """
     --levels l.csv --intensity -1 | --intensity: found -1.0, allowed: a positive
     given.csv | given.csv: a given design needs --list trials.csv, without options of the
     given.csv --list t.csv --max-pairs 4 | without options of the search such as --lowest
+    given.csv --list t.csv --observers nobody | without options of the search such as --lowest
+    given.csv --list t.csv --prior absent.toml | without options of the search such as --lowest
     given.csv --list t.csv --trials 60 | without options of the search such as --lowest, --trials
     --lowest 0 --highest 1 --list t.csv | need a design, as in bayes-toe design design.csv --list
 """
@@ -227,8 +229,11 @@ def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     frame = pd.read_csv(tmp_path / "d.csv")
     assert (frame.i1.min(), frame.i1.max()) == (45.0, 213.0)
     # A reference of the logarithms changes no intensity of pairs to keep and of a list of trials.
-    line = f"design -o kept.csv --keep d.csv --intensity 87 --trials 80 {small}"
-    run_ok(f"{line} --lowest 45 --highest 213", cwd=tmp_path)
+    run_ok(
+        "design -o kept.csv --keep d.csv --intensity 87 --trials 80 --lowest 45 --highest 213 "
+        f"{small}",
+        cwd=tmp_path,
+    )
     run_ok("design kept.csv --list l.csv --unit um --intensity 87", cwd=tmp_path)
     assert pd.read_csv(tmp_path / "l.csv").i1.max() == 213.0
     # As typed by hand: intensities alone, without their logarithms s1 and s2.

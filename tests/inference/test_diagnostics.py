@@ -75,6 +75,7 @@ def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
 #: Log weights.
 WITHOUT_TAIL = {
     "too few": RNG.normal(size=12),
+    "a single one": np.zeros(1),
     "all the same": np.full(100, -3.0),
     "nearly all zero": np.where(np.arange(900) % 99, -np.inf, RNG.normal(size=900)),
     "apart by rounding": -1e-19 * np.arange(1000),
