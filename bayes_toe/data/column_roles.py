@@ -162,11 +162,6 @@ def is_no_response(text: str) -> bool:
     return word in MISSING_WORDS or word in VOCABULARY["missed"]["responses"]
 
 
-def _words_in(name: str) -> list[str]:
-    """The words of a name in small letters: 'keyPress_RT' has 'key', 'press' and 'rt'."""
-    return list(map(str.lower, re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)))
-
-
 def is_response_sign(name: str) -> bool:
     """Whether a column has keys or reaction times.
 
@@ -175,7 +170,9 @@ def is_response_sign(name: str) -> bool:
     >>> is_response_sign("key_resp_2.rt"), is_response_sign("keyPress"), is_response_sign("start")
     (True, True, False)
     """
-    return not {plain_name(name), *_words_in(name)}.isdisjoint(VOCABULARY["missed"]["columns"])
+    return not {plain_name(name), *named_places(name)[2]}.isdisjoint(
+        VOCABULARY["missed"]["columns"]
+    )
 
 
 def is_missed_flag(column: Column) -> bool:
@@ -227,15 +224,14 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     ['8']
     """
     # A column such as 'rejected' says so by 1, and a column such as 'valid' by 0.
-    by_1 = VOCABULARY["taken_out"]["by_1"]
-    by_0 = VOCABULARY["taken_out"]["by_0"]
+    taken_out = VOCABULARY["taken_out"]
     plain = plain_name(name)
     # A cell 'aborted' says so in each column.
-    words = {*by_1, *VOCABULARY["taken_out"]["codes"].get(plain, ())}
+    words = {*taken_out["by_1"], *taken_out["codes"].get(plain, ())}
     plain = re.sub("^(is|was|trial)+|trials?$", "", plain)  # 'is_valid' is 'valid'
-    if is_flag(texts) and plain in by_1:
+    if is_flag(texts) and plain in taken_out["by_1"]:
         words |= TRUE_WORDS
-    elif is_flag(texts) and plain in by_0:
+    elif is_flag(texts) and plain in taken_out["by_0"]:
         words |= FALSE_WORDS - {""}
         if words.isdisjoint(map(str.lower, texts)):
             words.add("")  # where the others are crossed
@@ -734,7 +730,7 @@ def suggested_unit(name: str, lowest: float) -> str:
         return unit
     if lowest > 100.0:  # no levels of sounds are all as loud
         return ""
-    for word in _words_in(without_accents(name)):
+    for word in sorted(named_places(name)[2]):
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
             if word.startswith(tuple(beginnings)):
                 return unit
