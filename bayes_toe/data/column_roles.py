@@ -203,8 +203,8 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
-        is_practice = _PRACTICE.match(plain_name(text)) and text[:1].isalnum()
-        if is_true or is_practice:  # not a path such as './demo'
+        # Not a path such as './demo'.
+        if is_true or (_PRACTICE.match(plain_name(text)) and text[:1].isalnum()):
             marks.append(text)
     return marks
 
@@ -525,8 +525,13 @@ def columns_to_read(
 
     # The names that must be there once: those of roles, and those that options name.
     roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
-    given_names = filterfalse(names.__contains__, map(options.name, options.columns))
-    required = dict.fromkeys([*options.where, *map(options.name, roles), *given_names])
+    required = dict.fromkeys(
+        [
+            *options.where,
+            *map(options.name, roles),
+            *filterfalse(names.__contains__, map(options.name, options.columns)),
+        ]
+    )
     problems += repeated_columns(names, required)
     missing = list(filterfalse(names.__contains__, required))
     if not missing:
@@ -751,7 +756,7 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     low = stimuli.min()
     if low != 0.0:  # 0 has no logarithm, and is none of a unit that is named
         remedies += unit_remedies(ANY_UNIT if low > 0.0 else "NAME")[:-1]
-    return [*remedies, *unit_remedies("ln")[1:]]
+    return remedies + unit_remedies("ln")[1:]
 
 
 def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
@@ -972,8 +977,13 @@ def _role_by_cells(column: Column) -> str:
     ['subject', 'subject', '']
     """
     # A session or a file is that of a subject, if others do not name the subject.
-    pattern = "(?i)^((rec_?)?session_?id|(data|source|log)?_?(file(_?name)?|datei(name)?))$"
-    words = named_places(re.sub(pattern, "id", column.name))[2]
+    words = named_places(
+        re.sub(
+            "(?i)^((rec_?)?session_?id|(data|source|log)?_?(file(_?name)?|datei(name)?))$",
+            "id",
+            column.name,
+        )
+    )[2]
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))

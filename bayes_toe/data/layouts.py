@@ -214,7 +214,7 @@ def _standard_first_by_text(
     if None in is_first.values() and len(is_first) <= 2:
         counts = join_names(column.counts(is_first))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
-        _ask_order(table, column, problem, sorted(is_first))  # 'AB' before 'BA'
+        _ask_order(table, column, problem, list(is_first))
 
     # Texts such as '1' or 'first' say the interval, but not of which stimulus.
     intervals = [text for text in is_first if named_places(text)[:2] == ([], ["first"])]
@@ -237,9 +237,14 @@ def _ask_order(
     if owner == "comparison":
         meaning = "if it says the interval of the comparison"
         remedies.append(Remedy("comparison_interval", column.name, meaning))
+    # 'AB' before 'BA'; of 'left_first' or 'A_first', '1' before '0'.
     remedies += [
         Remedy("standard_first_code", text, f"if {text} means that the standard was first")
-        for text in texts
+        for text in sorted(
+            texts,
+            reverse=is_flag(texts)
+            and re.match("(?i)(is_?)?(left|a)_?first", column.name) is not None,
+        )
     ]
     table.problems.ask(f"{column}: {problem}", remedies)
     table.problems.refuse()

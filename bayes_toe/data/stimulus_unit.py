@@ -87,8 +87,7 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     stimuli = np.concatenate([first, second])
     low = stimuli.min()
     high = stimuli.max()
-    is_wide = high - low > LARGEST_STEP
-    if (low > _LARGEST_LOG or is_wide) and (stimuli % 1.0 == 0.0).all():
+    if (low > _LARGEST_LOG or high - low > LARGEST_STEP) and (stimuli % 1.0 == 0.0).all():
         kind = "whole numbers, perhaps those of a list," if low == 1.0 else "whole numbers"
         return f"{kind} from {low:g} to {high:g}", None
     steps = np.abs(second - first)

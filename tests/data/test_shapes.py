@@ -823,6 +823,10 @@ REFUSED = {
         "columns left_g and right_g do not say which stimulus came first",
         "type:  --standard-interval lifted_first --columns standard=left_g,comparison=right_g,resp",
     ),
+    "left_first.csv --standard-interval left_first --columns standard=left_g,comparison=right_g": (
+        "subject,left_g,right_g,left_first,response\na,50,60,1,first\na,60,50,0,second\n",
+        "type:  --standard-first-code 1 ",
+    ),
     "unit_below_names.csv": (
         "subject,s1,s2,response\n,ms,ms,\na,500,700,first\na,700,500,second\n",
         "type:  --unit ms ",
