@@ -30,6 +30,7 @@ Its reference is the same sum with the answers to each pair in random orders.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np

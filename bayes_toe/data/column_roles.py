@@ -171,11 +171,6 @@ def is_no_response(text: str) -> bool:
     return word in MISSING_WORDS or word in VOCABULARY["missed"]["responses"]
 
 
-def _words_in(name: str) -> list[str]:
-    """The words of a name in small letters: 'keyPress_RT' has 'key', 'press' and 'rt'."""
-    return list(map(str.lower, re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)))
-
-
 def is_response_sign(name: str) -> bool:
     """Whether a column has keys or reaction times.
 
@@ -184,7 +179,9 @@ def is_response_sign(name: str) -> bool:
     >>> is_response_sign("key_resp_2.rt"), is_response_sign("keyPress"), is_response_sign("start")
     (True, True, False)
     """
-    return not {plain_name(name), *_words_in(name)}.isdisjoint(VOCABULARY["missed"]["columns"])
+    return not {plain_name(name), *named_places(name)[2]}.isdisjoint(
+        VOCABULARY["missed"]["columns"]
+    )
 
 
 def is_missed_flag(column: Column) -> bool:
@@ -215,8 +212,8 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     marks = []
     for text in texts:
         is_true = has_flags and text.lower() in TRUE_WORDS
-        is_practice = _PRACTICE.match(plain_name(text)) and text[:1].isalnum()
-        if is_true or is_practice:  # not a path such as './demo'
+        # Not a path such as './demo'.
+        if is_true or (_PRACTICE.match(plain_name(text)) and text[:1].isalnum()):
             marks.append(text)
     return marks
 
@@ -236,15 +233,14 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     ['8']
     """
     # A column such as 'rejected' says so by 1, and a column such as 'valid' by 0.
-    by_1 = VOCABULARY["taken_out"]["by_1"]
-    by_0 = VOCABULARY["taken_out"]["by_0"]
+    taken_out = VOCABULARY["taken_out"]
     plain = plain_name(name)
     # A cell 'aborted' says so in each column.
-    words = {*by_1, *VOCABULARY["taken_out"]["codes"].get(plain, ())}
+    words = {*taken_out["by_1"], *taken_out["codes"].get(plain, ())}
     plain = re.sub("^(is|was|trial)+|trials?$", "", plain)  # 'is_valid' is 'valid'
-    if is_flag(texts) and plain in by_1:
+    if is_flag(texts) and plain in taken_out["by_1"]:
         words |= TRUE_WORDS
-    elif is_flag(texts) and plain in by_0:
+    elif is_flag(texts) and plain in taken_out["by_0"]:
         words |= FALSE_WORDS - {""}
         if words.isdisjoint(map(str.lower, texts)):
             words.add("")  # where the others are crossed
@@ -549,8 +545,13 @@ def columns_to_read(
 
     # The names that must be there once: those of roles, and those that options name.
     roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
-    given_names = filterfalse(names.__contains__, map(options.name, options.columns))
-    required = dict.fromkeys([*options.where, *map(options.name, roles), *given_names])
+    required = dict.fromkeys(
+        [
+            *options.where,
+            *map(options.name, roles),
+            *filterfalse(names.__contains__, map(options.name, options.columns)),
+        ]
+    )
     problems += repeated_columns(names, required)
     missing = list(filterfalse(names.__contains__, required))
     if not missing:
@@ -761,7 +762,7 @@ def suggested_unit(name: str, lowest: float) -> str:
         return unit
     if lowest > 100.0:  # no levels of sounds are all as loud
         return ""
-    for word in _words_in(without_accents(name)):
+    for word in sorted(named_places(name)[2]):
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
             if word.startswith(tuple(beginnings)):
                 return unit
@@ -784,7 +785,7 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     low = stimuli.min()
     if low != 0.0:  # 0 has no logarithm, and is none of a unit that is named
         remedies += unit_remedies(ANY_UNIT if low > 0.0 else "NAME")[:-1]
-    return [*remedies, *unit_remedies("ln")[1:]]
+    return remedies + unit_remedies("ln")[1:]
 
 
 def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:

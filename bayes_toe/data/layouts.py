@@ -216,7 +216,7 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     if None in order_by_text.values() and len(order_by_text) <= 2:
         counts = join_names(column.counts(order_by_text))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
-        _ask_order(table, column, problem, sorted(order_by_text))  # 'AB' before 'BA'
+        _ask_order(table, column, problem, list(order_by_text))
 
     # Texts such as '1' or 'first' say the interval, but not of which stimulus.
     intervals = [text for text in order_by_text if named_places(text)[:2] == ([], ["first"])]
@@ -239,9 +239,14 @@ def _ask_order(
     if owner == "comparison":
         meaning = "if it says the interval of the comparison"
         remedies.append(Remedy("comparison_interval", column.name, meaning))
+    # 'AB' before 'BA'; of 'left_first' or 'A_first', '1' before '0'.
     remedies += [
         Remedy("standard_first_code", text, f"if {text} means that the standard was first")
-        for text in texts
+        for text in sorted(
+            texts,
+            reverse=is_flag(texts)
+            and re.match("(?i)(is_?)?(left|a)_?first", column.name) is not None,
+        )
     ]
     table.problems.ask(f"{column}: {problem}", remedies)
     table.problems.refuse()

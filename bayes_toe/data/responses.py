@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, combination_counts
 from bayes_toe.data.column_roles import (
     OTHER_COUNTS,
     TRUE_WORDS,
@@ -452,7 +452,7 @@ def _unknown_meaning(
     problem = f"the codes are {shares}. The program does not know what they mean."
     if len(texts) == 1:
         problem = f"the only code is {shares}. The program does not know what it means."
-    remedies = _other_responses(table, texts)
+    remedies = _other_responses(table, texts, trends["second_code"])
     # If the file names its task, options for the answers of other tasks are not proposed.
     task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
     frequent = _frequent(column)  # none of many numbers, such as those of a slider
@@ -670,12 +670,16 @@ def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:
     return False
 
 
-def _other_responses(table: TextTable, ratings: Texts) -> list[Remedy]:
-    """Options to type if responses are ratings, and another column has two keys or words."""
+def _other_responses(table: TextTable, ratings: Texts, rise: FloatArray) -> list[Remedy]:
+    """Options to type if responses are ratings, and another column has two keys or words.
+
+    The words of the other column do not follow from s2 - s1, as correct answers do.
+    """
     return [
         Remedy("columns", (("response", name),), f"if {column} has the responses")
         for name, column in table.columns.items()
-        if name.startswith("response_")
+        if (name.startswith("response_") or looks_like(name, "response"))
+        and len(combination_counts(np.sign(rise), column.codes)) > 3
         and len(list(filterfalse(is_no_response, column.texts))) == 2 < len(ratings)
         and not is_flag(column.texts)
     ]

@@ -81,13 +81,15 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     ('', None)
     >>> sign_of_intensities(np.array([-3.0, 1.0]), np.array([-1.0, 4.0]))
     ('whole numbers from -3 to 4', None)
+    >>> sign_of_intensities(np.array([1.0, 4.0]), np.array([2.0, 7.0]))
+    ('whole numbers, perhaps those of a list, from 1 to 7', None)
     """
     stimuli = np.concatenate([first, second])
     low = stimuli.min()
     high = stimuli.max()
-    is_wide = high - low > LARGEST_STEP
-    if (low > _LARGEST_LOG or is_wide) and (stimuli % 1.0 == 0.0).all():
-        return f"whole numbers from {low:g} to {high:g}", None
+    if (low > _LARGEST_LOG or high - low > LARGEST_STEP) and (stimuli % 1.0 == 0.0).all():
+        kind = "whole numbers, perhaps those of a list," if low == 1.0 else "whole numbers"
+        return f"{kind} from {low:g} to {high:g}", None
     steps = np.abs(second - first)
     widest = int(steps.argmax())
     if steps[widest] <= LARGEST_STEP:

@@ -242,8 +242,14 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
     if not is_unfilled.any():
         return table
 
-    reason = " left out as unfilled (stimuli and response are 0 in the last rows): "
-    return table.only(~is_unfilled, Note((is_unfilled.sum(), "row"), reason, named_counts(counts)))
+    return table.only(
+        ~is_unfilled,
+        Note(
+            (is_unfilled.sum(), "row"),
+            " left out as unfilled (stimuli and response are 0 in the last rows): ",
+            named_counts(counts),
+        ),
+    )
 
 
 def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
@@ -340,9 +346,12 @@ def taken_out_doubts(
             texts = [*texts, *practice_texts(name, column.texts)]
         guess = ""
         n_runs = len(run_starts(subject.codes, column.codes))
-        n_first = (column.codes == 0).sum()  # rows with the text of the first row
-        is_short = 3 * n_subjects <= n_first <= 0.2 * len(table.rows)
-        if not texts and is_short and n_runs == 2 * n_subjects and len(column.texts) == 2:
+        if (
+            not texts
+            and n_runs == 2 * n_subjects
+            and len(column.texts) == 2
+            and 3 * n_subjects <= (column.codes == 0).sum() <= 0.2 * len(table.rows)
+        ):
             texts = column.texts[:1]
             guess = " if these first rows of each subject are practice"
         other_texts = list(filterfalse(texts.__contains__, column.texts))

@@ -817,9 +817,17 @@ REFUSED = {
         "columns left_g and right_g do not say which stimulus came first",
         "type:  --standard-interval lifted_first --columns standard=left_g,comparison=right_g,resp",
     ),
+    "left_first.csv --standard-interval left_first --columns standard=left_g,comparison=right_g": (
+        "subject,left_g,right_g,left_first,response\na,50,60,1,first\na,60,50,0,second\n",
+        "type:  --standard-first-code 1 ",
+    ),
     "unit_below_names.csv": (
         "subject,s1,s2,response\n,ms,ms,\na,500,700,first\na,700,500,second\n",
         "type:  --unit ms ",
+    ),
+    "confidence.csv": (
+        "subject,s1,s2,choice,response\na,0,0.3,2,1\na,0,0.3,1,2\na,0.3,0,1,4\na,0.3,0,2,3\n",
+        "type:  --columns response=choice ",
     ),
     "loud.csv": (
         "subject,level1,level2,shorter\na,500,700,1\na,700,500,2\n",
@@ -925,8 +933,12 @@ WARNED = {
     "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
     "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
     "If it has correct answers, --columns": IN_LOGS.assign(response=CORRECT_ANSWERS),
-    "6 rows with 'prova' in column fase are counted; --where fase=vero leaves them out if these": (
-        IN_LOGS.assign(fase=(["prova"] * 3 + ["vero"] * 37) * 2)
+    "6 rows with 'P' in column part are counted; --where part=E leaves them out if these first": (
+        IN_LOGS.assign(
+            part=list(
+                "PPPEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEPPPEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEE"
+            )
+        )
     ),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
