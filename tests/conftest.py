@@ -132,6 +132,13 @@ def made_subject(rows, name="S", task=SAME_DIFFERENT):
     return bt.Subject(name, *columns(rows), task=task)
 
 
+def subject_of_pairs(pairs, n_trials=10, name="S01", share_yes=0.4, **keywords):
+    """A subject with so many trials of each pair (s1, s2), and a share of 'equal' (or 'second')."""
+    s1, s2 = np.transpose(pairs)
+    n_yes = int(share_yes * n_trials)
+    return bt.Subject(name, s1, s2, [n_yes] * len(s1), [n_trials] * len(s1), **keywords)
+
+
 def five_pairs(task=SAME_DIFFERENT, *, name="S", factor=1.0, shift=0.0, n_times=1):
     """A subject with five pairs of stimuli, which may be in another unit or have more trials.
 

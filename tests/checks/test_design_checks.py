@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from conftest import subject_of_pairs
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import Finding
@@ -18,12 +19,6 @@ from bayes_toe.model.prior_file import prior_for
 GRID = list(itertools.product([-0.3, 0.0, 0.4], repeat=2))
 
 
-def make_subject(pairs, n_equal=4, name="S01", **keywords):
-    """A subject with 10 trials of each pair (s1, s2), and so many 'equal' (or 'second') of each."""
-    s1, s2 = zip(*pairs, strict=True)
-    return Subject(name, s1, s2, [n_equal] * len(pairs), [10] * len(pairs), **keywords)
-
-
 def two_scales(subjects):
     """Findings of stimuli that seem to have two units."""
     return [finding for finding in check_design(Study(subjects)) if finding.code == "two_scales"]
@@ -36,20 +31,20 @@ def messages(*subjects, **keywords):
 
 
 def test_effects_that_the_pairs_cannot_show_are_named():
-    assert messages(make_subject(GRID)) == {}
+    assert messages(subject_of_pairs(GRID)) == {}
     # Only equal pairs; and only one first stimulus, where a contraction is a constant error.
     pairs_by_effects = {
         "Order effect, constant error and contraction": [(-0.3, -0.3), (0.0, 0.0)],
         "Contraction": [(0.25, s2) for s2 in (-0.3, 0.0, 0.25, 0.4)],
     }
     for effects, pairs in pairs_by_effects.items():
-        ((code, message),) = messages(make_subject(pairs)).items()
+        ((code, message),) = messages(subject_of_pairs(pairs)).items()
         assert code == "not_identified"
         assert message.startswith(f"{effects} cannot be told, because ")
 
 
 def test_in_2afc_a_preference_for_a_response_may_be_the_constant_error():
-    texts = messages(make_subject(GRID, task=WHICH_STRONGER))
+    texts = messages(subject_of_pairs(GRID, task=WHICH_STRONGER))
     assert list(texts) == ["criterion"]
     assert texts["criterion"].startswith("In 2AFC, a constant error and a response bias")
 
@@ -58,18 +53,18 @@ def test_pairs_in_one_order_are_named_the_first_three_of_them():
     # The grid has all its pairs in both orders.
     pairs = [*GRID, (0.0, 0.5)]
     message = "1 pair was presented in one order only: (0, 0.5)."
-    assert messages(make_subject(pairs)) == {"one_order": message}
+    assert messages(subject_of_pairs(pairs)) == {"one_order": message}
     pairs += [(0.0, 0.6), (0.7, 0.0), (0.8, 0.0)]
     message = (
         "4 pairs were presented in one order only: (0, 0.5), (0, 0.6), (0.7, 0), ... and 1 more."
     )
-    assert messages(make_subject(pairs)) == {"one_order": message}
+    assert messages(subject_of_pairs(pairs)) == {"one_order": message}
 
 
 def test_a_prior_in_another_unit_than_the_stimuli_is_named():
     def message(step, prior="paper"):
         """The finding about the prior for stimuli that differ by so much, or ''."""
-        study = Study((make_subject([(0.0, 0.0), (0.0, step), (step, 0.0), (7.0, 7.0)]),))
+        study = Study((subject_of_pairs([(0.0, 0.0), (0.0, step), (step, 0.0), (7.0, 7.0)]),))
         findings = urgent_findings(study, prior_for(study, prior))
         texts = {finding.code: finding.message for finding in findings}
         return texts.get("prior_scale", "")
@@ -82,7 +77,7 @@ def test_a_prior_in_another_unit_than_the_stimuli_is_named():
     assert message(17.0).startswith(start.format("narrow", 17))
     assert message(0.3, Prior(sigma_p_scale=0.01)).startswith("The prior is far too narrow")
     assert [message(step, "default") for step in (1e-4, 0.3, 1e6)] == ["", "", ""]
-    only_equal = Study((make_subject([(0.0, 0.0), (2.0, 2.0)]),))
+    only_equal = Study((subject_of_pairs([(0.0, 0.0), (2.0, 2.0)]),))
     assert urgent_findings(only_equal, Prior()) == ()
 
 
@@ -91,7 +86,7 @@ def test_a_prior_in_another_unit_than_the_stimuli_is_named():
 )
 def test_stimuli_that_look_raw_are_named(shift, scale, is_raw):
     """Natural logs of intensities from -.3 to .4 are plausible, a range of 7 is not."""
-    subject = make_subject([(shift + scale * s1, shift + scale * s2) for s1, s2 in GRID])
+    subject = subject_of_pairs([(shift + scale * s1, shift + scale * s2) for s1, s2 in GRID])
     assert ("raw_stimuli" in messages(subject)) == is_raw
     read = messages(subject, reading=Reading(read=("i1", "i2")))
     assert "raw_stimuli" not in read, "what --intensity made is not raw"
@@ -100,13 +95,13 @@ def test_stimuli_that_look_raw_are_named(shift, scale, is_raw):
 def test_stimuli_on_two_scales_are_named():
     # The same intensities in g and in kg.
     logs = np.log([740, 905, 1.105, 1.350]).tolist()
-    texts = messages(make_subject(list(itertools.product(logs, repeat=2))))
+    texts = messages(subject_of_pairs(list(itertools.product(logs, repeat=2))))
     groups = (
         "Stimuli lie in two groups, 0.09985 to 0.3001 and 6.607 to 6.808, a factor of 550 apart."
     )
     assert texts["two_scales"].startswith(groups)
     grams = StimulusUnit("g")
-    subject = make_subject(list(itertools.product(logs, repeat=2)), name="S 1", unit=grams)
+    subject = subject_of_pairs(list(itertools.product(logs, repeat=2)), name="S 1", unit=grams)
     (finding,) = two_scales([subject])
     assert "1.105 to 1.35 g and 740 to 905 g" in finding.message
     assert finding.option == "--exclude 'S 1'", "a fault of recording needs a decision"
@@ -114,7 +109,7 @@ def test_stimuli_on_two_scales_are_named():
 
 def test_subjects_whose_stimuli_have_another_unit_are_named():
     # A gap of 6 between S0 and S1 and S7 is a factor of 400 in intensity; a gap of 1 is one of 3.
-    subjects = [make_subject([(shift, shift + 0.1)], name=f"S{shift}") for shift in (0, 1, 7)]
+    subjects = [subject_of_pairs([(shift, shift + 0.1)], name=f"S{shift}") for shift in (0, 1, 7)]
     (finding,) = two_scales(subjects)
     ranges = "The stimuli of S0, S1 are 0 to 1.1, those of other subjects 7 to 7.1."
     assert finding.message.startswith(ranges)
@@ -139,14 +134,17 @@ def test_a_lone_stimulus_far_from_the_others_is_named():
     ],
 )
 def test_names_that_may_be_of_one_subject_are_listed(names, message):
-    texts = messages(*(make_subject(GRID, name=name) for name in names))
+    texts = messages(*(subject_of_pairs(GRID, name=name) for name in names))
     assert texts.get("names_look_alike", "").startswith(message)
     assert len(texts) == bool(message)  # and nothing else is found
 
 
 def test_findings_of_subjects_follow_those_of_the_study():
     # b always responds 'equal'; B has 10 trials of one pair.
-    subjects = [make_subject(GRID, n_equal=10, name="b"), make_subject([(0.0, 0.3)], name="B")]
+    subjects = [
+        subject_of_pairs(GRID, share_yes=1.0, name="b"),
+        subject_of_pairs([(0.0, 0.3)], name="B"),
+    ]
     findings = bt.check(Study(subjects))
     assert findings[0] == Finding(
         "",

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import BOTH_TASKS
+from conftest import BOTH_TASKS, subject_of_pairs
 from serial_observers import neighbouring_pairs
 
 import bayes_toe as bt
@@ -18,12 +18,6 @@ LEVELS = (0.0, 0.14, 0.31, 0.44, 0.51)
 GRID = list(itertools.product(LEVELS, repeat=2))
 CONTRACTION = ("contraction",)
 CRITERION = "a response bias predict the same responses"
-
-
-def make_subject(pairs, task=SAME_DIFFERENT, n_trials=20):
-    """A subject who gives either answer in half of the trials of each pair (s1, s2)."""
-    s1, s2 = np.transpose(pairs)
-    return bt.Subject("S", s1, s2, [n_trials // 2] * len(s1), [n_trials] * len(s1), task=task)
 
 
 @BOTH_TASKS
@@ -46,7 +40,7 @@ def test_the_pairs_decide_which_questions_can_be_told(pairs, unknown, reason, ta
     """In every unit of the stimuli. Of 2AFC, a note says that a response bias may be the cause."""
     for scale, shift in ((1.0, 0.0), (1e-9, 0.0), (1e9, 3e9)):
         moved = [(scale * s1 + shift, scale * s2 + shift) for s1, s2 in pairs]
-        identified = identify(make_subject(moved, task))
+        identified = identify(subject_of_pairs(moved, task=task))
         assert tuple(identified.reasons) == unknown
         assert reason in " ".join(set(identified.reasons.values()))
         assert (CRITERION in " ".join(identified.notes)) == (task == WHICH_STRONGER)
@@ -59,10 +53,10 @@ def test_roved_stimuli_need_both_signs_but_no_repeated_pairs(task):
     s1 = rng.normal(0.0, 2.0, 200)
     step = np.abs(rng.normal(0.0, 0.3, 200))
     always_rising = np.column_stack([s1, s1 + step])
-    assert identify(make_subject(always_rising, task, n_trials=1)).reasons
+    assert identify(subject_of_pairs(always_rising, 1, task=task)).reasons
     step[::2] *= -1.0
     of_both_signs = np.column_stack([s1, s1 + step])
-    assert not identify(make_subject(of_both_signs, task, n_trials=1)).reasons
+    assert not identify(subject_of_pairs(of_both_signs, 1, task=task)).reasons
 
 
 def read_trials(**columns):
@@ -114,14 +108,14 @@ def test_one_trial_of_the_other_order_in_each_block_is_enough_to_pass():
 
 def is_imitated(pairs, task, n_trials=20):
     """Whether noise that changes with intensity may look like a contraction, and nothing else."""
-    reasons = identify(make_subject(pairs, task, n_trials)).reasons
+    reasons = identify(subject_of_pairs(pairs, n_trials, task=task)).reasons
     assert set(reasons) <= {"contraction"}
     return reasons == {"contraction": IMITATION}
 
 
 def test_missed_trials_change_no_design():
     # These pairs say hardly more about a contraction than its prior does.
-    planned = make_subject([pair for pair in GRID if 0.14 in pair], WHICH_STRONGER, n_trials=4)
+    planned = subject_of_pairs([pair for pair in GRID if 0.14 in pair], 4, task=WHICH_STRONGER)
     missed = replace(planned, n_trials=planned.n_trials - (planned.s1 != 0.14))
     assert identify(missed) == identify(planned)
 
