@@ -58,8 +58,12 @@ def run_captured(program, cwd):
 
 def run_ok(*words, cwd):
     """Run a command that must end with exit code 0 and without errors, and return its stdout."""
-    finished = run_command(*words, cwd=cwd)
-    assert (finished.returncode, finished.stderr) == (0, ""), (words, finished.stderr)
+    return output_of(run_command(*words, cwd=cwd))
+
+
+def output_of(finished):
+    """The stdout of a program that must have ended with exit code 0 and without errors."""
+    assert (finished.returncode, finished.stderr) == (0, ""), finished.stderr
     return finished.stdout
 
 

@@ -9,7 +9,7 @@ import resource
 import subprocess
 
 import pytest
-from commands import PROGRAM, call, on_one_line, run_command, run_ok
+from commands import PROGRAM, call, on_one_line, output_of, run_command, run_ok
 from conftest import quick_study, text_table, write_counts
 
 
@@ -75,16 +75,14 @@ def test_closed_and_full_streams_cost_no_results(tmp_path):
     write_counts(tmp_path / "study.csv", quick_study("AB"))
     line = "fit study.csv --seed 1 --replicates 5"
     run_ok(f"{line} -o open.csv", cwd=tmp_path)
-    closed = run_in_shell("<&- >&- 2>&-", f"{line} -o closed.csv --workers 2", cwd=tmp_path)
-    assert (closed.returncode, closed.stderr) == (0, "")
+    output_of(run_in_shell("<&- >&- 2>&-", f"{line} -o closed.csv --workers 2", cwd=tmp_path))
     assert (tmp_path / "closed.csv").read_bytes() == (tmp_path / "open.csv").read_bytes()
 
     full = run_in_shell(">/dev/full", "simulate -o full.csv --subjects 1 --seed 1", cwd=tmp_path)
     assert error_line(full).startswith("error: standard output: cannot be written (No space left")
     assert (tmp_path / "full.csv").exists()
 
-    piped = run_in_shell("| :", "--help")  # into a program that reads nothing
-    assert (piped.returncode, piped.stderr) == (0, "")
+    output_of(run_in_shell("| :", "--help"))  # into a program that reads nothing
 
 
 def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder, tmp_path):
@@ -97,9 +95,8 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder,
     plain |= dict.fromkeys(["HOME", "TMPDIR"], str(study_folder / "study.csv" / "home"))
     write_counts(tmp_path / "study.csv", quick_study(["\xe9"]))
     line = "run study.csv -o out --figures none --draws 100 --seed 1"  # the report has figures
-    finished = call(*line.split(), cwd=tmp_path, **plain)
-    assert (finished.returncode, finished.stderr) == (0, "")
-    assert r"\xe9" in finished.stdout  # a letter that ASCII lacks
+    output = output_of(call(*line.split(), cwd=tmp_path, **plain))
+    assert r"\xe9" in output  # a letter that ASCII lacks
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "study.csv"]
 
 
