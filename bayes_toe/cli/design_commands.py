@@ -458,7 +458,8 @@ class SimulatedStudy:
         option("--trials", NUMBER, "Trials of each subject (default: 50 per pair).", min=1),
     ] = None
     batches: Annotated[
-        int, rare("--batches", NUMBER, "Repetitions of each pair, without --trials.", min=1)
+        int,
+        rare("--batches", NUMBER, "Repetitions of each pair, without --trials or n_trials.", min=1),
     ] = 50
     subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
     kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (

@@ -258,13 +258,7 @@ def example_study(task: Task | str = WHICH_STRONGER, options: ReadOptions | None
     """
     beginning, _ = _example(task)
     study = read_study(f"{beginning}_study.csv", options)
-    return Study(
-        study.subjects,
-        "bundled example (synthetic)",
-        synthetic=True,
-        notes=study.notes,
-        conditions=study.conditions,
-    )
+    return replace(study, source="bundled example (synthetic)", reading=Reading())
 
 
 def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
