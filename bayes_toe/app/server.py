@@ -208,7 +208,7 @@ class Page(Handler):
         return self.get_query_argument("token", None) or super().token()
 
     def get(self, name: str) -> None:
-        """Send a file of the page, page.html if the address names none."""
+        """Send a file of the page; the address has one of the names of the route, or none."""
         name = name or "page.html"
         site = self.site
         self.set_cookie(site.cookie, site.token, httponly=True, samesite="Strict", path="/")

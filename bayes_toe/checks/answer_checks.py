@@ -346,12 +346,6 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
     if len(names) <= 0.5 * len(study):
         return {}
     subjects = f"{len(names)} of {plural(len(study), 'subject')}"
-    code = "other_task"
-    flagged = study.names
-    message = (
-        f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
-        "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
-    )
     if study.task.has_criterion:  # 'same or different?'
         code = "like_2afc"
         flagged = tuple(names)
@@ -359,6 +353,13 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
             f"P(equal) rises or falls with s2 - s1 in {subjects}. Check whether the question was "
             "'which was stronger?'. If it was 'same or different?', they share a large constant "
             "error."
+        )
+    else:
+        code = "other_task"
+        flagged = study.names
+        message = (
+            f"Responses look like another task. In {subjects}, P(second) is highest or lowest near "
+            "s2 = s1, as in 'same or different?'. Check which code means 'equal'."
         )
     return {name: [Finding(name, code, message)] for name in flagged}
 

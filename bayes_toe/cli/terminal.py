@@ -191,6 +191,8 @@ def command_lines(command: str, start: str) -> list[str]:
     --------
     >>> command_lines("bayes-toe run study.csv", "  ")
     ['  bayes-toe run study.csv']
+    >>> command_lines("bayes-toe check a_study_with_a_long_name.csv " + 36 * "x", "")
+    ['bayes-toe check a_study_with_a_long_name.csv \\', '  xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx']
     """
     # A word stays on one line, and an option with its value.
     words = [shlex.quote(word).replace(" ", _GLUE) for word in shlex.split(visible(command))]
@@ -202,7 +204,7 @@ def command_lines(command: str, start: str) -> list[str]:
         subsequent_indent=" " * (len(start) + 2),
         break_long_words=False,
     )
-    return " \\\n".join(lines).split("\n")
+    return [f"{line} \\" for line in lines[:-1]] + lines[-1:]
 
 
 def typed_command(name: str) -> str:

@@ -220,7 +220,10 @@ class Entry:
         return {"prior": to_base64(quantiles), "priorShares": shares}
 
     def _interval(self, name: str, values: FloatArray) -> list[float]:
-        """Median and ends of the interval of a quantity, from `estimates`, or else of its draws."""
+        """Low end, median and high end of a quantity, as its axis shows them.
+
+        They come from `estimates`, or else from `values`, its draws in the unit of the axis.
+        """
         if name not in self.estimates:
             return np.quantile(values, MARKED).tolist()
         interval = np.asarray(self.estimates[name])

@@ -194,6 +194,7 @@ class Hamiltonian:
         `anchor` is their mu, `error` their H, and `averaged` the mean of the log step, which is the
         step at the end.
         """
+        # The source has 10 steps here, for a first step that is a rough guess.
         anchor = np.log(2.0 * self.step)
         error = 0.0
         averaged = np.log(self.step)

@@ -242,10 +242,12 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
 
     with whole_file(path, overwrite=overwrite) as target, _OutputFile(target, "w+") as file:
         try:
-            with without_cluster():
+            with without_cluster():  # xarray would ask a cluster for a lock
                 tree.to_netcdf(file, engine="h5netcdf", encoding=encoding)
         finally:
-            if file.error is not None:  # rather than an error that follows from it
+            # HDF5 ends the process at an error of writing, so that the file kept it. It goes before
+            # an error that follows from it.
+            if file.error is not None:
                 raise file.error
     return Path(path)
 

@@ -163,10 +163,11 @@ class PriorMixture:
 def _components(
     points: FloatArray, weights: FloatArray, n: int, df: int, shrinkage: float = 0.7
 ) -> StudentMixture:
-    """Components at points in random order, (points, d), chosen by weights that sum to 1.
+    """Components at some of the points, (points, d), chosen by weights that sum to 1.
 
-    All have the covariance of the points. The factor `shrinkage` moves them toward the mean of the
-    points, so that the mixture is not much wider than the points.
+    Points are in random order, so that neighbours in the array are not near each other. All
+    components have the covariance of the points as their scale matrix. The factor `shrinkage` moves
+    them toward the mean of the points, so that the mixture is not much wider than the points.
     """
     centre = weights @ points
     # Systematic resampling: one point for each n-th part of the weight.
@@ -208,9 +209,9 @@ def mixture_of_clouds(
     points = array.prior_points(rng.uniform(size=(1, 2000, len(array.names))))
     log_prior, log_posterior = array.densities(points)
     flat_likelihood = tempered((log_posterior - log_prior)[0], 200.0)  # effective draws
-    added = _components(points[0][:, is_free], flat_likelihood, 6, df)
-    # A mixture of many components is made for the precision `SHARP` only.
-    return PriorMixture(is_free, core.joined(added, share=0.5), SHARP.prior_share)
+    from_prior = _components(points[0][:, is_free], flat_likelihood, 6, df)
+    # Only fits of the precision `SHARP` begin with this mixture, so its share of the prior holds.
+    return PriorMixture(is_free, core.joined(from_prior, share=0.5), SHARP.prior_share)
 
 
 def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:

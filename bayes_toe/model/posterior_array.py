@@ -81,8 +81,10 @@ class LinearLikelihood:
     def scoring(self, w: FloatArray) -> tuple[FloatArray, ...]:
         """Log likelihood, gradient and Fisher information, (posteriors, points[, d[, d]])."""
         value, slope, information = self.rows.scoring(self.row_points(w))
+        # By the chain rule of u = L w. Where an answer is impossible, an infinite slope times 0 is
+        # NaN; the value is -inf there, so that no search goes there.
         loading = self.loading[:, None]  # with an axis for the points
-        with np.errstate(invalid="ignore"):  # infinite slopes where an answer is impossible
+        with np.errstate(invalid="ignore"):
             slope = slope @ self.loading
             information = loading.swapaxes(2, 3) @ information @ loading
         sums = tuple(map(self.summed, (value, slope, information)))
