@@ -233,7 +233,7 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
 # --- Figures --------------------------------------------------------------------------------------
 
 
-def test_a_panel_has_a_curve_of_each_answer(study):
+def test_curves_give_a_share_of_each_answer_and_name_it(study):
     analysis = bt.run(study, draws=200, seed=1)
     # P of each answer, (draws, 2), to the pairs (0, 0.15) and (0.15, 0).
     shares = analysis.curve("B").answers(*np.transpose([(0.0, 0.15), (0.15, 0.0)]))

@@ -176,7 +176,7 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
     assert [words for words in words_of_2afc if words not in text] == []
 
 
-def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
+def test_each_file_of_a_run_with_conditions_has_them(tmp_path):
     # One subject with the conditions left and right, whose constant errors differ by 2 D, and 60
     # trials of each of 10 pairs: 1,200 trials.
     study = two_conditions(1, n_subjects=1, n_each=60, difference=2.0)
@@ -187,11 +187,10 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
     for name in ("evidence.csv", "summary.csv"):
         units = pd.read_csv(out / name)[["subject", "condition", "seed"]].drop_duplicates()
         assert units.to_numpy().tolist() == [["P000", "left", 1], ["P000", "right", 1]]
-    amount = "1 subject in 2 conditions, 1,200 trials, which was stronger (2AFC), 10 pairs · seed"
     text, methods = text_of(out), text_of(out, "methods.md")
     for words in (
         'id="conditions"',
-        amount,
+        "1 subject in 2 conditions, 1,200 trials, which was stronger (2AFC), 10 pairs · seed",
         "Order effect: 2 of 2 conditions of 1 subject yes.",
         "Constant error differs: 1 of 1 subject yes.",
         "Differences (right − left) are medians",

@@ -850,7 +850,8 @@ def test_a_text_of_many_digits_that_is_no_number_is_refused_quickly(sign):
 
 
 def test_options_take_numbers_as_the_cells_of_a_frame_have_them():
-    # A whole number, a truth value and a float become the texts that cells with them become.
+    # A whole number, a truth value and a float become the texts that cells with them become. The
+    # number has more digits than the six of the format %g.
     options = bt.ReadOptions(equal_code=1234568, different_code=True, where={"session": 1.0})
     assert options.equal_code == "1234568"
     assert options.different_code == "1"

@@ -71,6 +71,7 @@ def test_a_file_has_ranges_or_values_of_each_kind_of_observers(tmp_path):
         ("", "found no kind of observers"),
         ("[a]\nluck = 1\n", "[a]: key 'luck': unknown, allowed: noise, q0, lapse_rate"),
         ("[a]\nnoise = 0\n", "[a]: noise: found 0, allowed: a number above 0"),
+        # A range has the lower number first.
         ("[a]\ncontraction = [0.3, 0.1]\n", "[a]: contraction: found a list, allowed: a number"),
         ("noise = 0.2\n", "key 'noise': allowed: sections such as [contraction]"),
     ],

@@ -121,8 +121,8 @@ def test_a_group_differs_between_conditions_in_the_constant_error_alone():
     (contraction,) = result.table.select("difference", "contraction")
     assert contraction.q025 < 0.0 < contraction.q975
     assert error.ln_bf_zero < contraction.ln_bf_zero
-    # The limits of the interval depend on the processor, and at one of them lies 0.2, so that the
-    # median is compared: .15 is half the width of the interval.
+    # 0.2 is close to a limit of the interval, which depends on the processor. So the median is
+    # compared: .15 is half the width of the interval.
     assert result.table.row("mean", "constant_error").q50 == pytest.approx(0.2, abs=0.15)
 
 

@@ -83,15 +83,16 @@ def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
     evolved = evolve(update(prior, s1, sigma_l), sigma_p)
     sd = np.sqrt(evolved.variance)
 
-    gamma = noise_ratio(sigma_p, sigma_l)  # with the rounding of the root
-    assert evolved_mean(s1, mu1, gamma) == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)
-    assert width(sigma_p, gamma) == pytest.approx(sd + sigma_l**2 / sd, rel=1e-14)
+    rounded_gamma = noise_ratio(sigma_p, sigma_l)  # with the rounding of the root
+    assert evolved_mean(s1, mu1, rounded_gamma) == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)
+    assert width(sigma_p, rounded_gamma) == pytest.approx(sd + sigma_l**2 / sd, rel=1e-14)
     weight = prior.variance / (prior.variance + sigma_l**2)
-    assert gain(gamma) == pytest.approx(weight, rel=1e-12)
+    assert gain(rounded_gamma) == pytest.approx(weight, rel=1e-12)
 
     z = normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
     expected = shift(evolved, s2, sigma_l)
-    # Stimuli have sizes of about 1, so that rounding errors of their differences are 1e-16.
+    # Stimuli have sizes of about 1, so that rounding errors of their differences are 1e-16. The
+    # tolerance is a thousand times as large.
     assert z == pytest.approx(expected, rel=1e-9, abs=1e-13 + 1e-13 / sigma_p)
     q = equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0)
     assert q == pytest.approx(q0 * 2.0 ** -(z**2), rel=1e-12, abs=1e-300)
