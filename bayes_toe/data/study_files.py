@@ -213,8 +213,7 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     # Of toe_A_1.csv and toe_B_1.csv the first pattern is 'toe_{}_*', and of s.A.data.txt and
     # s.B.data.txt it is 's.{}.*'.
     beginning = re.sub(_COMMON_BEGINNING, r"\1", "\n".join(names))
-    end = ".*" if beginning.endswith(".") else "_*"
-    patterns = [beginning + "{}" + end]
+    patterns = [beginning + ("{}.*" if beginning.endswith(".") else "{}_*")]
     patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
     if len(set(names)) < len(names):  # a name in several folders is no subject
         patterns.reverse()
@@ -314,8 +313,9 @@ def reading_of_all(studies: Sequence[Study]) -> Reading:
     """The readings of all studies as one, each entry once."""
     entries = {}
     for key in ("read", "ignored", "doubts", "pooled", "codes"):
-        all_entries = chain.from_iterable(getattr(study.reading, key) for study in studies)
-        entries[key] = tuple(dict.fromkeys(all_entries))
+        entries[key] = tuple(
+            dict.fromkeys(chain.from_iterable(getattr(study.reading, key) for study in studies))
+        )
     return Reading(**entries)
 
 
@@ -363,8 +363,7 @@ def _copies(files: Sequence[tuple[str, Subject]]) -> Iterator[str]:
         answers = subject.answers
         if answers is None or not answers.has_trial_rows or len(answers.n_yes) < 20:
             continue
-        content = answers.keys.tobytes() + answers.counts.tobytes()
-        earlier = first_source.setdefault(content, source)
+        earlier = first_source.setdefault(answers.keys.tobytes() + answers.counts.tobytes(), source)
         if earlier != source:
             trials = f"{len(answers.n_yes)} trials of subject {display_name(subject.name)}"
             yield f"{source} has the same {trials} as {earlier}: {TWICE}, remove one file"

@@ -442,18 +442,19 @@ def _texts_by_name(
     index_of_name = name_places(names)
     texts = {name: list[str]() for name in index_of_name}
     trials = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
-    n_trials = min(map(len, trials.values()), default=1)
+    places_of_trials = []  # by name
+    for i in range(min(map(len, trials.values()), default=1)):
+        places_of_trials.append(index_of_name | {name: index_of_name[name] + i for name in trials})
     rows = array("q")
     for row, cells in records:
         if isinstance(cells, csv.Error) or len(cells) != len(names):
             problems.add([(row, _broken(row, cells, len(names)))])
             continue
 
-        for i in range(n_trials):
+        for places in places_of_trials:
             rows.append(row)
-            for name, index in index_of_name.items():
-                # Most texts are there many times.
-                texts[name].append(intern(cells[index + i * (name in trials)]))
+            for name, index in places.items():
+                texts[name].append(intern(cells[index]))  # most texts are there many times
     return np.array(rows, np.int64), texts
 
 
