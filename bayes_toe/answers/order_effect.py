@@ -259,8 +259,8 @@ class OrderEffect:
         if "zone_percent" not in self.sizes:
             wandering += " A constant error may be due to it."
         previous_trial = (
-            "Responses depend on the previous trial ({}). The command `history` estimates by how "
-            "much."
+            "Responses seem to depend on the previous trial ({}). The command `history` estimates "
+            "how probable and how large the effect is."
         )
         # Flag, p-value and message of each test; the braces are the place of the p-value.
         tests = (

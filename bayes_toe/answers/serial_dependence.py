@@ -11,7 +11,7 @@ carried over.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from functools import partial
 from itertools import product
 
@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_toe.answers.order_effect import PROBABILITIES, QUANTILES, format_decimals
-from bayes_toe.answers.serial_screen import SerialScreen, subject_screen
+from bayes_toe.answers.serial_screen import NO_TESTS, SerialScreen, subject_screen
 from bayes_toe.answers.words import word_for
 from bayes_toe.arrays import FloatArray, Record, StrPath
 from bayes_toe.data.messages import format_estimate
@@ -53,21 +53,20 @@ EFFECT_MODELS = {
 }
 _EQUAL = np.full(len(HISTORIES), 1.0 / len(HISTORIES))  # prior probabilities
 _EVIDENCES = tuple(map("log_evidence_{}".format, HISTORIES))
+_TESTS = ("history_p", "answer_p", "stimuli_p", "moving_criterion_p")  # fields of SerialScreen
+_SIZES = tuple(map("_".join, product(("rho", "kappa"), QUANTILES)))
 #: Columns of history.csv.
 HISTORY_COLUMNS = (
     "subject",
     *EFFECT_MODELS,
     *map("p_{}".format, EFFECT_MODELS),
     *map("ln_bf_{}".format, EFFECT_MODELS),
-    *map("_".join, product(("rho", "kappa"), QUANTILES)),
+    *_SIZES,
     "order_model",
     "carry_over_order_model",
     "best_history",
     *map("".join, product(_EVIDENCES, ("", "_se"))),
-    "history_p",
-    "answer_p",
-    "stimuli_p",
-    "moving_criterion_p",
+    *_TESTS,
     "note",
 )
 #: Points from which a mixture is made.
@@ -104,7 +103,7 @@ class SubjectDependence:
     standard_error: FloatArray = field(default_factory=lambda: np.full(4, np.nan))
     rho: tuple[float, ...] = ()
     kappa: tuple[float, ...] = ()
-    screen: SerialScreen = field(default_factory=SerialScreen)
+    screen: SerialScreen = NO_TESTS
     note: str = ""
     draws: tuple[FloatArray, ...] = ()
 
@@ -156,12 +155,9 @@ class SubjectDependence:
         cells: Record = {
             "subject": self.subject,
             "best_history": self.best_history,
-            "history_p": self.screen.joint_p,
-            "answer_p": self.screen.answer_p,
-            "stimuli_p": self.screen.stimuli_p,
-            "moving_criterion_p": self.screen.moving_criterion_p,
             "note": self.note,
         }
+        cells |= zip(_TESTS, astuple(self.screen), strict=True)
         for effect in EFFECT_MODELS:
             cells[effect] = self.word(effect)
         if not self.has_result:
@@ -170,9 +166,7 @@ class SubjectDependence:
         for effect in EFFECT_MODELS:
             cells[f"p_{effect}"] = self.probability(effect)
             cells[f"ln_bf_{effect}"] = self.log_bayes_factor(effect)
-        for i, quantile in enumerate(QUANTILES):
-            cells[f"rho_{quantile}"] = self.rho[i]
-            cells[f"kappa_{quantile}"] = self.kappa[i]
+        cells |= zip(_SIZES, (*self.rho, *self.kappa), strict=True)
         for i, column in enumerate(_EVIDENCES):
             cells[column] = self.log_evidence[i]
             cells[f"{column}_se"] = self.standard_error[i]

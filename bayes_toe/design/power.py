@@ -31,7 +31,7 @@ from bayes_toe.answers.order_effect import (
     word_of_bayes_factor,
 )
 from bayes_toe.answers.words import Word
-from bayes_toe.arrays import Rng, StrPath
+from bayes_toe.arrays import FloatArray, Rng, StrPath
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import capitalized, join_names, join_words
@@ -490,15 +490,19 @@ def group_power(
                 continue
             n_detected = sum(data_set.answer.words[question].is_positive for data_set in group)
             # The order effect has no parameter, so that its mean and the power of its mean are NaN.
-            true_sizes = [data_set.observer.parameters.get(question, np.nan) for data_set in group]
+            true_sizes = np.array(
+                [data_set.observer.parameters.get(question, np.nan) for data_set in group]
+            )
             true_mean = float(np.mean(true_sizes))
             true_sd = float(np.std(true_sizes))
             for size in subjects:
                 detected = predicted_count(n_detected, len(group), size)
-                power_of_mean = np.nan, np.nan, np.nan
+                power_of_mean = (np.nan,) * 3
                 if question in SIZE_OF:
                     rng = generator(table.seed, design, kind, f"{trials} {size} {question}")
-                    hits = _count_detected_means(group, question, size, whole_prior, rng)
+                    hits = _count_detected_means(
+                        group, question, true_sizes, size, whole_prior, rng
+                    )
                     power_of_mean = share(hits, _N_STUDIES)
                 rows.append(
                     GroupPower(
@@ -517,13 +521,17 @@ def group_power(
 
 
 def _count_detected_means(
-    group: Sequence[DataSet], question: str, size: int, prior: Prior, rng: Rng
+    group: Sequence[DataSet],
+    question: str,
+    true_sizes: FloatArray,
+    size: int,
+    prior: Prior,
+    rng: Rng,
 ) -> int:
     """How many of :data:`_N_STUDIES` studies say 'yes' or 'probably' to a group mean that is not 0.
 
     A study draws `size` subjects from the group, with replacement.
     """
-    true_sizes = np.array([data_set.observer.parameters[question] for data_set in group])
     intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
     low, _, high = intervals.T
     # The unit in which the hyperprior has the effect, and the SD of a subject's prior in this unit.

@@ -17,10 +17,8 @@ from bayes_toe.model.models import OrderModel
 def screen(subject, p=0.0):
     """The p-values of the screen, at the observer's true parameters instead of the maximum."""
     posterior = OrderModel("both").posterior(subject)
-    point = dict.fromkeys(posterior.coordinates, np.array(0.0))
-    reference = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
-    for name in point.keys() & reference.keys():
-        point[name] = np.array(reference[name])
+    true = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
+    point = {name: np.array(true.get(name, 0.0)) for name in posterior.coordinates}
     return serial_screen(posterior, posterior.points(point))
 
 
@@ -53,6 +51,11 @@ def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
     screens = [screen(answered(1000 + i, repeats=6, sessions=1, noise=0.6)) for i in range(400)]
     assert kstest(p_values(screens, "answer_p"), "uniform").pvalue > 1e-3
     assert kstest(p_values(screens, "moving_criterion_p"), "uniform").pvalue > 1e-3
+
+
+def test_three_errors_are_no_dependence():
+    """Three errors in two pairs, of an observer without memory: V has hardly any variance."""
+    assert screen(answered(57, repeats=12, noise=0.07)).joint_p > 0.1
 
 
 @pytest.mark.parametrize(

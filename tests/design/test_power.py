@@ -21,6 +21,7 @@ from bayes_toe.design.power import (
 )
 from bayes_toe.design.study_design import paper_study_design
 from bayes_toe.errors import InputError
+from bayes_toe.model.prior import Hyperprior, ParameterHyperprior, Prior
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +76,7 @@ def test_words_are_counted(table):
     shares = {"yes": 0.2, "probably": 0.4, "undecided": 0.2, "no": 0.0, "cannot be told": 0.2}
     shares[DETECTED] = 0.6  # yes or probably
     for word, expected in shares.items():
-        share = counted["paper", 650, "none", "contraction", word].value
-        assert share == pytest.approx(expected)
+        assert counted["paper", 650, "none", "contraction", word].value == pytest.approx(expected)
     assert counted.sentences() == ["Paper, 650 trials: false positives 60 % [21, 91]."]
     with pytest.raises(InputError, match="nothing counted for"):
         counted["paper", 650, "none", "contraction", "maybe"]
@@ -86,6 +86,7 @@ def test_the_effect_that_is_detected_least_comes_first(table):
     # Intervals are those of three of three observers, and of none of three.
     paper, wide = table.sentences()
     assert paper.endswith(" Contraction: cannot be told.")
+    assert not group_power(table, [10]).select("paper", 650, "contraction")
     assert wide == (
         "Wide, 650 trials: large constant error detected in 100 % [46, 100]; every other effect in "
         "100 %; false positives 0 % [0, 54]."
@@ -111,6 +112,9 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
     assert 0.9 < of_10.power <= of_20.power
     assert of_10.detected_low < of_10.detected < of_20.detected <= 20
     assert groups.sentences()[0].startswith("Wide, 650 trials: studies detect the mean of 'contr")
+    # A prior by which every mean is about 0.
+    strict = Prior(group=Hyperprior(contraction=ParameterHyperprior(0.0, 0.001, 0.15)))
+    assert group_power(single, [20], strict).rows[-1].power < 0.1
 
 
 def test_the_command_writes_tables_and_a_figure_and_one_of_groups(tmp_path):
