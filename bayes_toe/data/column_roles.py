@@ -754,11 +754,13 @@ def suggested_unit(name: str, lowest: float) -> str:
     --------
     >>> suggested_unit("standardLevel", 0), suggested_unit("logContrast", 0)
     ('dB', 'log10')
-    >>> suggested_unit("catalog", 0), suggested_unit("level1", 350)
-    ('', '')
+    >>> suggested_unit("catalog", 0), suggested_unit("level1", 350), suggested_unit("ln_level", 0)
+    ('', '', '')
     """
     unit = unit_in(name)
-    if unit in LOG_UNITS and unit != "ln":
+    if unit == "ln":  # natural logarithms are read without a unit
+        return ""
+    if unit in LOG_UNITS:
         return unit
     if lowest > 100.0:  # no levels of sounds are all as loud
         return ""

@@ -25,6 +25,7 @@ from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     VOCABULARY,
+    NamedPlaces,
     intensity_remedies,
     is_flag,
     is_no_response,
@@ -120,22 +121,27 @@ class StandardOrder:
             )
             _ask_order(table, column, problem, [])
 
-        words = column.map(str, object)
+        responses = column.map(str, object)
         for text in texts:
-            meaning = named_places(text)
-            for role in options.stimuli:  # 'B' and 'stim2' name the columns 'B_ms' and 'stim2'
-                if options.name(role).split("_")[0] == text:
-                    meaning = named_places(role)
-            if comparison_code is not None:
-                meaning = _COMPARISON if text == comparison_code else _STANDARD
+            meaning = _stimulus_meant(text, options)
             if meaning in (_STANDARD, _COMPARISON):
-                # The comparison was second where the standard was first.
+                # Where the standard was first, the comparison was second, and the other way round.
                 is_second = self.is_first == (meaning == _COMPARISON)
-                answers = np.where(is_second, "second", "first")
-                words = np.where(column.matches([text]), answers, words)
+                by_interval = np.where(is_second, "second", "first")
+                responses = np.where(column.matches([text]), by_interval, responses)
                 stimulus = f"{meaning.stimuli[0]}, first or second by the order"
                 self.notes.append(f"response {quoted(text)} read as the {stimulus}")
-        return Column.from_texts(column.name, words)
+        return Column.from_texts(column.name, responses)
+
+
+def _stimulus_meant(text: str, options: ReadOptions) -> NamedPlaces:
+    """The stimulus that a response names: by its code, by a column, or by its words."""
+    if options.comparison_code is not None:
+        return _COMPARISON if text == options.comparison_code else _STANDARD
+    for role in options.stimuli:  # 'B' and 'stim2' name the columns 'B_ms' and 'stim2'
+        if options.name(role).split("_")[0] == text:
+            return named_places(role)
+    return named_places(text)
 
 
 def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
@@ -373,10 +379,10 @@ def require_unit(
     selected: BoolArray,
     options: ReadOptions,
 ) -> None:
-    """Ask for the unit if the stimuli of these rows can be or may be no natural logs.
+    """Ask for the unit if the stimuli of these rows are certainly, or perhaps, no natural logs.
 
-    Columns s1 and s2 have natural logs. Columns with other names may have intensities, if all are
-    above 0, or decadic logs.
+    Columns s1 and s2 have natural logs, unless their values or their names say something else.
+    Columns with other names may have intensities, if all are above 0, or logs of another base.
     """
     rows = np.flatnonzero(selected & ~np.isnan(stimuli).any(axis=1))
     if not len(rows):
@@ -398,6 +404,7 @@ def require_unit(
                 ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
             )
     else:
+        # The stimuli of a wide table get the names s1 and s2 here, and have none in the file.
         has_our_name = not {"s1", "s2"}.isdisjoint(names)
         is_known = options.has_intensities or (has_our_name and options.wide is None)
         if not unit and (is_known or low <= 0.0):

@@ -96,13 +96,13 @@ def answers_in_order(
 
 
 def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
-    """The columns that order rows; without numbers of trials, these are NaN."""
+    """The columns that order rows; numbers of trials are NaN if the file has none."""
     n_rows = len(table.rows)
     trial = np.full(n_rows, np.nan)
     if "trial" in columns:
         trial = numbers(table, columns["trial"])
 
-    runs = [np.zeros(n_rows, np.int64)]
+    runs = [np.zeros(n_rows, np.int64)]  # without sessions and blocks, all rows are one run
     blocks: tuple[str, ...] = ()
     block = None
     for name in _RUNS:

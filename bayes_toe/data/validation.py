@@ -224,7 +224,8 @@ def read_numbers(
     """
     required = names if key is None else (key, *names)
     table = _with_columns(source, required, optional)
-    if not names and len(table.columns) < 2:  # all are optional: at least one must be there
+    # Where all columns but the key are optional, at least one must be there.
+    if not names and table.columns.keys() <= {key}:
         table.require(
             [
                 f"found {join_names(map(quoted, table.names))}, allowed: {', '.join(required)} and "
