@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from commands import output_of
 from conftest import quick_study
 from processes import (
     kill_this_worker,
@@ -89,8 +90,7 @@ def test_a_command_runs_no_file_of_a_data_folder_and_takes_no_settings_from_ther
     draws.save(tmp_path / "draws.nc")
     program = Path(sys.executable).parent / "bayes-toe"
     words = [program, "corner", "draws.nc", "-o", "corner", "--workers", "2"]
-    finished = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
-    assert (finished.returncode, finished.stderr) == (0, "")
+    output_of(subprocess.run(words, cwd=tmp_path, capture_output=True, text=True))
     assert {file.name for file in (tmp_path / "corner").iterdir()} == {"A.png", "B.png"}
 
 
