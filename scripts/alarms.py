@@ -25,7 +25,7 @@ from scipy.stats import binom
 
 from bayes_toe.answers.order_effect import OrderEffect, answer_evidence
 from bayes_toe.arrays import FloatArray, IntArray, Rng
-from bayes_toe.checks.alarm_rate import flag_limit
+from bayes_toe.checks.alarm_rate import evidence_limit, flag_limit
 from bayes_toe.checks.alternative_models import Alternatives, compare_alternatives
 from bayes_toe.checks.answer_checks import has_other_task, subject_findings
 from bayes_toe.data.answers import Answers
@@ -242,7 +242,10 @@ class Judged:
     def alarms(self, n_subjects: int) -> set[str]:
         """The alarms in a study of so many subjects, without those that concern the whole study."""
         codes: set[str] = set()
-        for finding in subject_findings(self.subject, n_subjects, self.alternatives):
+        # The limit of guesses is that of a study with a third of doubtful subjects.
+        for finding in subject_findings(
+            self.subject, n_subjects, self.alternatives, evidence_limit(n_subjects, share=0.05)
+        ):
             codes.add("time" if finding.code in _TIME else finding.code)
         if self.alternatives is not None and has_other_task(self.alternatives, self.subject.task):
             codes.add("another_task")

@@ -152,12 +152,12 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
     require_study(study)
     alternatives = compare_alternatives(study)
     other_task_findings = _other_task(study, alternatives)
+    limit = _guess_limit(alternatives, len(study))
     findings = []
     for subject in study:
-        if subject.name in other_task_findings:
-            findings.append(other_task_findings[subject.name])
+        findings += other_task_findings.get(subject.name, [])
         findings += subject_findings(
-            subject, n_subjects=len(study), alternatives=alternatives.get(subject.name)
+            subject, len(study), alternatives.get(subject.name), guess_limit=limit
         )
     return tuple(findings)
 
@@ -168,11 +168,12 @@ def uninterpretable_findings(study: Study) -> list[Finding]:
 
 
 def subject_findings(
-    subject: Subject, n_subjects: int, alternatives: Alternatives | None
+    subject: Subject, n_subjects: int, alternatives: Alternatives | None, guess_limit: float
 ) -> Findings:
     """Findings about the responses of one subject, with limits for a study of `n_subjects`.
 
     `alternatives` are the Bayes factors of other explanations; None if the subject leaves no doubt.
+    The subject guesses if that of guesses is above `guess_limit`.
     """
     yield from _repeated_trials(subject, n_subjects)
     if subject.total_trials < FEW_TRIALS:
@@ -192,9 +193,30 @@ def subject_findings(
         return
     yield from _unlike_blocks(subject, n_subjects)
     yield from _drift(subject, n_subjects)
-    if alternatives is not None:
-        answered = cast(Subject, subject.two_answers)  # not None: there are alternatives
-        yield from _explained_otherwise(answered, alternatives, n_subjects)
+    if alternatives is None:
+        return
+    answered = cast(Subject, subject.two_answers)  # not None: there are alternatives
+    best = max(alternatives)  # the largest Bayes factor
+    # Guesses may look swapped by chance, so that swapped keys must be far more probable.
+    is_sure = best - max(0.0, alternatives.guesses) > evidence_limit(n_subjects, REFUSAL_SHARE)
+    if best == alternatives.swapped and is_sure:
+        yield Finding(
+            subject.name,
+            "reversed_answers",
+            f"Responses look reversed. Check which code means {answered.task.yes!r}.",
+            f"--swap {cli_argument(subject.name)}",
+        )
+    elif (
+        alternatives.guesses > guess_limit
+        and not is_sure
+        and _RARE_SHARE < answered.fraction_yes < 1.0 - _RARE_SHARE
+    ):
+        yield Finding(
+            subject.name,
+            "independent_answers",
+            "The responses say little about the stimuli. The subject guesses or hardly "
+            "distinguishes them, or the file has other responses.",
+        )
 
 
 def _drawable_answers(subject: Subject) -> Answers | None:
@@ -294,28 +316,18 @@ def _agreement(k: IntArray | int, n: IntArray | int) -> FloatArray:
 # --- Other explanations --------------------------------------------------------------------------
 
 
-def _explained_otherwise(subject: Subject, alternatives: Alternatives, n_subjects: int) -> Findings:
-    """Swapped keys or guesses, if one of them explains the responses best, and beyond its limit."""
-    best = max(alternatives)  # the largest Bayes factor
-    has_both_answers = _RARE_SHARE < subject.fraction_yes < 1.0 - _RARE_SHARE
-    if best == alternatives.swapped and best > evidence_limit(n_subjects, REFUSAL_SHARE):
-        yield Finding(
-            subject.name,
-            "reversed_answers",
-            f"Responses look reversed. Check which code means {subject.task.yes!r}.",
-            f"--swap {cli_argument(subject.name)}",
-        )
-    elif (
-        has_both_answers
-        and best == alternatives.guesses
-        and best > evidence_limit(n_subjects, FALSE_ALARM_SHARE)
-    ):
-        yield Finding(
-            subject.name,
-            "independent_answers",
-            "The responses say little about the stimuli. The subject guesses, or hardly "
-            "distinguishes them.",
-        )
+def _guess_limit(alternatives: Mapping[str, Alternatives], n_subjects: int) -> float:
+    """The log Bayes factor above which a subject guesses, by the other subjects of the study.
+
+    A few doubtful subjects among sound ones need less evidence. If guesses explain all doubtful
+    subjects together far better, any evidence will do: 1 % of the studies of sound observers whose
+    noise is four times the difference of a pair come so far.
+    """
+    if 5 * len(alternatives) <= n_subjects:
+        return math.log(n_subjects)
+    if sum(one.guesses for one in alternatives.values()) > 9.0 + n_subjects:
+        return 0.0
+    return evidence_limit(n_subjects, FALSE_ALARM_SHARE)
 
 
 def has_other_task(alternatives: Alternatives, task: Task) -> bool:
@@ -324,7 +336,7 @@ def has_other_task(alternatives: Alternatives, task: Task) -> bool:
     return best == alternatives.other_task and best > OTHER_TASK_LIMITS[task]
 
 
-def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, Finding]:
+def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, list[Finding]]:
     """Findings by subject, if more than half of the subjects seem to answer another task.
 
     In 2AFC no subject is then interpreted. In 'same or different?', a large constant error that
@@ -348,7 +360,7 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
             "'which was stronger?'. If it was 'same or different?', they share a large constant "
             "error."
         )
-    return {name: Finding(name, code, message) for name in flagged}
+    return {name: [Finding(name, code, message)] for name in flagged}
 
 
 # --- The answers in their blocks, and in their order ---------------------------------------------

@@ -291,12 +291,10 @@ def identification_findings(study: Study) -> Findings:
     """Questions that cannot be told, with the reason, once if it holds for all subjects."""
     names_by_message = defaultdict(list)
     for subject in study:
-        # One sentence for all questions of the subject that have the same reason.
-        questions_by_reason = defaultdict(list)
-        for question, reason in identify(subject).reasons.items():
-            questions_by_reason[reason].append(question.replace("_", " "))
-        for reason, questions in questions_by_reason.items():
-            message = f"{capitalized(join_words(questions))} cannot be told, because {reason}."
+        reasons = identify(subject).reasons
+        questions = capitalized(join_words([*reasons])).replace("_", " ")
+        for reason in {*reasons.values()}:  # one for all questions of a subject, if there is any
+            message = f"{questions} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
         if len(names) == len(study):

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -123,6 +123,8 @@ def _why_no_contraction(
     if smallest <= ROUNDING * largest:
         return ONE_LINE
     # A subject needs counts of answers, which do not change the expected information.
+    # Missed trials change no design, so that only powers of two of the largest number count.
+    n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(n_trials / n_trials.max())))
     subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
     if contraction_information(subject) < 1.0:  # less than the prior has
         return IMITATION
@@ -173,10 +175,6 @@ def contraction_information(subject: Subject) -> float:
     It is what remains once the other parameters are estimated with their priors. Below 1, the prior
     says more than the answers. The observer is typical: no order effect, noise D/2, few lapses.
     """
-    # Missed trials change no design: numbers of trials count in powers of two of their median.
-    weight = np.exp2(np.rint(np.log2(subject.n_trials / np.median(subject.n_trials))))
-    n_trials = np.ceil(1e6 * weight / weight.sum()).astype(np.int64)
-    subject = replace(subject, n_yes=n_trials, n_trials=n_trials)
     posterior = OrderModel("both").posterior(subject)
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
     quantities[NOISE.name] *= posterior.scales.step  # typical numbers are in units of D

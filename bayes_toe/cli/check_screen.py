@@ -21,7 +21,7 @@ from bayes_toe.cli.terminal import (
     merge_notes,
     typed_command,
 )
-from bayes_toe.data.messages import capitalized, cli_argument, join_names, join_words, plural
+from bayes_toe.data.messages import capitalized, cli_argument, join_words, plural
 from bayes_toe.data.study import Study, common_scales
 from bayes_toe.model.prior import Prior
 
@@ -56,25 +56,22 @@ def _print_task(
         out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
 
     study_findings = [finding for finding in findings if not finding.subject]
-    # What the design of all subjects cannot show stands in each row without a problem.
-    usual_problem = "none"
-    for finding in study_findings:
-        if finding.code == "not_identified":
-            usual_problem = _beginning(finding.message.partition(", because")[0])
-    _print_problems(out, study, by_subject, usual_problem)
+    limits = [finding for finding in study_findings if finding.code == "not_identified"]
+    _print_problems(out, study, by_subject, limits)
     # The answer has what is not identified, and the remarks below have the notes.
-    out.findings(filter(_is_warning_on_study, study_findings))
+    out.findings(filter(_is_doubt, study_findings))
     notes = [finding.message for finding in study_findings if finding.code in NOTES]
     out.remarks(f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes))
     return findings
 
 
 def _print_problems(
-    out: Terminal, study: Study, by_subject: FindingsBySubject, usual_problem: str
+    out: Terminal, study: Study, by_subject: FindingsBySubject, limits: list[Finding]
 ) -> None:
     """A row for each subject with a problem, and notes with what does not fit into the row.
 
-    If there are few subjects and no problems, each has a row, with the usual problem.
+    If there are few subjects and no problems, each has a row. The `limits` of the design
+    of all subjects stand in the row of a subject without a problem.
     """
     names = list(by_subject)
     if not names and len(study) < MANY_SUBJECTS:
@@ -82,13 +79,17 @@ def _print_problems(
     rows = []
     full_findings = []
     for name in names:
-        findings = by_subject.get(name, [])
+        findings = by_subject.get(name, limits)
         if name not in study.names:  # A subject with conditions, whose rows have other names.
             full_findings += findings
             continue
 
         subject = study[name]
-        problem = _beginning(findings[0].message) if findings else usual_problem
+        problem = "none"
+        if findings:
+            # A capital letter follows the end of a sentence, but not that of 'a.u.'.
+            sentence = re.split(r"\. (?=[A-Z])", findings[0].message)[0].rstrip(".")
+            problem = f"{sentence[0].lower()}{sentence[1:]}"
         short = textwrap.shorten(problem, 52, placeholder="...")  # so that the row is one line
         # The row has the first sentence of the first finding, if it is not too long.
         full_findings += findings if short != problem else findings[1:]
@@ -97,22 +98,18 @@ def _print_problems(
 
     n_others = len(study) - len(rows)
     if n_others:
-        label = f"{n_others:,} more" if rows else f"all {n_others:,}"
-        rows.append([label, "", "", textwrap.shorten(usual_problem, 52, placeholder="...")])
+        others = f"{n_others:,} more" if rows else f"all {n_others:,}"
+        rows.append([others, "", "", "see the answer below" if limits else "none"])
     out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, numeric=(1, 2))
-    out.notes((finding.subject, finding.message, "") for finding in full_findings)
+    # The answer has the limits of all subjects.
+    out.notes((item.subject, item.message, "") for item in full_findings if item.subject)
 
 
-def _is_warning_on_study(finding: Finding) -> bool:
-    """Whether a finding is a warning about the whole study, which stands below the table."""
-    return not finding.subject and finding.code not in ("not_identified", *NOTES)
-
-
-def _beginning(message: str) -> str:
-    """The first sentence of a message as a cell of the table has it."""
-    # A capital letter follows the end of a sentence, but not that of 'a.u.'.
-    sentence = re.split(r"\. (?=[A-Z])", message)[0].rstrip(".")
-    return f"{sentence[0].lower()}{sentence[1:]}"
+def _is_doubt(finding: Finding) -> bool:
+    """Whether a finding doubts the file: a warning on all of it, or useless responses."""
+    if finding.subject:
+        return finding.code in ("one_answer", "independent_answers")
+    return finding.code not in ("not_identified", *NOTES)
 
 
 def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[str]]:
@@ -127,8 +124,6 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
     if obstacle:
         return [*lines, obstacle], []
 
-    doubts = _what_to_check_first(findings)
-    lines += doubts
     by_subject = _by_subject(findings)
     options = []  # the first one of each subject, which may settle its other problems
     for subject_findings in by_subject.values():
@@ -136,8 +131,8 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
     run_command = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         decision = "No subject needs a decision. Type:"
-        if doubts:
-            decision = "If the file is right as it is, type:"
+        if any(map(_is_doubt, findings)):
+            decision = "First settle the doubts about the file that stand above. Then type:"
         elif by_subject:
             decision = "No subject must be excluded; the table says what to keep in mind. Type:"
         return [*lines, decision], [run_command]
@@ -157,18 +152,6 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
     # There are no commands, one or two.
     what_to_type = ("", " Type this:", " Type one of these:")[len(commands)]
     return [*lines, decision + what_to_type], commands
-
-
-def _what_to_check_first(findings: Findings) -> list[str]:
-    """Sentences on doubts about the file that no option of the proposed command settles."""
-    lines = []
-    names = [finding.subject for finding in findings if finding.code == "one_answer"]
-    if names:
-        who = join_names(names, max_items=5)
-        lines.append(f"Check the responses of {who}: all are the same, and no answer counts them.")
-    if any(map(_is_warning_on_study, findings)):
-        lines.append("First read the warnings on the whole file, which stand above.")
-    return lines
 
 
 def _obstacle(study: Study, findings: Findings) -> str:
@@ -197,10 +180,7 @@ def _limits_of_design(study: Study, findings: Findings) -> list[str]:
             share = "" if n_able == len(study) else f" ({n_able} of {all_subjects})"
             effects.append(f"a {effect.replace('_', ' ')}{share}")
     lines = [f"The design can show {join_words(effects)}."] if effects else []
-    limits = []
-    for finding in findings:
-        if finding.code == "not_identified":
-            limits.append((finding.subject, finding.message, ""))
+    limits = ((one.subject, one.message, "") for one in findings if one.code == "not_identified")
     for subjects, message, _ in merge_notes(limits):
         if subjects:  # none are named if the limit holds for the whole study
             message = f"{message.rstrip('.')} ({len(subjects)} of {all_subjects})."
@@ -242,4 +222,4 @@ def _by_subject(findings: Findings) -> FindingsBySubject:
     for subject_findings in by_subject.values():
         # False comes before True, and sorting keeps the order of the others.
         subject_findings.sort(key=lambda finding: not finding.option.startswith("--swap"))
-    return dict(by_subject)
+    return by_subject

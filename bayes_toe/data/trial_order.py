@@ -128,7 +128,12 @@ def _order_notes(
     """Notes on trials whose order or number is not known."""
     if unordered:
         text = "does not order all trials, so the order of the file is used: "
-        yield Note(f"{columns['trial']} {text}", unordered)
+        yield Note(
+            f"{columns['trial']} {text}",
+            unordered,
+            ". If its numbers begin anew, two persons or sessions may be pooled: --columns "
+            "subject=NAME or session=NAME keeps them apart, or --where one of them",
+        )
     if n_missing:
         advice = "); if these were trials and no screens, keep them with an empty response"
         yield Note("trial numbers are missing (", named_counts(n_missing), advice)

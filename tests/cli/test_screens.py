@@ -266,8 +266,8 @@ def test_limits_of_one_subject_are_not_those_of_the_study(check_answer):
     assert text.startswith(f"The design can show {effects} Order effect, constant error and")
     assert "unequal stimuli were presented in one order only (1 of 4 subjects)." in text
     # The names z and Z look alike.
-    text = check_answer("".join(map(BOTH_ORDERS.format, "zZ")))
-    assert text.endswith("If the file is right as it is, type: bayes-toe run study.csv")
+    command = "that stand above. Then type: bayes-toe run study.csv"
+    assert check_answer("".join(map(BOTH_ORDERS.format, "zZ"))).endswith(command)
 
 
 def test_a_decision_that_was_made_stays(check_answer):

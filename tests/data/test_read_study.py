@@ -302,7 +302,9 @@ def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     rows = "a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"
     study = read(ORDERED + rows, "--equal-code 1")
     assert study.notes[1:] == (
-        "column trial does not order all trials, so the order of the file is used: a, b",
+        "column trial does not order all trials, so the order of the file is used: a, b. If its "
+        "numbers begin anew, two persons or sessions may be pooled: --columns subject=NAME or "
+        "session=NAME keeps them apart, or --where one of them",
     )
     assert study["a"].answers.n_yes.tolist() == [1, 0]
 
