@@ -320,12 +320,12 @@ def _guess_limit(alternatives: Mapping[str, Alternatives], n_subjects: int) -> f
     """The log Bayes factor above which a subject guesses, by the other subjects of the study.
 
     A few doubtful subjects among sound ones need less evidence. If guesses explain all doubtful
-    subjects together far better, any evidence will do: sound observers in 2AFC whose noise is four
-    times the difference of a pair do not come so far in 99 of 100 studies.
+    subjects together far better, any evidence will do: 1 % of the studies of sound observers whose
+    noise is four times the difference of a pair come so far.
     """
     if 5 * len(alternatives) <= n_subjects:
         return math.log(n_subjects)
-    if sum(one.guesses for one in alternatives.values()) > 11.0 + 0.5 * n_subjects:
+    if sum(one.guesses for one in alternatives.values()) > 9.0 + n_subjects:
         return 0.0
     return evidence_limit(n_subjects, FALSE_ALARM_SHARE)
 
