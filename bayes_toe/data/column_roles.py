@@ -329,11 +329,11 @@ _LETTERS = {
     "Left": "Right",
 }
 #: Names of columns that are numbers, or end in that of a question or trial, as 'b1_t1' and 'Q1_3'.
-_NUMBER_OF_TRIAL = r"(?i)\d+|.*\d_(?:[qrt]|rep|trial|item)?_?\d+"
+_NUMBER_OF_TRIAL = r"(?i)\d+|.*\d_(?:[qrt]|rep|trial|item)_?\d+|q\d+_\d+"
 #: Shapes of names with two numbers, of which none is that of a question or trial, as in 'Q{}_{}'.
 _PAIR_SHAPE = (
-    r"(?i)(?!.*{}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
-    r"(?!(?:[^{}]*[-_. ])?(?:q|b|block|item|question)[-_. ]*{}[^{}]+{}$)"
+    r"(?i)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
+    r"(?!(?:[^{}]*[-_. ])?(?:q|b|block|question)[-_. ]*{}[^{}]+{}$)"
     r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*"  # 'Q5_' may be in front
 )
 #: Roles whose names are proposed only, by role.
@@ -929,7 +929,7 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
     for shape, n_texts in shapes.most_common(1):  # none without texts
         # The number of a repetition may stand behind a pair, as in 'p{}_{}_r{}'.
-        shape = re.sub("(?i)({}[^{}]+{}[^{}]*_(?:r|rep|t|trial|run|item)_?){}$", r"\1*", shape)
+        shape = re.sub("(?i)({}[^{}]+{}[^{}]*[-_. ](?:r|rep|t|trial|run)[-_. ]?){}$", r"\1*", shape)
         if re.fullmatch(_PAIR_SHAPE, shape):
             last_two = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
             return last_two.replace("{}", "*"), n_texts

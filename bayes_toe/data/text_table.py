@@ -71,9 +71,9 @@ _REMARKS = (
     r"extraInfo[,;\t]*[\r\n][^\0]*)\s*)+\Z|"
     r"(?<=[\r\n])#(?:[ #][^\r\n]*)?(?=[\r\n])"
 )
-#: The name of a column that is followed by columns without names, of names in lines: each of them
-#: has a trial of the row, as saveAsText of PsychoPy writes them.
-_TRIALS_IN_A_ROW = r"(?m)^(.+_raw)(\n{2,})"
+#: Of names in lines, one that two or more columns without names follow, and then another name: each
+#: of them has a trial of the row, as saveAsText of PsychoPy writes them.
+_TRIALS_IN_A_ROW = r"(?m)^(.+_raw)(\n{3,})(?=.)"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
     "end of data": "a quote that is never closed",
