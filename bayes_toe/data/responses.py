@@ -430,7 +430,7 @@ def _unknown_meaning(
     """The problem of a column whose words tell no task, or two; empty without a problem."""
     tasks_by_text = {} if task_column is None else tasks_named(task_column.texts)
     texts = list(filter(None, column.texts))
-    shares = join_names(column.counts(texts), 4)
+    counts_shown = join_names(column.counts(texts), 4)
     words_by_answer = _words_by_answer(column)
     if words_by_answer:
         if task_with(words_by_answer) is not None:  # the words say what the responses mean
@@ -441,17 +441,19 @@ def _unknown_meaning(
         )
     if len(set(tasks_by_text.values())) > 1:
         return _two_tasks(
-            f"found {shares} of the tasks {join_words([*map(quoted, tasks_by_text)])}", task_column
+            f"found {counts_shown} of the tasks {join_words([*map(quoted, tasks_by_text)])}",
+            task_column,
         )
     if not texts:
         return "", []
 
     if _are_counts(table, column):
-        problem = f"found numbers: {shares}. What do they count?"
+        problem = f"found numbers: {counts_shown}. What do they count?"
         return problem, list(_count_remedies(table, column, trends))
-    problem = f"the codes are {shares}. The program does not know what they mean."
     if len(texts) == 1:
-        problem = f"the only code is {shares}. The program does not know what it means."
+        problem = f"the only code is {counts_shown}. The program does not know what it means."
+    else:
+        problem = f"the codes are {counts_shown}. The program does not know what they mean."
     remedies = _other_responses(table, texts, trends["second_code"])
     # If the file names its task, options for the answers of other tasks are not proposed.
     task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
@@ -675,14 +677,20 @@ def _other_responses(table: TextTable, ratings: Texts, rise: FloatArray) -> list
 
     The words of the other column do not follow from s2 - s1, as correct answers do.
     """
-    return [
-        Remedy("columns", (("response", name),), f"if {column} has the responses")
-        for name, column in table.columns.items()
-        if (name.startswith("response_") or looks_like(name, "response"))
-        and len(combination_counts(np.sign(rise), column.codes)) > 3
-        and len(list(filterfalse(is_no_response, column.texts))) == 2 < len(ratings)
-        and not is_flag(column.texts)
-    ]
+    remedies: list[Remedy] = []
+    if len(ratings) < 3:  # no ratings
+        return remedies
+    for name, column in table.columns.items():
+        has_name = name.startswith("response_") or looks_like(name, "response")
+        n_answers = len(list(filterfalse(is_no_response, column.texts)))
+        # What follows from s2 - s1 has one text for each of its three signs. A flag says right or
+        # wrong.
+        is_free = len(combination_counts(np.sign(rise), column.codes)) > 3
+        if has_name and n_answers == 2 and is_free and not is_flag(column.texts):
+            remedies.append(
+                Remedy("columns", (("response", name),), f"if {column} has the responses")
+            )
+    return remedies
 
 
 def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str, str]:
