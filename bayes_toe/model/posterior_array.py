@@ -13,8 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, Texts
 from bayes_toe.model.answer_curves import AnswerRows
@@ -92,7 +94,7 @@ class LinearLikelihood:
             sums = tuple(map(np.add, sums, task.scoring(w)))
         return sums
 
-    def summed(self, values: FloatArray) -> FloatArray:
+    def summed(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Sums over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
         if len(self.first_row) == len(values):
             return values
