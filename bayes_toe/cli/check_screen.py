@@ -91,6 +91,8 @@ def _print_problems(
             # A capital letter follows the end of a sentence, but not that of 'a.u.'.
             sentence = re.split(r"\. (?=[A-Z])", findings[0].message)[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
+        if findings is limits:  # the answer has the reason, once for all
+            problem = problem.partition(", because")[0]
         short = textwrap.shorten(problem, 52, placeholder="...")  # so that the row is one line
         # The row has the first sentence of the first finding, if it is not too long.
         full_findings += findings if short != problem else findings[1:]

@@ -677,9 +677,9 @@ def _other_responses(table: TextTable, ratings: Texts, rise: FloatArray) -> list
 
     The words of the other column do not follow from s2 - s1, as correct answers do.
     """
-    remedies: list[Remedy] = []
     if len(ratings) < 3:  # no ratings
-        return remedies
+        return []
+    remedies = []
     for name, column in table.columns.items():
         has_name = name.startswith("response_") or looks_like(name, "response")
         n_answers = len(list(filterfalse(is_no_response, column.texts)))
