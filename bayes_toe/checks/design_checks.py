@@ -294,7 +294,7 @@ def identification_findings(study: Study) -> Findings:
     for subject in study:
         reasons = identify(subject).reasons
         questions = capitalized(join_words([*reasons])).replace("_", " ")
-        for reason in {*reasons.values()}:  # one for all questions of a subject, if there is any
+        for reason in set(reasons.values()):  # one for all questions of a subject, if there is any
             message = f"{questions} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():

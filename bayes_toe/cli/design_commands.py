@@ -256,15 +256,13 @@ class SearchOptions:
 
     def goal(self) -> DesignGoal:
         """The effect that the design must show, and the limits of its pairs."""
+        from bayes_toe.data.tasks import task_of
+
         keep = None
         if self.keep is not None:
             keep = bt.design.read_study_design(self.keep, self.question, self.unit, self.intensity)
         return bt.design.DesignGoal(
-            self.aim,
-            self.max_pairs,
-            keep,
-            self.question,  # type: ignore[arg-type]
-            is_even=self.even,
+            self.aim, self.max_pairs, keep, task_of(self.question), is_even=self.even
         )
 
 

@@ -179,7 +179,7 @@ def is_response_sign(name: str) -> bool:
     >>> is_response_sign("key_resp_2.rt"), is_response_sign("keyPress"), is_response_sign("start")
     (True, True, False)
     """
-    return not {plain_name(name), *named_places(name)[2]}.isdisjoint(
+    return not {plain_name(name), *named_places(name).other_words}.isdisjoint(
         VOCABULARY["missed"]["columns"]
     )
 
@@ -764,7 +764,7 @@ def suggested_unit(name: str, lowest: float) -> str:
         return unit
     if lowest > 100.0:  # no levels of sounds are all as loud
         return ""
-    for word in sorted(named_places(name)[2]):
+    for word in sorted(named_places(name).other_words):
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
             if word.startswith(tuple(beginnings)):
                 return unit

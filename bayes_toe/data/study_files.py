@@ -44,7 +44,8 @@ from bayes_toe.errors import InputError, Remedy
 #: A file, by its name or as a study, and a line about it.
 Line: TypeAlias = tuple[Any, str]
 #: Where the tables of a folder are: those of BIDS, else those in it, else those in subfolders, else
-#: logs, beside which other programs write tables. The last place has files that are named only.
+#: logs, beside which other programs write tables. The last place is for an error, which names its
+#: files.
 _IN_FOLDER = (
     "sub-*/**/*_events.tsv", "sub-*/**/*_beh.tsv", "*", "*/*", "*/*/*", "*.log", "*.*",
 )  # fmt: skip
