@@ -130,7 +130,13 @@ def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result
     Dask may start several jobs as threads of a worker. They run one after the other, because
     Matplotlib is not made for threads.
     """
-    _require_same_versions(expected)
+    for name, version in expected.items():
+        version_here = versions().get(name)
+        if version_here != version:
+            raise InputError(
+                f"the worker on {platform.node()} has {name} {version_here}, this process "
+                f"{version}: they have to be the same"
+            )
     with _one_at_a_time:
         threadpool_limits(1)  # It stays: the libraries of one job are those of the next.
         return job()
@@ -150,17 +156,6 @@ def _require_open(client: Client) -> None:
         )
     if client.status != "running":
         raise WorkerError(f"the Dask client is {client.status}")
-
-
-def _require_same_versions(expected: Mapping[str, str]) -> None:
-    """Refuse to work with other versions of the programs on which results depend."""
-    for name, version in expected.items():
-        version_here = versions().get(name)
-        if version_here != version:
-            raise InputError(
-                f"the worker on {platform.node()} has {name} {version_here}, this process "
-                f"{version}: they have to be the same"
-            )
 
 
 def without_cluster() -> AbstractContextManager[object]:

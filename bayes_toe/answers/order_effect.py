@@ -666,7 +666,9 @@ def order_effect(
     if is_interpretable:
         words = _words(evidence, models_with_effect, answerable)
 
-    problems = _problems_of_responses(findings)
+    problems = {}  # by their flags; those that forbid an interpretation come first
+    for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
+        problems[finding.words] = Problem(finding.message, finding.option)
     problems |= _prior_problems(evidence, words, answerable, models_with_effect)
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
@@ -719,15 +721,6 @@ def _words(
     return words
 
 
-def _problems_of_responses(findings: Sequence[Finding]) -> dict[str, Problem]:
-    """The problems of findings by their flags; those that forbid an interpretation come first."""
-    problems = {}
-    # False comes before True.
-    for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
-        problems[finding.words] = Problem(finding.message, finding.option)
-    return problems
-
-
 def _by_model(values: FloatArray) -> _Numbers:
     """Values of the four models by their names."""
     return dict(zip(MODEL_NAMES, values.tolist(), strict=True))
@@ -769,8 +762,7 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     p = draws.quantities["contraction"]
     # The scales belong to all conditions, whose mean first stimulus differs from this subject's.
     # The shift at a first stimulus s1 is c - p (s1 - sbar).
-    mean_first = np.average(subject.s1, weights=subject.n_trials)
-    mean_shift = constant_error - p * (mean_first - scales.sbar)
+    mean_shift = constant_error - p * (subject.mean_first - scales.sbar)
     # The order effect is the root mean square over the first stimuli of the shift: the root of the
     # squared mean plus the variance. A contraction moves each by p times its distance to the mean.
     sizes = {

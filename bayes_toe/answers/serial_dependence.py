@@ -253,9 +253,13 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     subject = evidence.subject
     prior = evidence.prior
     screen = subject_screen(evidence.checked())
-    row = SubjectDependence(subject.name, _order_models(evidence), screen=screen)
+    # The likeliest model of order, and the likelier one of those that have a contraction.
+    log_evidence = dict(zip(MODEL_NAMES, evidence.log_evidence.tolist(), strict=True))
+    likeliest = max(MODEL_NAMES, key=log_evidence.__getitem__)
+    with_contraction = max(("contraction", "both"), key=log_evidence.__getitem__)
+    row = SubjectDependence(subject.name, (likeliest, with_contraction), screen=screen)
     # The first of the histories is the model of order itself, whose draws are known.
-    static = evidence.draws[MODEL_NAMES.index(row.order_models[0])]
+    static = evidence.draws[MODEL_NAMES.index(likeliest)]
     histories = []
     draws = [static]
     for name in HISTORIES[1:]:
@@ -281,13 +285,6 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
         kappa=_quantiles("previous_response", models, histories),
         draws=(static_draws, best_draws),
     )
-
-
-def _order_models(evidence: OrderEvidence) -> tuple[str, str]:
-    """The likeliest model of order, and the likelier one of those that have a contraction."""
-    log_evidence = dict(zip(MODEL_NAMES, evidence.log_evidence.tolist(), strict=True))
-    likeliest = max(MODEL_NAMES, key=log_evidence.__getitem__)
-    return likeliest, max(("contraction", "both"), key=log_evidence.__getitem__)
 
 
 def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int) -> WeightedDraws:

@@ -298,13 +298,11 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     """
     n = subject.n_trials
     k = subject.n_yes
-    # The pair of each row: those of a subject are sorted, as np.unique numbers the rows' pairs.
-    _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
     right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
     n_right = int(k[right > 0].sum() + (n - k)[right < 0].sum())
     n_unequal = int(n[right != 0].sum())  # trials that have a right answer
     agreement = np.maximum(_agreement(k, n), _agreement(n_right, n_unequal))
-    return -np.log(agreement)[pair.ravel()]
+    return -np.log(agreement)[answers.pair]
 
 
 def _agreement(k: IntArray | int, n: IntArray | int) -> FloatArray:
@@ -457,11 +455,10 @@ def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTab
 
     `column` is the column of the table, a block or a stretch, for each row of `answers`.
     """
-    # The pair of each row: those of a subject are sorted, as np.unique numbers the rows' pairs.
-    _, pair = np.unique(answers.keys, axis=0, return_inverse=True)
+    cell = answers.pair, column
     n, k = np.zeros((2, subject.n_pairs, column.max() + 1), np.int64)
-    np.add.at(n, (pair.ravel(), column), answers.n_trials)
-    np.add.at(k, (pair.ravel(), column), answers.n_yes)
+    np.add.at(n, cell, answers.n_trials)
+    np.add.at(k, cell, answers.n_yes)
     return AnswerTable(n, k)
 
 

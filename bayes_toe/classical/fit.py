@@ -109,10 +109,9 @@ class PenalisedLikelihood:
     @cached_property
     def grid(self) -> FloatArray:
         """Points from which searches may start, shape (4 values of mu1, points of each, 4)."""
-        sbar = np.average(self.subject.s1, weights=self.subject.n_trials)
         # Far below the stimuli, among them on both sides of the mean, and far above them. No two
         # are at the same distance: a symmetric design has equal maxima on both sides.
-        mu1 = sbar + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
+        mu1 = self.subject.mean_first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
         gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
         shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates

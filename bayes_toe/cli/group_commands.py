@@ -50,7 +50,7 @@ def population(
     from bayes_toe.answers.group_answer import group_answer
     from bayes_toe.cli.group_screen import print_group
     from bayes_toe.data.tables import write_table
-    from bayes_toe.groups.predictive_check import predictive_check
+    from bayes_toe.groups.predictive_check import contradictions
 
     if output.suffix != ".nc":
         raise bt.InputError(
@@ -73,8 +73,6 @@ def population(
         seed=context.seed,
         hyperprior=hyperprior,
     )
-    check = predictive_check(result)
-
     seed = result.settings.seed
     writers = (
         result.save,
@@ -84,7 +82,7 @@ def population(
     )
     written = context.write(dict(zip(files, writers, strict=True)), seed)
 
-    print_group(context.out, result, check)
+    print_group(context.out, result, contradictions(result))
     context.print_uninterpretable(study)
     context.out.answer([*group_answer(result), written])
     context.end(not result.is_reliable)

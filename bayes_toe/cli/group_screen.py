@@ -23,13 +23,12 @@ from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.terminal import OUTPUT, Rows, Terminal
 from bayes_toe.data.messages import capitalized, plural
 from bayes_toe.groups.population import PopulationResult
-from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.diagnostics import worst
 
 # --- A group -------------------------------------------------------------------------------------
 
 
-def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck) -> None:
+def print_group(out: Terminal, result: PopulationResult, contradictions: Sequence[str]) -> None:
     """Print the table of the group, a new subject, the fit of the group, and problems."""
     headings = ["", "mean", "SD between\nsubjects", "BF of mean\nnot 0", ""]
     out.table(headings, [parameter_row(result, name) for name in LABELS])
@@ -43,9 +42,9 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
     out.line(f"New subject (prediction): {', '.join(new_subject)}.")
     # The names of the worst parameters are not shown.
     (_, n_effective), (_, r_hat) = worst(result.draws.convergence)
-    fit = "poor" if check.warnings else "good"
+    fit = "poor" if contradictions else "good"
     out.line(f"Fit of the group: {fit}. Draws: {n_effective:,.0f} effective, R-hat {r_hat:.3f}.")
-    print_problems(out, result, check.warnings)
+    print_problems(out, result, contradictions)
 
 
 def print_problems(out: Terminal, result: PopulationResult, contradictions: Sequence[str]) -> None:

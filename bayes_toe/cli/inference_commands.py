@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
+from bayes_toe.arrays import Texts
 from bayes_toe.cli.options import OutputFolder, OutputTable, StudyFile, flag, option, rare, writes
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.cli.terminal import (
@@ -48,7 +49,7 @@ def run(
     from bayes_toe.cli.group_screen import print_contrast, print_problems
     from bayes_toe.cli.results_folder import PRODUCTS, write_results
     from bayes_toe.explorer.page import require_bokeh, require_few
-    from bayes_toe.groups.predictive_check import predictive_check
+    from bayes_toe.groups.predictive_check import contradictions
 
     if explore:
         require_bokeh()
@@ -70,12 +71,12 @@ def run(
     print_failed(context.out, analysis.draws)
     if analysis.contrast is not None:
         print_contrast(context.out, analysis.contrast)
-    check = None
+    against_group: Texts = ()
     if analysis.group is not None:
-        check = predictive_check(analysis.group)
-        print_problems(context.out, analysis.group, check.warnings)
+        against_group = contradictions(analysis.group)
+        print_problems(context.out, analysis.group, against_group)
 
-    write_results(analysis, output, context, check=check, figures=figures, has_explorer=explore)
+    write_results(analysis, output, context, against_group, figures=figures, has_explorer=explore)
     failed = analysis.draws.failed
     context.finish(store, failed)
     context.out.reasons("No result", failed)

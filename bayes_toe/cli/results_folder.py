@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 
 from bayes_toe import plots
 from bayes_toe.analysis import Analysis
+from bayes_toe.arrays import Texts
 from bayes_toe.cli.answer_screen import flagged
 from bayes_toe.cli.methods import write_methods
 from bayes_toe.cli.report import write_report
@@ -18,7 +19,6 @@ from bayes_toe.data.tables import file_stems, write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.explorer.page import EXAMPLE, explore
-from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.prior import Prior
@@ -51,17 +51,17 @@ def write_results(
     analysis: Analysis,
     folder: Path,
     context: RunContext,
+    contradictions: Texts = (),
     *,
     figures: str = "all",
     has_explorer: bool = False,
-    check: PredictiveCheck | None = None,
 ) -> Path:
     """Write draws, tables, figures, report and methods of an analysis.
 
     All are complete before the first one replaces a file. With `--overwrite`, what an earlier
     analysis of these subjects has left and this one does not write is removed; other files of the
     folder stay. Corner plots and curves are those of all subjects, "flagged" ones, who need action,
-    or "none". `check` is the predictive check of the group.
+    or "none". `contradictions` are what speaks against a normal group.
     """
     draws = analysis.draws
     stems = file_stems(analysis.study.names)
@@ -85,7 +85,7 @@ def write_results(
         context.draw(jobs, names)
         facts = {
             "flagged": flagged_subjects,
-            "check": check,
+            "contradictions": contradictions,
             "choice": figures,
             "drawn": names,
             "stems": stems,

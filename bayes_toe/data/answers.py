@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Record, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, Record, run_starts
 from bayes_toe.data.messages import Texts, display_name, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
@@ -91,6 +91,11 @@ class Answers:
         for name, counts in sums.items():
             sums[name] = np.add.reduceat(counts[rows], starts)
         return Answers(self.keys[rows[starts]], **sums)
+
+    @property
+    def pair(self) -> IndexArray:
+        """The pair of each row among the pairs of all rows, sorted by (s1, s2), shape (rows,)."""
+        return np.unique(self.keys, axis=0, return_inverse=True)[1].ravel()
 
     @property
     def is_session_start(self) -> BoolArray:

@@ -266,6 +266,11 @@ class Subject:
         return list(zip(self.s1.tolist(), self.s2.tolist(), strict=True))
 
     @property
+    def mean_first(self) -> float:
+        """The mean first stimulus over all trials, natural-log intensity."""
+        return float(np.average(self.s1, weights=self.n_trials))
+
+    @property
     def stimuli(self) -> FloatArray:
         """The first stimuli of all pairs, then the second ones, natural-log intensity."""
         return np.concatenate([self.s1, self.s2])

@@ -400,7 +400,8 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         names = ["", *names]
 
     problems = Problems(source)
-    rows, texts = _texts_by_name(records, names, problems)
+    trials = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
+    rows, texts = _texts_by_name(records, names, trials, problems)
     if has_row_names and texts[""] != list(map(str, range(1, len(rows) + 1))):
         raise InputError(
             f"{source}: row {rows[0]}: found {len(names)} cells below {len(names) - 1} "
@@ -415,9 +416,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             columns[name] = column
 
     notes = ("remarks below rows left out",) * bool(n_remarks)
-    notes += ("columns without names read as further trials of a row",) * bool(
-        re.search(_TRIALS_IN_A_ROW, "\n".join(names))
-    )
+    notes += ("columns without names read as further trials of a row",) * bool(trials)
     if place:
         notes = (f"rows above row {first_row} left out", *notes)
     table = TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
@@ -433,15 +432,15 @@ def without_headers(table: TextTable) -> TextTable:
 
 
 def _texts_by_name(
-    records: Iterable[CsvRecord], names: Texts, problems: Problems
+    records: Iterable[CsvRecord], names: Texts, trials: Mapping[str, str], problems: Problems
 ) -> tuple[IntArray, dict[str, list[str]]]:
     """The row of each record, and the texts in the first column of each name.
 
-    A record may have several trials. Records that cannot be split into as many cells are problems.
+    `trials` has the names of columns with several trials, as :data:`_TRIALS_IN_A_ROW` finds them.
+    Records that cannot be split into as many cells are problems.
     """
     index_of_name = name_places(names)
     texts = {name: list[str]() for name in index_of_name}
-    trials = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
     places_of_trials = []  # by name
     for i in range(min(map(len, trials.values()), default=1)):
         places_of_trials.append(index_of_name | {name: index_of_name[name] + i for name in trials})

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray, Rng
+from bayes_toe.arrays import FloatArray, IntArray, Rng, Texts
 from bayes_toe.data.study import Subject, pairs_in_both_orders
 from bayes_toe.groups.group_posterior import SubjectRows
 from bayes_toe.groups.population import PopulationResult, subject_rows
@@ -66,25 +66,16 @@ class Statistic(NamedTuple):
         )
 
 
-class PredictiveCheck(NamedTuple):
-    """The result of :func:`predictive_check`.
+def contradictions(result: PopulationResult) -> Texts:
+    """The statistics that contradict a normal group, a line each."""
+    return tuple(row.warning for row in predictive_check(result) if row.p_value < CONTRADICTED)
 
-    Attributes
-    ----------
-    statistics : tuple of Statistic
-        Asymmetries are missing where fewer than two subjects met a pair in both orders.
+
+def predictive_check(result: PopulationResult) -> Iterator[Statistic]:
+    """Compare the differences between subjects with new groups drawn from the posterior.
+
+    Asymmetries are missing where fewer than two subjects met a pair in both orders.
     """
-
-    statistics: tuple[Statistic, ...]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The statistics that contradict a normal group, a line each."""
-        return tuple(row.warning for row in self.statistics if row.p_value < CONTRADICTED)
-
-
-def predictive_check(result: PopulationResult) -> PredictiveCheck:
-    """Compare the differences between subjects with new groups drawn from the posterior."""
     rng = generator(result.settings.seed, "population", "predictive check")
     likelihood = subject_rows(result.study)
     rows = likelihood.rows
@@ -103,7 +94,7 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
     p_yes = np.exp(np.minimum(np.concatenate(log_yes), 0.0))[..., first_question]
     simulated = rng.binomial(n_trials[:, None], p_yes)
     counts = np.concatenate([observed[:, None], simulated], axis=1)
-    return PredictiveCheck(tuple(_compare(result.study.subjects, likelihood, counts, n_trials)))
+    return _compare(result.study.subjects, likelihood, counts, n_trials)
 
 
 def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:

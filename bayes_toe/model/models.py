@@ -249,9 +249,7 @@ def model_posterior(
     """
     if name == PAPER_MODEL:
         return PaperPosterior(subject, prior)
-    if name in ORDER_MODELS:
-        return OrderModel(name).posterior(subject, prior.observer)
-    raise InputError(f"model {name!r}: no such model; allowed: {', '.join(MODEL_NAMES)}")
+    return OrderModel(require_model(name)).posterior(subject, prior.observer)
 
 
 def describe_prior(name: str, prior: Prior, task: Task) -> str:

@@ -360,8 +360,12 @@ class ObserverRows(AnswerRows):
 
 def _first_answers(curve: Curve) -> LogAnswers:
     """Log probability of both answers to the one or the first question, with lapses."""
-    attending = second_answers(curve.z) if curve.k is None else equal_answers(curve.z, curve.k)
-    blind = _blind_answers(curve.k)
+    if curve.k is None:
+        attending = second_answers(curve.z)
+        blind = LogAnswers(np.array(-LN2), np.array(-LN2))  # in a lapse, both are as probable
+    else:
+        attending = equal_answers(curve.z, curve.k)
+        blind = equal_answers(np.zeros(1), curve.k)  # in a lapse, stimuli are as if equal
     yes = np.logaddexp(curve.log_lapse + blind.yes, curve.log_attend + attending.yes)
     no = np.logaddexp(curve.log_lapse + blind.no, curve.log_attend + attending.no)
     return LogAnswers(yes, no)
@@ -380,13 +384,6 @@ def _direction_answers(curve: Curve) -> LogAnswers:
     with np.errstate(invalid="ignore"):
         log_odds = np.where(np.isfinite(k), log_second - log_first, 0.0)
     return LogAnswers(log_expit(log_odds), log_expit(-log_odds))
-
-
-def _blind_answers(k: FloatArray | None) -> LogAnswers:
-    """Log probability of both answers in a lapse: a guess, or the answers to equal stimuli."""
-    if k is None:
-        return LogAnswers(np.array(-LN2), np.array(-LN2))
-    return equal_answers(np.zeros(1), k)
 
 
 def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -125,15 +125,6 @@ class PaperRows(AnswerRows):
         """Pull p, (rows, points); the third coordinate is the probit of gamma."""
         return pull(ndtr(u[..., 2]))
 
-    def _pull_slope(self, u: FloatArray) -> FloatArray:
-        """Derivative of the pull in the third coordinate, the probit v of gamma.
-
-        gamma = p/(1 - p)^2 and gamma = Phi(v), so that d ln gamma / d ln p = (1 + p)/(1 - p) and
-        d ln gamma / dv = phi(v)/Phi(v).
-        """
-        p = self.pull(u)
-        return p * (1.0 - p) / (1.0 + p) * normal_hazard(-u[..., 2])
-
     def log_pull(self, u: FloatArray) -> FloatArray:
         """Log of the pull, finite however small gamma is, (rows, points)."""
         gamma = ndtr(u[..., 2])
@@ -205,9 +196,11 @@ class PaperRows(AnswerRows):
         answers = answers_at(z, logit_share)
         in_z, in_share = slopes_at(z, logit_share, answers)
 
-        # Slopes of the log width in the second and in the third coordinate.
+        # The slope of the pull p in the third coordinate v: from gamma = p/(1 - p)^2 = Phi(v),
+        # d ln gamma / d ln p = (1 + p)/(1 - p) and d ln gamma / dv = phi(v)/Phi(v).
         p = self.pull(u)
-        pull_slope = self._pull_slope(u)
+        pull_slope = p * (1.0 - p) / (1.0 + p) * normal_hazard(-u[..., 2])
+        # Slopes of the log width in the second and in the third coordinate.
         width_by_spread = self.spread_slope(u)
         width_by_gamma = np.zeros_like(p)
         if self.prior.spread != "width":
@@ -360,7 +353,7 @@ class PaperPosterior(SubjectPosterior):
             return self.centre
         if self.subject.shared_scales is not None:
             return self.subject.shared_scales.sbar
-        return float(np.average(self.subject.s1, weights=self.subject.n_trials))
+        return self.subject.mean_first
 
     def for_subject(self, subject: Subject) -> PaperPosterior:
         """The same prior and centre for other answers or other pairs."""

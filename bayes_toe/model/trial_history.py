@@ -385,8 +385,8 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     >>> looks_sorted(Answers(np.tile(keys, (20, 1)), ones, ones, None, (), True, np.arange(60)))
     False
     """
-    # The rank of each trial's pair by its stimuli, and steps between trials of a session.
-    pair = np.unique(answers.keys, axis=0, return_inverse=True)[1].ravel()
+    # Steps between trials of a session, in the rank of the pair by its stimuli.
+    pair = answers.pair
     step = np.diff(pair)[~answers.is_session_start[1:]]
     n_changes = np.count_nonzero(step)
     n_rarer = min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))

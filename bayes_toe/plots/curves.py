@@ -141,11 +141,6 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     return figure
 
 
-def mean_first(subject: Subject) -> float:
-    """The mean first stimulus, of which axes show per cent, natural-log intensity."""
-    return float(np.average(subject.s1, weights=subject.n_trials))
-
-
 def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
     """Set axes and labels of panels of responses, and add the curves to the legend."""
     proportion_axis(panels[0])  # the panels share this axis
@@ -155,7 +150,7 @@ def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
 
 def _describe_group(subject: Subject, group: FloatArray, stimulus_name: str) -> str:
     """The title of a panel of sorted stimuli (ln), as in 'first stimulus 20 to 25 g'."""
-    numbers, unit = subject.unit.numbers(group[[0, -1]], mean_first(subject))
+    numbers, unit = subject.unit.numbers(group[[0, -1]], subject.mean_first)
     ends = " to ".join(dict.fromkeys(numbers))  # one number if both are the same
     return f"{stimulus_name} stimulus {ends} {unit}".replace("-", "−")
 
@@ -209,7 +204,7 @@ def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None
         position = stronger[rows] + sign * _SHIFT * (high - low)
         draw_shares(ax, position, subject.n_yes[rows], subject.n_trials[rows], mark)
 
-    stimulus_axis(ax, "stronger stimulus", subject.unit, mean_first(subject))
+    stimulus_axis(ax, "stronger stimulus", subject.unit, subject.mean_first)
     ax.set_ylabel(f"proportion '{subject.task.yes}'")
 
 
@@ -277,7 +272,7 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
         _draw_pooled(ax, weights, middle, p_correct, n_correct, ORDERS[sign], shift)
 
     _draw_half(ax, "chance")
-    stimulus_axis(ax, "middle of the pair", subject.unit, mean_first(subject))
+    stimulus_axis(ax, "middle of the pair", subject.unit, subject.mean_first)
     ax.set_ylabel("proportion correct")
 
 

@@ -14,7 +14,6 @@ from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.plots.curves import mean_first
 from bayes_toe.plots.style import (
     BAD,
     COLUMN,
@@ -112,8 +111,8 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
 
 def _label_pairs(ax: Axes, subject: Subject, index: IndexArray) -> None:
     """Label every row of a panel with the pair that `index` puts there."""
-    firsts, unit = subject.unit.numbers(subject.s1, mean_first(subject))
-    seconds, _ = subject.unit.numbers(subject.s2, mean_first(subject))
+    firsts, unit = subject.unit.numbers(subject.s1, subject.mean_first)
+    seconds, _ = subject.unit.numbers(subject.s2, subject.mean_first)
     ax.set_yticks(range(len(index)), [f"{firsts[pair]}, {seconds[pair]}" for pair in index])
     ax.set_ylabel(f"first, second\n({unit})")
 

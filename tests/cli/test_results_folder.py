@@ -14,7 +14,7 @@ from bayes_toe.cli import report, results_folder
 from bayes_toe.cli.results_folder import write_results
 from bayes_toe.cli.run_context import RunContext
 from bayes_toe.explorer.page import Explorer
-from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
+from bayes_toe.groups.predictive_check import Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
@@ -96,13 +96,11 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(analysis_with_pr
 
     # The spread of the accuracy between subjects is .3, but .1 to .2 in simulated groups: p = .004.
     large_spread = Statistic("spread", "accuracy", 0.3, 0.1, 0.2, 0.004, is_above=True)
-    check = PredictiveCheck((large_spread,))
-
     out = write_results(
         replace(analysis_with_problems, group=group),
         tmp_path / "out",
         FIRST,
-        check=check,
+        (large_spread.warning,),
         **NO_FIGURES,
     )
     section = text_of(out).partition('<summary id="group">')[2].partition('id="subjects"')[0]
