@@ -93,7 +93,7 @@ def made_result(study, columns=None, n_divergent=0, n_draws=1600):
 
     If it has divergent trajectories, it is not reliable.
     """
-    settings = GroupSettings(1, Hyperprior(), n_draws)
+    settings = GroupSettings(1, Hyperprior(), np.int64(n_draws))
     persons = dict.fromkeys(subject.subject_name for subject in study)
     columns = columns or regressors({}, tuple(persons))
     posterior = group_posterior(study, settings.hyperprior, columns.x)

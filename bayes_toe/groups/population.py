@@ -390,7 +390,6 @@ class PopulationResult:
             "posterior": xr.Dataset(draws, coordinates),
             COVARIATES: xr.Dataset({"x": (_COVARIATES["x"], regressors.x)}, names),
         }
-        tree = study_tree(self.study, self.settings.seed, groups)
         settings = {
             "n_draws": self.settings.draws,
             "hyperprior": asdict(self.settings.hyperprior),
@@ -398,8 +397,7 @@ class PopulationResult:
             "columns": regressors.columns,
             "notes": regressors.notes,
         }
-        tree.attrs["settings"] = json.dumps(settings)
-        return tree
+        return study_tree(self.study, self.settings.seed, settings, groups)
 
 
 def population(

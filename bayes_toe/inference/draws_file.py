@@ -117,19 +117,24 @@ def subjects_tree(
     density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
     sample_stats["lp"] = draws["lp"].drop_vars("walker").assign_attrs(description=density)
 
-    tree = study_tree(study, settings.seed, {"posterior": posterior, "sample_stats": sample_stats})
+    groups = {"posterior": posterior, "sample_stats": sample_stats}
+    tree = study_tree(study, settings.seed, asdict(settings), groups)
     tree.attrs |= {
         "model": settings.model,
         "prior": describe_prior(settings.model, settings.prior, study.task),
-        "settings": json.dumps(asdict(settings)),
         "failed": json.dumps(dict(failed)),
         "not_interpreted": json.dumps(dict(not_interpreted)),
     }
     return tree
 
 
-def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.DataTree:
-    """A tree of these groups, with the counts of the study and the attributes of every file."""
+def study_tree(
+    study: Study, seed: int, settings: Record, groups: Mapping[str, xr.Dataset]
+) -> xr.DataTree:
+    """A tree of these groups, with the counts of the study and the attributes of every file.
+
+    Numbers of NumPy in the settings become numbers of Python.
+    """
     tree = xr.DataTree.from_dict(groups)
     counts = _counts_by_pair(study)
     observed = counts.drop_vars("n_trials").rename(n_yes=study.task.count)
@@ -143,6 +148,7 @@ def study_tree(study: Study, seed: int, groups: Mapping[str, xr.Dataset]) -> xr.
         "counts_hash": _counts_hash(study),
         "versions": json.dumps(library_versions("xarray") | {"python": platform.python_version()}),
         "study": json.dumps(_study_record(study)),
+        "settings": json.dumps(settings, default=np.generic.item),
     }
     return tree
 

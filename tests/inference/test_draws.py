@@ -30,7 +30,10 @@ def draws(small_study, request):
     """Draws of two subjects, one of them without two of the pairs."""
     fewer = some_pairs(small_study["B"], slice(2, None))
     return bt.sample(
-        bt.Study([small_study["A"], fewer]), model=request.param, draws=500, seed=np.int64(2**62)
+        bt.Study([small_study["A"], fewer]),
+        model=request.param,
+        draws=np.int64(500),
+        seed=np.int64(2**62),
     )
 
 
