@@ -328,7 +328,7 @@ def _without_unit(
     parts = set(re.findall(_NUMBER_IN_NAME, texts))
     beginning, unit, ending = parts.pop() if len(parts) == 1 else ("", "", "")
     unit_name = unit_in(f"1 {unit}") or unit  # 'dB' for 'db'
-    remedies = unit_remedies(unit_name)[:-1]  # not natural logs, which have no unit
+    remedies = unit_remedies(unit_name)
     if unit and options.unit not in [remedy.value for remedy in remedies]:
         table.problems.ask(f"the stimuli have the unit {quoted(unit)}.", remedies)
         table.problems.refuse()
