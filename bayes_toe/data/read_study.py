@@ -570,7 +570,7 @@ def _trial_study(rows: _Rows) -> Study:
     has_stimuli = np.any([column.map(has_digit) for column in rows.stimulus_columns], axis=0)
     column, missed_texts = blank_missed(rows.columns[answer_role], options, has_stimuli)
     if options.has_standard and "response" in rows.columns:
-        column = rows.order.by_interval(table, column, options)
+        column = rows.order.answers_by_interval(table, column, options)
     difference = np.diff(rows.pairs)[:, 0]
     answers = responses(table, column, task_column, options, difference, rows.order)
     answers, missed_signs = without_missed(answers, column, rows.response_signs, options.missed)

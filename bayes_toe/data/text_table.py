@@ -138,7 +138,7 @@ class Column:
 
     def text(self, index: int) -> str:
         """The text of one row."""
-        return self.texts[int(self.codes[index])]
+        return self.texts[self.codes[index]]
 
     def counts(self, texts: Iterable[str]) -> Texts:
         """Texts with the number of their rows, as messages show them: "'j' (40)"."""
@@ -303,8 +303,8 @@ class TextTable:
         records_of_text = column.rows_by_text(np.flatnonzero(bad))
         lines = []
         for records in sorted(records_of_text.values(), key=itemgetter(0))[:MAX_LINES]:
-            index = int(records[0])
-            row = int(self.rows[index])
+            index = records[0]
+            row = self.rows[index]
             allowed = rule if isinstance(rule, str) else rule(index)
             finding = quoted(column.text(index))
             location = str(column)
