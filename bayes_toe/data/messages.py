@@ -152,7 +152,7 @@ def capitalized(text: str) -> str:
     >>> capitalized("in 2AFC"), capitalized("PSE shift")
     ('In 2AFC', 'PSE shift')
     """
-    return f"{text[:1].upper()}{text[1:]}"
+    return text[:1].upper() + text[1:]
 
 
 def plural(count: int, noun: str) -> str:

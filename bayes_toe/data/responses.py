@@ -657,7 +657,7 @@ def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | 
     of the task. None for a damaged text, or a word such as 'secnd', which is like a frequent one.
     """
     counts = np.bincount(unknown.codes)
-    n_rarest = int(counts.min())
+    n_rarest = counts.min()
     text = unknown.texts[counts.argmin()]
     if (
         n_rarest >= 0.15 * column.map(bool).sum()
