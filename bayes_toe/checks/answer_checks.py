@@ -500,7 +500,7 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
         yield Finding(
             subject.name,
             "swapped_blocks",
-            f"Responses look swapped in {noun} {join_words([*map(display_name, blocks)])}.",
+            f"Responses look swapped in {noun} {join_words(map(display_name, blocks))}.",
             f"--swap {cli_argument(subject.name, blocks)}",
         )
 

@@ -293,7 +293,7 @@ def identification_findings(study: Study) -> Findings:
     names_by_message = defaultdict(list)
     for subject in study:
         reasons = identify(subject).reasons
-        questions = capitalized(join_words([*reasons])).replace("_", " ")
+        questions = capitalized(join_words(reasons)).replace("_", " ")
         for reason in set(reasons.values()):  # one for all questions of a subject, if there is any
             message = f"{questions} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)

@@ -74,7 +74,7 @@ def plain_name(name: str) -> str:
 def without_accents(text: str) -> str:
     """A text whose letters have lost their accents."""
     letters_and_accents = unicodedata.normalize("NFKD", text)  # '\u00e9' is 'e' and an accent
-    # Korean and Japanese letters are put together again.
+    # NFKD also takes Korean and Japanese letters apart, which NFC joins again.
     return unicodedata.normalize("NFC", re.sub("[\u0300-\u036f]", "", letters_and_accents))
 
 
@@ -89,10 +89,11 @@ def looks_like(name: str, role: str) -> bool:
     plain = plain_name(name.removeprefix("values."))  # as Inquisit writes it
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
         return True
-    if role == f"n_{_counted_answer(name)}":  # n_first: 'First longer'
+    if role == f"n_{_counted_answer(name)}":  # 'First longer' is n_first
         return True
 
-    # PsychoPy and E-Prime write columns such as key_resp.keys, also of practice and instructions.
+    # PsychoPy and E-Prime write columns such as key_resp.keys. Those of practice and instructions,
+    # such as practice_resp.keys, do not have the role.
     _, dot, ending = name.rpartition(".")
     if dot and ending in VOCABULARY["psychopy"].get(role, ()):
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
@@ -136,7 +137,7 @@ def named_places(text: str) -> NamedPlaces:
         # A word such as 'testinterval' is several words if they are all of it.
         words += parts if "".join(parts) == word else [word]
 
-    # Two letters, such as SC: the standard came first.
+    # Two letters, such as SC: the standard came first. Letters of other words have no meaning.
     initials = [VOCABULARY["letters"].get(letter, "") for letter in "".join(words)]
     if sorted(initials) == ["comparison", "standard"]:
         return NamedPlaces(initials, [], set())
@@ -157,7 +158,8 @@ def _counted_answer(name: str) -> str:
     >>> _counted_answer("First weight"), _counted_answer("second_stimulus"), _counted_answer("n2")
     ('', '', '')
     """
-    # A digit may be the number of a response, and a comma stands in a row that is no header.
+    # Digits and commas are words, too, so that no answer is counted in 'n2', where the digit may be
+    # the number of a response, or in 'first,equal', which is a whole row.
     words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9;,]", without_accents(name))
     others = set(map(str.lower, words)).difference(VOCABULARY["words"]["counting"])
     if len(words) < 2 or len(others) != 1:  # 'first' alone may be a stimulus
@@ -205,7 +207,8 @@ def practice_texts(name: str, texts: Texts) -> Texts:
     """
     plain = plain_name(name)
     is_of_practice = any(map(plain.__contains__, VOCABULARY["practice"]["texts"]))
-    if is_of_practice and ".this" in name:  # PsychoPy counts the trials of a loop
+    # PsychoPy counts the trials of a loop in columns such as 'practice.thisN', empty elsewhere.
+    if is_of_practice and ".this" in name:
         return list(filter(None, texts))
     has_flags = is_of_practice and is_flag(texts)  # such as 'TRUE' in `is_practice`
 
@@ -232,19 +235,19 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     >>> taken_out_texts("TrialError", ["0", "6", "8"])
     ['8']
     """
-    # A column such as 'rejected' says so by 1, and a column such as 'valid' by 0.
     taken_out = VOCABULARY["taken_out"]
     plain = plain_name(name)
-    # A cell 'aborted' says so in each column.
+    # A cell 'aborted' says so in any column, and a code such as '8' in a column of codes.
     words = {*taken_out["by_1"], *taken_out["codes"].get(plain, ())}
-    plain = re.sub("^(is|was|trial)+|trials?$", "", plain)  # 'is_valid' is 'valid'
-    if is_flag(texts) and plain in taken_out["by_1"]:
+    flag = re.sub("^(is|was|trial)+|trials?$", "", plain)  # 'is_valid' is 'valid'
+    if is_flag(texts) and flag in taken_out["by_1"]:  # such as 'rejected'
         words |= TRUE_WORDS
-    elif is_flag(texts) and plain in taken_out["by_0"]:
+    elif is_flag(texts) and flag in taken_out["by_0"]:  # such as 'valid'
         words |= FALSE_WORDS - {""}
+        # If no cell says no, the valid trials are crossed and the others are empty.
         if words.isdisjoint(map(str.lower, texts)):
-            words.add("")  # where the others are crossed
-    # '1.0' as it stands, and 'Fixation break' in small letters alone.
+            words.add("")
+    # The cell itself, for '1.0', or its plain form, for 'Fixation break'.
     return [text for text in texts if {text.lower(), plain_name(text)} & words]
 
 
@@ -269,7 +272,7 @@ def unit_in(name: str) -> str:
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
-    # Words have no digits.
+    # Words have no digits, but for 'cd/m2', so that 'log10' becomes a word.
     plain = _folded(name).replace("log10", "decadic").replace("cd_m2", "cd/m2")
     words = re.findall(r"cd/m2|[^\W\d_]+", plain)
 
@@ -368,7 +371,7 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     likely = _likely(names, options, [*roles, "session", "block", "trial"])
     options = replace(options, columns={**likely, **options.columns})  # given names win
     options = _with_unit_in_names(names, options)
-    if options.correct is None:
+    if options.correct is None:  # responses or counts are read
         answers = _likely_answers(names, options)
         # Notes name the columns in this order: likely names come before given ones.
         options = replace(options, columns={**likely, **answers, **options.columns})
@@ -378,7 +381,8 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
 def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     """Options with the unit in the names of both stimuli, if no option gives another one.
 
-    Two columns such as 'weight1_g' and 'weight2_g' are the stimuli if the file has no others.
+    Columns with one unit, such as 'weight1_g' and 'weight2_g', are the stimuli if the file has no
+    others.
 
     Examples
     --------
@@ -390,9 +394,10 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     >>> _with_unit_in_names(["s1_ms", "s2_ms"], ReadOptions(unit="ms")).columns
     {'i1': 's1_ms', 'i2': 's2_ms'}
     """
-    if options.intensity is not None:
+    if options.intensity is not None:  # given in the unit of the file
         return options
     stimuli = options.stimulus_names
+    # Without a column of stimuli, the pair of names such as 'weight1_g' may be theirs.
     if not options.has_standard and set(map(options.name, _STIMULI)).isdisjoint(names):
         candidates = [
             name
@@ -402,13 +407,10 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
         stimuli = _stimulus_pair(candidates, _NUMBERS)
 
     units = set(map(unit_in, stimuli))
-    if (
-        len(units) != 1
-        or "" in units
-        or options.unit not in (None, *units)
-        or not set(stimuli) <= set(names)
-    ):
+    is_same_unit = len(units) == 1 and "" not in units
+    if not is_same_unit or options.unit not in (None, *units) or not set(stimuli) <= set(names):
         return options
+    # Now `stimuli` of the options are i1 and i2, if the unit is one of intensities.
     options = replace(options, unit=units.pop())
     name_of_stimulus = dict(zip(options.stimuli, stimuli, strict=True))
     return replace(options, columns={**options.columns, **name_of_stimulus})
@@ -422,7 +424,8 @@ def _may_be_stimulus(name: str) -> bool:
 def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     """Options that read s1 and s2 as intensities if there are no i1 and i2, or the other way round.
 
-    The unit that is given says which are asked for; without a unit, it is asked about i1 and i2.
+    The unit of the options asks for i1 and i2, or for s1 and s2. Without a unit, i1 and i2 are read
+    as s1 and s2, and :func:`~bayes_toe.data.layouts.require_unit` asks for their unit.
 
     Examples
     --------
@@ -460,29 +463,31 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     roles = (*_ALL_COUNTS, "n_correct", "response")
     roles_in_file = {role for role in roles if options.name(role) in names}
     if "response" in roles_in_file or ("n_trials" in roles_in_file and len(roles_in_file) == 2):
-        return {}  # the file has responses, or trials and a count
+        return {}  # the file has our names of responses, or of trials and a count
 
     counts = _likely(names, options, _ALL_COUNTS)
+    count_roles = roles_in_file | counts.keys()  # by our names or by similar ones
+    if set(_THREE_COUNTS) <= count_roles:
+        counts.pop("n_trials", None)  # their sum, which is not read
+        count_roles.discard("n_trials")
+
     response = _likely(names, options, ("response",))
-    all_roles = roles_in_file | counts.keys()
-    if set(_THREE_COUNTS) <= all_roles:
-        counts.pop("n_trials", None)  # their sum
-        all_roles.discard("n_trials")
     # Beside our names of counts, a similar name is no response.
     response_alone = {} if roles_in_file else response
-    if "n_trials" in all_roles:
-        # Trials and one count, perhaps with that of the other answer, are not responses, whatever
+    if "n_trials" in count_roles:
+        # Trials and one count, perhaps with that of the other answer, are no responses, whatever
         # another column is named.
-        has_one_count = len(all_roles.difference(OTHER_COUNTS.values())) == 2
+        has_one_count = len(count_roles.difference(OTHER_COUNTS.values())) == 2
         return counts if has_one_count else response_alone
     if response:  # other columns with similar names are then no counts
         return response_alone
+
     # Columns 'first' and 'second' are the stimuli, if no others are.
     has_stimuli = set(options.stimulus_names) <= set(names)
     if not has_stimuli and counts.get("n_first", "").lower() == "first":
         return {}
     # One column such as 'second_longer' or 'same' may have responses, yes or no.
-    if len(all_roles) == 1 and not any(map(is_percentage, counts.values())):
+    if len(count_roles) == 1 and not any(map(is_percentage, counts.values())):
         return {}
     return counts
 
@@ -514,7 +519,8 @@ def columns_to_read(
 ) -> tuple[list[str], list[str], list[Remedy]]:
     """The roles of the columns that are read, problems of names, and options that solve the last.
 
-    `names` are those of the file. The cells of `columns` decide which options are proposed.
+    `names` are those of the file, and `columns` its columns, whose cells decide which options are
+    proposed.
 
     Examples
     --------
@@ -543,7 +549,8 @@ def columns_to_read(
         )
         return roles_read, problems, list(_order_remedies(_interval_names(columns)))
 
-    # The names that must be there once: those of roles, and those that options name.
+    # The names that must be there once: those of roles in the order of `COLUMNS`, and those that
+    # options name.
     roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
     required = dict.fromkeys(
         [
@@ -587,8 +594,8 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
 
 def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
-    # n_first does not count here: three columns are allowed with it, and only with it. Responses
-    # beside n_trials alone are frequencies.
+    # Two columns are allowed: a count and n_trials, or responses and n_trials, which are
+    # frequencies. Three counts are allowed with n_first, which is none of `_COUNTS`.
     answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or answers in (["response", "n_equal"], ["response", "n_second"]):
         first, *other_columns = [display_name(options.name(role)) for role in answers]
@@ -619,8 +626,8 @@ def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
     if options.condition or options.name("condition") in names:
         roles_read.append("condition")
 
-    # Counts need no column of the history: it is ignored if there are two of its name, or if an
-    # option takes it for something else. A column of intervals has an option of its own.
+    # Counts need no column of the history, such as block: it is ignored if there are two of its
+    # name, or if an option takes it for something else.
     other_names = [options.name(role) for role in COLUMNS if role not in HISTORY_COLUMNS]
     other_names.append(options.name("standard_interval"))
     for role in HISTORY_COLUMNS:
@@ -651,12 +658,12 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     if not counts or (response in names and response not in map(options.name, counts)):
         return ["response", *counts]
 
-    n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
-    if counts == ["n_trials"]:  # what was counted is asked for
+    if counts == ["n_trials"]:  # n_equal is then missing, so that what was counted is asked for
         return ["n_equal", "n_trials"]
     other = OTHER_COUNTS[counts[0]]
-    if len(counts) == 1 and options.name(other) in names:
+    if len(counts) == 1 and options.name(other) in names:  # both counts make the trials
         return [*counts, other]
+    n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
     # Two of three without the trials: the third one is missing.
     if n_of_three == 3 or (n_of_three == 2 and "n_trials" not in counts):
         return list(_THREE_COUNTS)
@@ -664,16 +671,17 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
 
 
 def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Column] = ()) -> str:
-    """The columns of a standard and a comparison, where nothing says which came first.
+    """The names of two columns of stimuli where nothing says which came first, as 'std and test'.
 
-    So may be stimuli A and B if one of these columns has their order, and stimuli 1 and 2 if it
-    changes. The text names both columns; it is empty where the order is known, or one is missing.
+    They are a standard and a comparison; or A and B, or 1 and 2, if a column may have their order.
+    Stimuli 1 and 2 are in order unless that column changes from trial to trial. The text is empty
+    where the order is known, or a column is missing.
     """
     if options.has_standard:
         return ""
     candidates = options.stimulus_names
     are_open = set(names).isdisjoint(candidates)
-    if are_open:
+    if are_open:  # the file lacks these, so that all its columns may be stimuli
         candidates = names
     standards = names_like(candidates, "standard")
     comparisons = names_like(candidates, "comparison")
@@ -697,16 +705,17 @@ def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     Such a column has both codes for a pair of the same two stimuli, and changes from trial to
     trial. Else it follows from the stimuli, or tells subjects or blocks from each other.
     """
-    # 'first_tone' says its place, and a column such as 'interval' may have pauses.
+    # 'first_tone' says its place, and a column of order such as 'interval' may have pauses.
     if "first" in pair[0].lower() or looks_like(order, "isi"):
         return False
     codes = {column.name: column.codes for column in columns}
     first, second, order_codes = map(codes.__getitem__, (*pair, order))
     n_pairs = len(combination_counts(first, second))
     n_ordered_pairs = len(combination_counts(first, second, order_codes))
-    # If only the pairs of equal stimuli have both codes, these are fewer than half of the pairs.
+    # If the order follows from the stimuli, only equal stimuli have both codes, and are fewer than
+    # half of the pairs.
     is_free = n_ordered_pairs > 1.5 * n_pairs
-    # Codes of subjects or blocks have long runs of rows.
+    # Codes of subjects or blocks have long runs of rows, five or more on average.
     return is_free and len(run_starts(order_codes)) > 0.2 * len(order_codes)
 
 
@@ -730,6 +739,7 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
     """
     for name in interval_names or ["NAME"]:
         for owner in ("standard", "comparison"):
+            # 'test_interval' is that of the comparison, and 'order' may be that of either.
             if named_places(name).stimuli in ([], [owner]):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
@@ -737,8 +747,8 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
 
 
 def unit_remedies(unit: str) -> list[Remedy]:
-    """Options to type if stimuli seem to be in this unit; natural logs are the last choice."""
-    choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
+    """Options to type if stimuli seem to be in this unit, of which there are two sorts of dB."""
+    choices = ("dB", "dB-power") if unit == "dB" else (unit,)
     default = f"they are intensities in {unit}"
     return [
         Remedy("unit", choice, f"if {_UNIT_MEANINGS.get(choice, default)}") for choice in choices
@@ -783,11 +793,13 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     >>> [remedy.value for remedy in intensity_remedies(np.array([-150.0, 200.0]))]
     ['NAME', 'ln']
     """
-    remedies = unit_remedies(unit)[:-1] if unit else []
+    remedies = unit_remedies(unit) if unit else []
     low = stimuli.min()
-    if low != 0.0:  # 0 has no logarithm, and is none of a unit that is named
-        remedies += unit_remedies(ANY_UNIT if low > 0.0 else "NAME")[:-1]
-    return remedies + unit_remedies("ln")[1:]
+    # Numbers below 0 are no intensities, but logarithms in a unit that the user names. With a 0,
+    # which has no logarithm, they may be either or neither.
+    if low != 0.0:
+        remedies += unit_remedies(ANY_UNIT if low > 0.0 else "NAME")
+    return remedies + unit_remedies("ln")
 
 
 def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
@@ -817,10 +829,10 @@ def _pairs_by_sign(names: Texts, signs: Mapping[str, str]) -> Iterator[Sequence[
 
 
 def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> list[Texts]:
-    """The names of two columns that may be the stimuli; of several such, the likeliest first.
+    """Pairs of names of columns that may be the stimuli, at most three, the likeliest first.
 
-    Columns without names stand next to each other and have many values in common. A pair without
-    names stands for none. Stimuli that are positive have no number of 0 or below.
+    Columns without names stand next to each other and have many values in common. The result is
+    [()] if there is no pair. Stimuli that are positive have no number of 0 or below.
 
     Examples
     --------
@@ -840,18 +852,16 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
             texts[column.name] = set(column.texts)
 
     def fit(pair: Texts) -> tuple[bool, float, str]:
-        """What ranks pairs: a name of a stimulus, the values in common, and a unit in the name.
-
-        Not the share of values in common, which is 1 for two constant durations.
-        """
+        """What ranks pairs: a name of a stimulus, the values in common, and a unit in the name."""
         first, second = map(texts.__getitem__, pair)
         n_common = len(first & second)
         n_all = max(1, len(first | second))  # a table without rows has no values
+        # The share of values in common, which is 1 for two constant durations, times their number.
         return _may_be_stimulus(pair[0]), n_common**2 / n_all, unit_in(pair[0])
 
     names = filterfalse(re.compile(_NUMBER_OF_TRIAL).fullmatch, texts)
     pairs = chain(*_pairs_by_sign(list(names), _NUMBERS | _LETTERS))
-    # The number of a column stands for its name. Without names, few common values may be a chance.
+    # Columns without names have their numbers as names. Few values in common may be a chance there.
     neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
     return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
 
@@ -859,7 +869,10 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
 def _remedies(
     roles_read: Texts, options: ReadOptions, columns: Collection[Column]
 ) -> Iterator[Remedy]:
-    """Options to type if columns are missing."""
+    """Options to type if some of these roles have no column in the file.
+
+    `columns` are those of the file.
+    """
     names = [column.name for column in columns]
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
@@ -877,7 +890,7 @@ def _remedies(
 
     required = list(filter(_REQUIRED.__contains__, missing))
     for pair in pairs:
-        # The names for a role, {'s1': ('c1',), 's2': ('c2',)}; without a pair, there is no role.
+        # By role a tuple with its name, {'s1': ('c1',), 's2': ('c2',)}; empty for the pair ().
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
         names_to_skip = (*pair, *solutions(columns, options, pair))
         others = [column for column in unread if column.name not in names_to_skip]
@@ -886,18 +899,22 @@ def _remedies(
     if missing == ["n_equal"]:
         yield from _count_remedies(names, options)
     if "correct" in missing:
-        score = [*names_like(names, "correct"), "NAME"][0]
-        yield Remedy("correct", score, "with the name in your file")
+        score_names = [*names_like(names, "correct"), "NAME"]  # NAME if there is no other
+        yield Remedy("correct", score_names[0], "with the name in your file")
 
 
 def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
-    """Options to type if a table has the trials of each pair, and other names of what it counts."""
+    """Options to type if a table has n_trials, and other names of what it counts.
+
+    NAME stands for a name that the user has to type.
+    """
     if options.name("n_trials") not in names:
         return
-    n_correct = [*names_like(names, "n_correct"), "NAME"][0]
     meaning = "if it counts 'the second was stronger' (2AFC)"
     yield Remedy("columns", (("n_second", "NAME"),), meaning)
-    yield Remedy("columns", (("n_correct", n_correct),), "if it counts right responses (2AFC)")
+    n_correct_names = [*names_like(names, "n_correct"), "NAME"]  # NAME if there is no other
+    meaning = "if it counts right responses (2AFC)"
+    yield Remedy("columns", (("n_correct", n_correct_names[0]),), meaning)
     if options.has_standard:
         meaning = "if it counts 'the comparison was stronger' (2AFC)"
         yield Remedy("columns", (("n_comparison", "NAME"),), meaning)
@@ -926,13 +943,15 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     >>> _pair_pattern(["p350_500_r1", "p350_500_r2"]), _pair_pattern(["1_Q7", "2_Q7", "3_Q7"])
     (('p{first}_{second}_r*', 2), ('', 0))
     """
-    shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)  # '{} vs {}'
-    for shape, n_texts in shapes.most_common(1):  # none without texts
+    # The shape of '440 Hz vs 460 Hz' is '{} Hz vs {} Hz'.
+    shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)
+    for shape, n_texts in shapes.most_common(1):  # one, or none without texts
         # The number of a repetition may stand behind a pair, as in 'p{}_{}_r{}'.
         shape = re.sub("(?i)({}[^{}]+{}[^{}]*[-_. ](?:r|rep|t|trial|run)[-_. ]?){}$", r"\1*", shape)
         if re.fullmatch(_PAIR_SHAPE, shape):
-            last_two = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
-            return last_two.replace("{}", "*"), n_texts
+            # The last two numbers are the stimuli; any number may stand in the place of others.
+            pattern = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
+            return pattern.replace("{}", "*"), n_texts
     return "", 0
 
 
@@ -949,7 +968,8 @@ def _columns_remedies(
 ) -> list[Remedy]:
     """The options that name the columns of roles: those of stimuli, and likely ones of `columns`.
 
-    What no column seems to have, and another option can say, is asked about after the others.
+    `stimuli` has the names for the roles of both stimuli. A role that no column seems to have, and
+    that another option can stand for, is asked about after the others.
 
     Examples
     --------
@@ -966,12 +986,11 @@ def _columns_remedies(
         "response": _score_remedies(names_like([column.name for column in columns], "correct")),
     }
     names_by_role = {role: stimuli.get(role) or _likely_names(columns, role) for role in roles}
-    # If another option can stand for each role without a column, it is proposed first; but if other
-    # roles have columns, these are asked about first, and the roles without columns afterwards.
+    # Roles that no column seems to have. If other options can stand for all of them, and other
+    # roles have columns, they are not asked about now.
     blank_roles = [role for role, names in names_by_role.items() if names == ["NAME"]]
-    are_replaced = all(map(replacements.get, blank_roles))
-    if are_replaced and blank_roles != roles:
-        are_replaced = False
+    are_replaceable = all(map(replacements.get, blank_roles))
+    if are_replaceable and blank_roles != roles:
         for role in blank_roles:
             del names_by_role[role]
 
@@ -983,10 +1002,12 @@ def _columns_remedies(
             else ""
         )
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
-    instead: list[Remedy] = []
+    other_options: list[Remedy] = []
     for role in names_by_role:
-        instead += replacements.get(role, [])
-    return instead + by_name if are_replaced else by_name + instead
+        other_options += replacements.get(role, [])
+    if are_replaceable and blank_roles == roles:  # no column is known
+        return other_options + by_name
+    return by_name + other_options
 
 
 def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
@@ -1029,8 +1050,8 @@ def _role_by_cells(column: Column) -> str:
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))
-    # A name without words of its own, such as 'target' or 'comparison', is that of a stimulus. A
-    # number is that of a column without a name.
+    # A name without words of its own, such as 'target' or 'comparison', is that of a stimulus, but
+    # a number is the name of a column without one.
     if (
         n_texts < 2
         or not (words or column.name.isdigit())
@@ -1038,16 +1059,20 @@ def _role_by_cells(column: Column) -> str:
         or _pair_pattern(column.texts)[0]  # '17/20' counts, or is a pair
     ):
         return ""
-    if n_texts == n_runs < 0.5 * n_rows:  # each text stands in one block of rows
+    # Each text stands in one block, of more than two rows on average.
+    if n_texts == n_runs < 0.5 * n_rows:
         return "subject"
+    # Three codes and an empty cell are four texts. A code stands in less than five rows on average
+    # before another one follows.
     return "response" if n_texts < 5 and n_runs > 0.2 * n_rows else ""
 
 
 def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = ()) -> Iterator[str]:
     """The names of columns that seem to have correct answers, and not those of participants.
 
-    What they say follows in all of many rows from which stimulus is the larger, and from the order
-    of a standard and a comparison. `pair` has the names of the stimuli if the options have not.
+    In all rows, and there are many, they follow from which stimulus is the larger, and from the
+    order of a standard and a comparison. `pair` has the names of the stimuli if the options lack
+    them.
 
     Examples
     --------
@@ -1062,12 +1087,12 @@ def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = (
         return
     difference = np.subtract(*values)
     rows = ~np.isnan(difference)
-    # The larger stimulus; of a standard and a comparison, also the order.
+    # A side is the larger stimulus; of a standard and a comparison, also their order.
     sides = [np.sign(difference[rows])]
     sides += [column.codes[rows] for column in columns if column.name == options.interval_column]
     n_sides = len(combination_counts(*sides))
     for column in columns:
-        has_codes = 1 < len(column.texts) < 5
+        has_codes = 1 < len(column.texts) < 5  # three answers and an empty cell at most
         # If each side has one text, the texts make no more combinations.
         if has_codes and 1 < n_sides == len(combination_counts(*sides, column.codes[rows])):
             yield column.name

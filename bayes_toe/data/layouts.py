@@ -86,22 +86,25 @@ class StandardOrder:
 
     def __init__(self, table: TextTable, column: Column | None, options: ReadOptions) -> None:
         self.column = column
-        self.is_first = np.ones(len(table.rows), bool)
-        self.is_unknown = np.zeros(len(table.rows), bool)
         self.notes: list[str] = []
-        if column is not None:
-            is_first = _standard_first_by_text(table, column, options)
-            texts = join_names(map(quoted, filter(is_first.get, is_first)))
-            self.notes += [f"{column} read as the order: standard first at {texts or 'none'}"]
-            self.is_first = column.map(is_first.get)  # None is False
-            self.is_unknown = column.map(lambda text: is_first.get(text) is None)
+        if column is None:
+            self.is_first = np.ones(len(table.rows), bool)
+            self.is_unknown = np.zeros(len(table.rows), bool)
+            return
+
+        order_by_text = _standard_first_by_text(table, column, options)
+        texts = join_names(map(quoted, filter(order_by_text.get, order_by_text)))
+        self.notes += [f"{column} read as the order: standard first at {texts or 'none'}"]
+        # An empty cell is no key, so that it is unknown, too. In an array of bool, None is False.
+        self.is_first = column.map(order_by_text.get)
+        self.is_unknown = column.map(lambda text: order_by_text.get(text) is None)
 
     def in_order(self, stimuli: FloatArray) -> FloatArray:
         """First and second stimulus of every row, from the standard and the comparison."""
         return np.where(self.is_first[:, None], stimuli, stimuli[:, ::-1])
 
-    def by_interval(self, table: TextTable, column: Column, options: ReadOptions) -> Column:
-        """Responses 'comparison' and 'standard' as 'second' and 'first'; other texts stay.
+    def answers_by_interval(self, table: TextTable, column: Column, options: ReadOptions) -> Column:
+        """Responses 'comparison' and 'standard' as 'second' or 'first'; other texts stay.
 
         With the code of 'comparison', the other code beside 'equal' is 'standard'. The table is
         refused if no response has the code, or there are more codes.
@@ -109,10 +112,8 @@ class StandardOrder:
         comparison_code = options.comparison_code
         texts = []
         for text in filter(None, column.texts):  # a missed response is empty
-            if (
-                text != options.equal_code
-                and plain_name(text) not in VOCABULARY["responses"]["equal"]
-            ):
+            has_word = plain_name(text) in VOCABULARY["responses"]["equal"]
+            if not has_word and text != options.equal_code:
                 texts.append(text)
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
             problem = (
@@ -127,8 +128,8 @@ class StandardOrder:
             if meaning in (_STANDARD, _COMPARISON):
                 # Where the standard was first, the comparison was second, and the other way round.
                 is_second = self.is_first == (meaning == _COMPARISON)
-                by_interval = np.where(is_second, "second", "first")
-                responses = np.where(column.matches([text]), by_interval, responses)
+                answers = np.where(is_second, "second", "first")
+                responses = np.where(column.matches([text]), answers, responses)
                 stimulus = f"{meaning.stimuli[0]}, first or second by the order"
                 self.notes.append(f"response {quoted(text)} read as the {stimulus}")
         return Column.from_texts(column.name, responses)
@@ -162,7 +163,8 @@ def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
         return options
 
     (name,) = name_by_order.values()
-    if named_places(name)[:2] == (["comparison"], []):  # '1' is the interval of the comparison
+    # In a column such as 'test_position', which names no place, '1' is the interval of the test.
+    if named_places(name)[:2] == (["comparison"], []):
         options = replace(options, comparison_interval=name)
     else:
         options = replace(options, standard_interval=name)
@@ -178,9 +180,10 @@ def _certain_order(column: Column) -> OrderByText:
     """
     stimuli, places, other_words = named_places(column.name)
     is_unclear = _UNCLEAR.search(column.name.lower()) or other_words.difference(_WORDS_OF_ORDER)
+    # Without a stimulus or a place in the name, the cells alone say the order, as 'SC' does.
     if is_unclear and (stimuli or places):
         return {}
-    # '1' and '2' in a column `std_stim` may be two stimuli, and '1' alone a level.
+    # '1' and '2' in a column `std_stim` may be two stimuli, and '1' alone may be a level.
     has_interval = not other_words.isdisjoint(VOCABULARY["words"]["of_interval"])
     owner = ""
     if has_interval and not places and len(stimuli) == 1 and len(column.texts) > 1:
@@ -212,7 +215,8 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     owner = "comparison" if options.comparison_interval else "standard"
     order_by_text = _order_by_text(column, owner)
     code = options.standard_first_code
-    # A single text that is not the code means that the comparison was always first.
+    # A single text that is not the code means that the comparison was always first. Several texts
+    # without the code are read by their words, as if there were no code.
     if code in order_by_text or (code is not None and len(order_by_text) == 1):
         if len(order_by_text) <= 2:  # the other text needs no meaning of its own
             order_by_text = dict.fromkeys(order_by_text, False)
@@ -225,12 +229,12 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
         _ask_order(table, column, problem, list(order_by_text))
 
     # Texts such as '1' or 'first' say the interval, but not of which stimulus.
-    intervals = [text for text in order_by_text if named_places(text)[:2] == ([], ["first"])]
+    first_intervals = [text for text in order_by_text if named_places(text)[:2] == ([], ["first"])]
     stimuli, places, _ = named_places(column.name)
-    has_flags = places and is_flag(order_by_text)
-    if intervals and len(stimuli) == 1 and owner not in stimuli and not has_flags:
+    is_true_or_false = places and is_flag(order_by_text)  # '1' in 'test_first' is no interval
+    if first_intervals and len(stimuli) == 1 and owner not in stimuli and not is_true_or_false:
         problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
-        _ask_order(table, column, problem, intervals[:1], stimuli[0])
+        _ask_order(table, column, problem, first_intervals[:1], stimuli[0])
     return order_by_text
 
 
@@ -245,15 +249,11 @@ def _ask_order(
     if owner == "comparison":
         meaning = "if it says the interval of the comparison"
         remedies.append(Remedy("comparison_interval", column.name, meaning))
-    # 'AB' before 'BA'; of 'left_first' or 'A_first', '1' before '0'.
-    remedies += [
-        Remedy("standard_first_code", text, f"if {text} means that the standard was first")
-        for text in sorted(
-            texts,
-            reverse=is_flag(texts)
-            and re.match("(?i)(is_?)?(left|a)_?first", column.name) is not None,
-        )
-    ]
+    # The likeliest text first: 'AB' before 'BA', but '1' before '0' in 'left_first' or 'A_first'.
+    is_named_after_a = re.match("(?i)(is_?)?(left|a)_?first", column.name) is not None
+    for text in sorted(texts, reverse=is_named_after_a and is_flag(texts)):
+        meaning = f"if {text} means that the standard was first"
+        remedies.append(Remedy("standard_first_code", text, meaning))
     table.problems.ask(f"{column}: {problem}", remedies)
     table.problems.refuse()
 
@@ -313,7 +313,8 @@ def stimulus_logs(table: TextTable, columns: Sequence[Column], options: ReadOpti
             # The difference of logs, because the ratio itself may overflow.
             origin = options.stimulus_unit.log_reference
             values = [math.log(value) - origin if value > 0 else math.nan for value in values]
-        logs.append(np.array(values)[column.codes] * LOG_UNITS.get(options.unit or "ln", 1.0))
+        factor = LOG_UNITS.get(options.unit or "ln", 1.0)  # intensities are natural logs by now
+        logs.append(np.array(values)[column.codes] * factor)
     return np.column_stack(logs)
 
 
@@ -325,10 +326,11 @@ def _without_unit(
     A number may stand in the name of a file, as in 'tone_460Hz.wav', if all names are alike.
     """
     texts = "\n".join(chain.from_iterable(column.texts for column in columns))
+    # The texts around the numbers, ('tone_', 'Hz', '.wav'). If they differ, they stay in the cells.
     parts = set(re.findall(_NUMBER_IN_NAME, texts))
     beginning, unit, ending = parts.pop() if len(parts) == 1 else ("", "", "")
     unit_name = unit_in(f"1 {unit}") or unit  # 'dB' for 'db'
-    remedies = unit_remedies(unit_name)[:-1]  # not natural logs, which have no unit
+    remedies = unit_remedies(unit_name)
     if unit and options.unit not in [remedy.value for remedy in remedies]:
         table.problems.ask(f"the stimuli have the unit {quoted(unit)}.", remedies)
         table.problems.refuse()
@@ -345,7 +347,10 @@ def _without_unit(
 def _require_decimal_sign(
     table: TextTable, stimuli: Sequence[Column], options: ReadOptions
 ) -> None:
-    """Refuse stimuli such as '1.050' where nothing shows whether the sign is decimal."""
+    """Refuse stimuli such as '1.050' where nothing shows whether the sign is decimal.
+
+    The table has a :attr:`grouping_sign`.
+    """
     sign = table.grouping_sign
     texts = list(chain.from_iterable(column.texts for column in stimuli))
     with_sign = [text for text in texts if sign in text]
@@ -354,8 +359,7 @@ def _require_decimal_sign(
     if not with_sign or not all(map(grouped_digits.fullmatch, with_sign)):
         return
 
-    # '1.050' is no logarithm of 1050, unless other stimuli are large, too: 950 beside 1.050 may be
-    # in cents.
+    # No logarithm is 1050, unless other stimuli are as large: 950 beside 1.050 may be in cents.
     others = [text for text in texts if sign not in text]
     if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in others):
         return
@@ -388,29 +392,31 @@ def require_unit(
     if not len(rows):
         return
 
-    low = stimuli[rows].min()
-    unit = suggested_unit(columns[0].name, low)
-    finding, index = "", None
-    if not options.has_intensities:
-        finding, index = sign_of_intensities(*stimuli[rows].T)
     names = [column.name for column in columns]
-    words = join_words(list(map(display_name, names)))
-    if finding:
-        problem = f"columns {words}: found {finding}, allowed: natural logs or a unit"
-        if index is not None:
-            problem = f"row {table.rows[rows[index]]}, {problem}"
-        if low == 0.0:
-            problem += (
-                ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
-            )
-    else:
+    columns_shown = f"columns {join_words(map(display_name, names))}"
+    low = stimuli[rows].min()
+    unit = suggested_unit(names[0], low)
+    problem = ""
+    if not options.has_intensities:
+        sign, index = sign_of_intensities(*stimuli[rows].T)
+        if sign:
+            problem = f"{columns_shown}: found {sign}, allowed: natural logs or a unit"
+            if index is not None:  # one pair shows it
+                problem = f"row {table.rows[rows[index]]}, {problem}"
+            if low == 0.0:
+                problem += (
+                    ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"
+                )
+
+    if not problem:
         # The stimuli of a wide table get the names s1 and s2 here, and have none in the file.
         has_our_name = not {"s1", "s2"}.isdisjoint(names)
         is_known = options.has_intensities or (has_our_name and options.wide is None)
+        # A name such as 'level1' asks even if the stimuli are known: they may be decibels.
         if not unit and (is_known or low <= 0.0):
             return
-        problem = f"columns {words} may be {f'in {unit}' if unit else 'intensities'}."
-    unit = unit or unit_in(f"1 {columns[0].texts[0]}")  # in the row below the names
+        problem = f"{columns_shown} may be {f'in {unit}' if unit else 'intensities'}."
+    unit = unit or unit_in(f"1 {columns[0].texts[0]}")  # a row below the names may have units
     table.problems.ask(problem, intensity_remedies(stimuli[rows], unit))
 
 
@@ -471,7 +477,7 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         origin = str(column)
 
     new_columns = {**table.columns}
-    matches = list(filter(None, map(regex.fullmatch, column.texts)))  # all fit
+    matches = list(filter(None, map(regex.fullmatch, column.texts)))  # all texts have one
     for group, name in enumerate(options.stimulus_names, start=1):
         texts = [match[group] for match in matches]
         new_columns[name] = Column.from_texts(name, texts, column.codes)
@@ -483,13 +489,18 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
 
 
 def _by_pair(table: TextTable, names: Texts) -> TextTable:
-    """The table with a row for each cell of these columns: the name of the column, and the cell."""
+    """The table with a row for each cell of these columns.
+
+    Two new columns have the name of the cell's column, and the cell. The other columns stay.
+    """
     repeated = repeated_columns(names, dict.fromkeys(names))
     if repeated:
         table.require(repeated)
 
-    # The cells of the first row come first, in the order of the names.
+    # The cells of the first row come first, in the order of the names: each new row has the index
+    # of an old row and of a name.
     row, name_code = np.indices((len(table.rows), len(names))).reshape(2, -1)
+    # Shape (rows, names).
     cells = np.column_stack([table.columns[name].map(str, object) for name in names])
     long_table = table.only(row)
     columns = {**long_table.columns, PAIR: Column(PAIR, list(names), name_code)}

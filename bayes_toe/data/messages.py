@@ -130,7 +130,7 @@ def sum_of_notes(notes: Texts) -> str | None:
     return Note(*parts)
 
 
-def join_words(words: Texts) -> str:
+def join_words(words: Iterable[str]) -> str:
     """Words of a list in a sentence.
 
     Examples
@@ -138,9 +138,10 @@ def join_words(words: Texts) -> str:
     >>> join_words(["2"]), join_words(["2", "4", "6"])
     ('2', '2, 4 and 6')
     """
-    if len(words) < 2:
-        return "".join(words)
-    return f"{', '.join(words[:-1])} and {words[-1]}"
+    items = list(words)
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} and {items[-1]}"
 
 
 def capitalized(text: str) -> str:
@@ -151,7 +152,7 @@ def capitalized(text: str) -> str:
     >>> capitalized("in 2AFC"), capitalized("PSE shift")
     ('In 2AFC', 'PSE shift')
     """
-    return f"{text[:1].upper()}{text[1:]}"
+    return text[:1].upper() + text[1:]
 
 
 def plural(count: int, noun: str) -> str:

@@ -198,7 +198,7 @@ def read_study(
     except InputError as error:
         raise with_next_questions(error, options, read) from None
     study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
-    # A column that is only called condition may be none.
+    # A column that is called condition, and that no option names, may be none.
     is_chosen = options.categorical or options.condition or options.reference
     is_by_name = study.conditions is not None and not is_chosen
     if is_by_name and follows_from_pairs(units_by_subject(study).values()):
@@ -284,11 +284,10 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     """
     beginning, parameters = _example(task)
     names, columns = read_numbers(f"{beginning}_truth.csv", parameters, key="subject")
-    truth: dict[str, dict[str, float]] = {name: {} for name in names}
-    for parameter, values in columns.items():
-        for name, value in zip(names, values.tolist(), strict=True):
-            truth[name][parameter] = value
-    return truth
+    rows = np.column_stack(list(columns.values())).tolist()
+    return {
+        name: dict(zip(columns, row, strict=True)) for name, row in zip(names, rows, strict=True)
+    }
 
 
 def _example(given: Task | str) -> tuple[Path, Texts]:
@@ -368,7 +367,7 @@ class _Rows:
         if self.options.unit is None:
             require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
         elif self.options.has_intensities:
-            # A factor of e^5, which is 148, is more than in any lab.
+            # A factor of e^5, which is 148, is more than in any lab: a cell has another unit.
             self.table.fault(
                 self.stimulus_columns[0],
                 rows & (abs(np.subtract(*self.stimuli.T)) > 5.0),
@@ -391,24 +390,23 @@ class _Rows:
         unit = options.unit_in_words
         scale = "" if unit else ", stimuli as natural logs"
         notes: list[str] = [
-            Note(", ".join([*parts, ""]), *answers, scale),
+            Note(f"{', '.join(parts)}, ", *answers, scale),
             *self.order.notes,
             *table.notes,
         ]
         for name, text in options.where.items():
             notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
 
+        # By name in the file, what a column is read as: our name, and the unit of stimuli.
         read_as = {}
-        for ours, theirs in options.columns.items():
-            if theirs != ours and ours in self.columns:
-                read_as[theirs] = [ours]
+        for role, name in options.columns.items():
+            if name != role and role in self.columns:
+                read_as[name] = [role]
         if unit:
             for column in self.stimulus_columns:
                 read_as.setdefault(column.name, []).append(unit)
-        notes += [
-            f"column {display_name(name)} read as {', '.join(meanings)}"
-            for name, meanings in read_as.items()
-        ]
+        for name, meanings in read_as.items():
+            notes.append(f"column {display_name(name)} read as {', '.join(meanings)}")
         return notes
 
 
@@ -419,12 +417,12 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
         table = with_pairs(table, options)
     table, options = chosen_rows(table, options)
 
-    is_named = "response" in options.columns
+    has_response_name = "response" in options.columns  # by an option, and not by a likely name
     options = with_likely_columns(table.names, options)
     options = with_known_order(table, options)
     all_columns = table.columns.values()
-    if not is_named and options.name("response") in solutions(all_columns, options):
-        # Without the likely name, the column of the responses is missing, and is asked for.
+    if not has_response_name and options.name("response") in solutions(all_columns, options):
+        # It has correct answers. Without its name, the program asks for that of the responses.
         options = replace(options, columns={**options.columns, "response": "response"})
     roles_read, problems, remedies = columns_to_read(table.names, options, all_columns)
     if not isinstance(path, StrPath):  # a frame has no name that may have the subject
@@ -456,9 +454,9 @@ def _columns(
     """The columns that are read by our names, and those that say something of the whole file."""
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     columns |= columns_of_file(table)
+    # `_count_study` makes counts of 'second' and 'first' of these.
     for role in ("n_comparison", "n_correct", "n_standard"):
         if role in columns:
-            # `_count_study` makes counts of 'second' or 'first' of them.
             columns["n_first" if role == "n_standard" else "n_second"] = columns[role]
     if "response" in columns:
         columns["response"] = with_joined_codes(columns["response"], options)
@@ -501,14 +499,15 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         if n_all_merged:
             notes.append(Note((n_all_merged, "repeated row"), " merged: ", named_counts(n_merged)))
     notes += order_notes
+
     marks = rows.columns["synthetic"].texts if "synthetic" in rows.columns else [""]
     is_marked = [text.lower() in TRUE_WORDS for text in marks]
     if all(is_marked):
         notes.append("synthetic data: the column synthetic marks every row")
     elif any(is_marked):
         notes.append("the column synthetic marks only some rows, so the study is not marked")
-    doubts += _doubts(rows, task, counts)
 
+    doubts += _doubts(rows, task, counts)
     pooled: list[str] = []
     if "condition" not in rows.columns:
         columns_not_read = filter(None, map(rows.table.columns.get, rows.names_not_read))
@@ -540,6 +539,7 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
             "their number"
         )
     doubts += nameless_doubts(rows.subject)
+    # `without_headers` has left the note.
     if rows.options.subject_from is not None and "repeated header" in " ".join(rows.table.notes):
         doubts.append(
             "repeated headers may begin other subjects, but all rows are read as one subject. If "
@@ -570,15 +570,16 @@ def _trial_study(rows: _Rows) -> Study:
     has_stimuli = np.any([column.map(has_digit) for column in rows.stimulus_columns], axis=0)
     column, missed_texts = blank_missed(rows.columns[answer_role], options, has_stimuli)
     if options.has_standard and "response" in rows.columns:
-        column = rows.order.by_interval(table, column, options)
+        column = rows.order.answers_by_interval(table, column, options)
     difference = np.diff(rows.pairs)[:, 0]
     answers = responses(table, column, task_column, options, difference, rows.order)
     answers, missed_signs = without_missed(answers, column, rows.response_signs, options.missed)
 
-    # Rows without an answer, such as instruction screens, may hold anything else.
-    is_asked = answers.is_answered | answers.is_unscorable
-    ask_for_screens(table, is_asked & np.all(list(map(empty, rows.stimulus_columns)), axis=0))
-    rows.require_pairs(is_asked)
+    # Rows without a response, such as instruction screens, may hold anything else.
+    has_response = answers.is_answered | answers.is_unscorable
+    lacks_stimuli = np.all(list(map(empty, rows.stimulus_columns)), axis=0)
+    ask_for_screens(table, has_response & lacks_stimuli)
+    rows.require_pairs(has_response)
     table.problems.refuse()
     require_task(table, answers.task, task_column)
     if not answers.is_answered.any():
@@ -591,11 +592,11 @@ def _trial_study(rows: _Rows) -> Study:
         )
 
     notes = rows.layout("trial" if are_trials(rows.columns) else "frequency", answers.note)
-    n_blank = (~is_asked & ~has_stimuli).sum()
+    n_blank = (~has_response & ~has_stimuli).sum()
     if n_blank:
         notes.append(Note((n_blank, "row"), " without stimuli and response left out"))
     causes = missed_texts + missed_signs
-    notes += dropped_notes(rows.subject, ~is_asked & has_stimuli, "without a response", causes)
+    notes += dropped_notes(rows.subject, ~has_response & has_stimuli, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right,"
     notes += dropped_notes(rows.subject, answers.is_unscorable, equal_stimuli)
     responding = {"", *rows.subject.only(answers.is_answered).texts}
@@ -615,7 +616,7 @@ def _trial_study(rows: _Rows) -> Study:
 def _count_study(rows: _Rows, task: Task) -> Study:
     """The study of a table of counts of one answer, or of all.
 
-    Of each row, `n` are its trials, and `k` those with the answer; -1 where a cell has no number.
+    Of each row, `n` are the trials, and `k` those with the answer; -1 where a cell has no number.
     """
     if "n_trials" not in rows.columns:
         return _full_count_study(rows, task)
@@ -630,10 +631,10 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         k = counts_of_shares(table, column, n)
     else:
         k = column_counts(table, column)
-    rows.require_pairs(np.ones(len(n), bool))
+    rows.require_pairs(np.ones(len(n), bool))  # in all rows
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
 
-    # The counts of the other answer are not read, but must agree with those that are.
+    # A column with the counts of the other answer is not read, but must agree.
     others = set(names_like(table.columns, f"n_{task.no}")).intersection(rows.names_not_read)
     if len(others) == 1 and not share_notes:
         other = table.columns[others.pop()]
@@ -662,18 +663,18 @@ def _count_study(rows: _Rows, task: Task) -> Study:
 
 def _full_count_study(rows: _Rows, task: Task) -> Study:
     """The study of counts of all answers, which add up to the trials of a row."""
-    counts = np.array(
+    counts = np.array(  # shape (answers, rows)
         [column_counts(rows.table, rows.columns[f"n_{answer}"]) for answer in task.answers]
     )
     if "n_comparison" in rows.columns:
-        # The rows of `counts` are 'second' and 'first': 'comparison' and 'standard' where the
+        # The answers are 'comparison' and 'standard'. They are 'second' and 'first' where the
         # standard came first, and the other way round where it did not.
         counts = np.where(rows.order.is_first, counts, counts[::-1])
     n = counts.sum(axis=0)
     trials = rows.table.columns.get(rows.options.name("n_trials"))
     if trials is not None:
-        is_other = column_counts(rows.table, trials) != n
-        rows.table.fault(trials, is_other, lambda index: f"the sum of its counts, {n[index]}")
+        is_wrong = column_counts(rows.table, trials) != n
+        rows.table.fault(trials, is_wrong, lambda index: f"the sum of its counts, {n[index]}")
     ask_for_third_count(rows.table, n, rows.names_not_read)
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
@@ -689,7 +690,7 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
 
 
 def _require_counts(rows: _Rows, n: IntArray, task: Task) -> None:
-    """Refuse the table if it has problems, or a subject has no trial."""
+    """Refuse the table if it has problems, a subject has no trial, or it names another task."""
     subject = rows.subject
     has_trials = np.isin(subject.codes, subject.codes[n != 0])  # in this row or another one
     rule = "a subject with at least 1 trial in some row"

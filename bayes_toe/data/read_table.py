@@ -271,7 +271,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
             Remedy("sheet", "{}", "if each sheet is a subject"),
         ]
         remedies += [Remedy("sheet", title) for title in tables]
-        titles = join_words(list(map(display_name, tables)))
+        titles = join_words(map(display_name, tables))
         raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
 
     rows = sheets[title]

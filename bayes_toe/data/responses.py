@@ -40,7 +40,6 @@ from bayes_toe.data.messages import (
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
-    THREE_ANSWERS,
     WHICH_STRONGER,
     Task,
     task_named,
@@ -58,6 +57,7 @@ if TYPE_CHECKING:
 #: What a text stands for: the index of an answer of the task, of which the first one is counted, or
 #: no response, or nothing known.
 _YES = 0
+_SECOND = 1  # of three answers
 _MISSING = -1
 _UNKNOWN = -2
 #: The words of each answer, in any case; and those of columns that say right or wrong.
@@ -100,7 +100,7 @@ class Responses(NamedTuple):
 
     task: Task
     is_yes: BoolArray  # the response that the task counts
-    is_second: BoolArray  # of three responses: 'second'
+    is_second: BoolArray  # of three responses: 'second'; of two, the one that is not counted
     is_answered: BoolArray
     is_unscorable: BoolArray  # right or wrong, where equal stimuli have no right answer
     note: list[object]  # how the texts were read, as the parts of a Note
@@ -122,15 +122,15 @@ def responses(
     has_scores = options.correct is not None
     stated_task = _stated_task(column, task_column, options)
     task = stated_task or task_with(_words_by_answer(column)) or SAME_DIFFERENT
-    names = task.answers
-    words = tuple(_WORDS[answer] for answer in names)
-    if has_scores:
+    if not has_scores:
+        names = task.answers
+        words = tuple(_WORDS[answer] for answer in names)
+    else:  # the column says right or wrong
         names = ("right", "wrong")
         words = _RIGHT_WRONG
     codes = _all_codes(column, options.codes(task))
     answer_index = column.map(lambda text: _answer_index(text, codes, words), np.int64)
 
-    # What makes an answer likelier, by the option that names its code.
     rise = np.nan_to_num(difference)
     trends = {"equal_code": -abs(rise), "second_code": rise}
     if options.has_standard:
@@ -146,7 +146,7 @@ def responses(
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
-    else:
+    else:  # each unknown text is a problem of its rows
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
             rule += f"; other codes by {', '.join(f'--{name}-code' for name in names)}"
@@ -157,14 +157,14 @@ def responses(
     is_yes = answer_index == _YES
     is_answered = answer_index != _MISSING
     is_unscorable = np.zeros(len(answer_index), bool)
-    if has_scores:  # the first answer is then 'right'
+    if has_scores:  # 'yes' is 'right' so far, and becomes the answer that the task counts
         note[-1] = f"), '{task.yes}' or '{task.no}' by the sign of s2 - s1"
         right_answer = task.right(difference)
         is_unscorable = is_answered & (right_answer == 0)
         _require_two_answers(table, column, is_yes[is_unscorable], is_answered)
         is_yes = is_yes == (right_answer > 0)  # a wrong answer is the other one
     is_answered &= ~is_unscorable
-    is_second = (answer_index == THREE_ANSWERS.answers.index("second")) & (task == THREE_ANSWERS)
+    is_second = answer_index == _SECOND
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
 
 
@@ -173,14 +173,14 @@ def _require_two_answers(
 ) -> None:
     """Refuse scores of 2AFC if those of equal stimuli seem to say which answers were 'equal'.
 
-    `is_right` has these. They are then many, or more of them are right than if a guess decided
-    which answer is right; some are right and some wrong.
+    `is_right` has the scores of equal stimuli, of which 2AFC has no right answer: a program scores
+    all as wrong, or guesses. In a same-different task these stimuli are many, or most are right.
     """
     n = len(is_right)
     n_right = is_right.sum()
-    # n**0.5 is two standard deviations of the number that is right by chance.
-    are_many = n > _MOST_EQUAL * is_answered.sum() or n_right > 0.5 * n + n**0.5
-    if 0 < n_right < n and are_many:
+    # Of n guesses n/2 are right, with a standard deviation of n**0.5 / 2.
+    is_beyond_chance = n_right > 0.5 * n + n**0.5
+    if 0 < n_right < n and (n > _MOST_EQUAL * is_answered.sum() or is_beyond_chance):
         problem = (
             f"{column}: found {n_right} right and {n - n_right} wrong answers to equal "
             "stimuli, allowed: answers to which was stronger, of which none is right there. If "
@@ -219,8 +219,9 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
 
     A text that names none, such as that of an experiment, is ignored.
     """
-    texts = [] if column is None else column.texts
-    for text, other_task in tasks_named(texts).items():
+    if column is None:
+        return
+    for text, other_task in tasks_named(column.texts).items():
         if other_task != task:
             raise InputError(
                 f"{table.source}: {column}: found {quoted(text)}, allowed: {task.name!r}, which "
@@ -308,9 +309,9 @@ def blank_missed(
 def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     """The texts that say that nobody responded.
 
-    -1 is one, as jsPsych writes it, if two other texts or more are words or given codes, and all
-    answers of the task are among the others. A number or a sign that is as frequent as an answer is
-    none.
+    -1 is one, as jsPsych writes it, if all other texts are known words or given codes, and they are
+    at least as many as the answers of the task. A number or a sign that is as frequent as an answer
+    is none.
 
     Examples
     --------
@@ -381,9 +382,10 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     True
     """
     word = _without_decimals(text).lower()
-    is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
     if is_missed_flag(sign):
         is_sign = word in TRUE_WORDS
+    else:
+        is_sign = is_no_response(word) or word in VOCABULARY["missed"]["signs"]
     has_text = sign.matches([text])
     if not is_sign or has_text.all() or (has_text & is_right).any():
         return False
@@ -391,8 +393,8 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
         return len(sign.texts) > 2  # of two keys, 0 may be one
     if word not in VOCABULARY["missed"]["unclear"]:
         return True
-    # A time of 999 ms may be a reaction, if others are longer than a tenth of it. It is a sign all
-    # the same if so many responses with it are all wrong by chance with a probability below .01.
+    # 999 may be a reaction time in ms, if others are longer than a tenth of it. It is a sign all
+    # the same if it is no chance (p < .01) that all responses with it are wrong.
     is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word))
     share_wrong = 1.0 - is_right[~has_text].mean()
     may_be_chance = share_wrong ** has_text.sum() > 0.01
@@ -401,6 +403,8 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
 
 def _all_codes(column: Column, codes: Codes) -> Codes:
     """The codes of all answers; one that is not given is the only other text of the column.
+
+    If it is not clear, `codes` stay as they are.
 
     Examples
     --------
@@ -414,7 +418,7 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
         return codes
 
     (other,) = other_texts
-    # Neither a word instead of a code, nor the given code in another case.
+    # Words in the place of a code are read as they are. The given code in another case is no other.
     has_words = given_codes.isdisjoint(texts) and _words_by_answer(column)
     if has_words or other.lower() in map(str.lower, given_codes):
         return codes
@@ -428,20 +432,21 @@ def _unknown_meaning(
     trends: Trends,
 ) -> Question:
     """The problem of a column whose words tell no task, or two; empty without a problem."""
-    tasks_by_text = {} if task_column is None else tasks_named(task_column.texts)
-    texts = list(filter(None, column.texts))
-    counts_shown = join_names(column.counts(texts), 4)
     words_by_answer = _words_by_answer(column)
     if words_by_answer:
         if task_with(words_by_answer) is not None:  # the words say what the responses mean
             return "", []
         return _two_tasks(
-            f"found {join_words([*map(quoted, words_by_answer.values())])}, words of two tasks",
+            f"found {join_words(map(quoted, words_by_answer.values()))}, words of two tasks",
             task_column,
         )
+
+    tasks_by_text = {} if task_column is None else tasks_named(task_column.texts)
+    texts = list(filter(None, column.texts))
+    counts_shown = join_names(column.counts(texts), 4)
     if len(set(tasks_by_text.values())) > 1:
         return _two_tasks(
-            f"found {counts_shown} of the tasks {join_words([*map(quoted, tasks_by_text)])}",
+            f"found {counts_shown} of the tasks {join_words(map(quoted, tasks_by_text))}",
             task_column,
         )
     if not texts:
@@ -455,11 +460,13 @@ def _unknown_meaning(
     else:
         problem = f"the codes are {counts_shown}. The program does not know what they mean."
     remedies = _other_responses(table, texts, trends["second_code"])
+    frequent = _frequent(column)
+    if not frequent:  # as of many numbers, such as those of a slider
+        return problem, remedies
     # If the file names its task, options for the answers of other tasks are not proposed.
     task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
-    frequent = _frequent(column)  # none of many numbers, such as those of a slider
-    for remedy in _code_remedies(column, frequent, trends) if frequent else []:
-        # The other remedies, such as --correct, are about which was stronger.
+    for remedy in _code_remedies(column, frequent, trends):
+        # All options but --equal-code, also --correct, are about which was stronger.
         answer = "equal" if remedy.option == "equal_code" else "second"
         if not task_answers or answer in task_answers:
             remedies.append(remedy)
@@ -469,7 +476,7 @@ def _unknown_meaning(
 def _complement(table: TextTable, column: Column) -> str:
     """The column with which whole numbers add up to one number in all rows; empty if none does.
 
-    Numbers that are one in all rows have none.
+    Numbers that are the same in all rows have none, since any constant column would be one.
     """
     counts = column.map(whole_number, np.int64)
     for name, other in table.columns.items():
@@ -500,14 +507,16 @@ def _are_counts(table: TextTable, column: Column) -> bool:
 
 
 def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> Iterator[Remedy]:
-    """Options to type if cells are counts or proportions of an answer."""
+    """Options to type if cells are counts or proportions of an answer.
+
+    `trends` have 'comparison_code' if the stimuli are a standard and a comparison.
+    """
     other_column = _complement(table, column)
-    # Of a standard and a comparison, the answers are these.
     for count in ("n_comparison" if "comparison_code" in trends else "n_second", "n_equal"):
         names = [(count, column.name)]
         if other_column:
             names.append((OTHER_COUNTS[count], other_column))
-        meaning = f"if they count '{count[2:]}' or are its proportions"
+        meaning = f"if they count '{count.removeprefix('n_')}' or are its proportions"
         yield Remedy("columns", tuple(names), meaning)
 
 
@@ -534,7 +543,7 @@ def _unknown_texts(
     """The problem of a column with several unknown texts, if the code of one answer is missing."""
     unknown = column.only(answer_index == _UNKNOWN)
     n_answers = len(set(answer_index.tolist()) - {_MISSING, _UNKNOWN})
-    # If all answers have texts, or one text alone is unknown, it is a problem of its rows.
+    # If all answers have texts, or one text alone is unknown, unknown texts are problems of rows.
     if n_answers == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
 
@@ -542,9 +551,10 @@ def _unknown_texts(
     shares = join_names(unknown.counts(unknown.texts), 4)
     if not n_answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
-    code = unknown.texts[np.bincount(unknown.codes).argmax()]
-    if "," in "".join(filter(None, codes)):  # the other answer has several, too
+    if "," in "".join(filter(None, codes)):  # one answer has several codes, such as '1,2'
         code = _joined(unknown.texts)
+    else:
+        code = unknown.texts[np.bincount(unknown.codes).argmax()]  # the most frequent one
     remedies = [Remedy(f"{other}_code", code, f"if {code} is '{other}'")]
     return f"the other codes are {shares}. Which of them is '{other}'?", remedies
 
@@ -554,7 +564,8 @@ def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0)
 
     Damaged texts are none of them.
     """
-    counts = np.bincount(column.codes, column.map(lambda text: text.lower() not in MISSING_WORDS))
+    is_filled = column.map(lambda text: text.lower() not in MISSING_WORDS)
+    counts = np.bincount(column.codes, weights=is_filled)
     frequent = compress(column.texts, counts > least + share * counts.sum())
     return list(filterfalse(_DAMAGED.search, frequent))
 
@@ -570,8 +581,9 @@ def _proposals(
 ) -> list[Remedy]:
     """Options to type if texts are unknown, the likeliest first.
 
-    The given `remedies` are about two answers, or about counts. Three frequent texts, or five, may
-    be three answers; options for these come first.
+    `names` are the answers of the task, or 'right' and 'wrong'. The given `remedies` are about two
+    answers, or about counts. An odd number of frequent texts may be three answers; options for
+    these come first.
     """
     if _are_counts(table, column):
         return remedies
@@ -580,7 +592,7 @@ def _proposals(
     frequent = _frequent(column)
     has_lists = "," in "".join(given.values())  # such as '4,5'
     has_two_answers = names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers)
-    # Words need no code.
+    # If all frequent texts are known words, none needs a code.
     if has_two_answers and not has_lists and set(frequent).intersection(unknown.texts):
         # Two codes of which no word and no option says what they mean.
         if len(frequent) == 2 and not given and not remedies:
@@ -592,9 +604,10 @@ def _proposals(
     missed = _missed_remedy(column, unknown, len(names))
     if missed is None:
         return remedies
-    if not has_lists and _looks_missed(str(missed.value), column.texts, len(frequent) > 3):
+    are_ratings = len(frequent) > 3
+    if not has_lists and _looks_missed(str(missed.value), column.texts, are_ratings):
         return [missed, *remedies[:1]]  # the others are asked about next, without it
-    if len(unknown.texts) == 1:  # beside all answers
+    if len(unknown.texts) == 1:  # all answers have other texts
         return [*remedies, missed]
     return remedies
 
@@ -602,7 +615,8 @@ def _proposals(
 def _interval_remedies(interval: str | None, likeliest: Remedy) -> list[Remedy]:
     """The column of the interval read as that of the comparison, if '1' would be 'second'.
 
-    A column such as `std_position` names the standard.
+    `interval` is the column that the options give for the standard. A name such as `std_position`
+    says itself that it is the standard's.
     """
     if not interval or named_places(interval).stimuli or likeliest.typed != "--second-code 1":
         return []
@@ -619,28 +633,31 @@ def _interval_remedies(interval: str | None, likeliest: Remedy) -> list[Remedy]:
 def _three_answers(
     column: Column, texts: Texts, given: Mapping[str, str], trends: Trends
 ) -> list[Remedy]:
-    """An option to type if these texts may be three answers; none if they are two."""
+    """An option to type if these texts may be three answers; none if they are two.
+
+    `given` has the codes that options give, by answer.
+    """
     # 'second', or 'comparison' if there is a standard: what the responses follow more closely.
     sides = {key: _sides(column, texts, trends[key]) for key in trends if key != "equal_code"}
     option = max(sides, key=sides.__getitem__)
-    _, equal, likelier = sides[option]
-    if not equal or "different" in _words_by_answer(column):
+    _, middle_code, code = sides[option]
+    if not middle_code or "different" in _words_by_answer(column):
         return []
     answer = option.removesuffix("_code")
-    meaning = f"if {equal} is 'equal' and {likelier} is '{answer}' of three answers"
+    meaning = f"if {middle_code} is 'equal' and {code} is '{answer}' of three answers"
     if "different" in given:
         meaning += ", in place of --different-code"
-    return [Remedy("equal_code", equal, meaning, together=(Remedy(option, likelier),))]
+    return [Remedy("equal_code", middle_code, meaning, together=(Remedy(option, code),))]
 
 
 def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | None:
     """The option to type if nobody gave the rarest unknown text as a response.
 
-    None unless it is rare, and a text more than the answers of the task. Nor is a damaged text one,
-    or a word such as 'secnd', which is like a frequent one.
+    None unless less than 15 % of the responses are this text, and there are more texts than answers
+    of the task. None for a damaged text, or a word such as 'secnd', which is like a frequent one.
     """
     counts = np.bincount(unknown.codes)
-    n_rarest = int(counts.min())
+    n_rarest = counts.min()
     text = unknown.texts[counts.argmin()]
     if (
         n_rarest >= 0.15 * column.map(bool).sum()
@@ -694,11 +711,11 @@ def _other_responses(table: TextTable, ratings: Texts, rise: FloatArray) -> list
 
 
 def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str, str]:
-    """How far the mean trend rises from one answer to the other; then codes of answers.
+    """How far the mean trend rises over the codes; the middle code; the upper half of the codes.
 
-    These are the codes between both answers, and the codes of the answer that is likelier where the
-    trend is large. Each answer has half of the codes: in the order of their mean trend, or in that
-    of ratings such as 1 to 7.
+    The codes are in the order of their mean trend, or in that of ratings such as 1 to 7. Those of
+    the upper half may be an answer that is likelier where the trend is large. Of an even number,
+    there is no middle code.
     """
     means = {text: trend[column.matches([text])].mean() for text in column.texts}
     order = sorted(sorted(texts), key=means.__getitem__)
@@ -706,21 +723,22 @@ def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str,
     if len(texts) > 3 and re.fullmatch("(,?[-+]?(10|[0-9]))+", _joined(ratings)):
         is_falling = float(order[0]) > float(order[-1])  # high ratings where the trend is small
         order = sorted(ratings, key=float, reverse=is_falling)
-    half = len(order) // 2 or 1
-    # Of an odd number of codes, the middle one is between the answers.
-    return means[order[-1]] - means[order[0]], _joined(order[half:-half]), _joined(order[-half:])
+    half = len(order) // 2 or 1  # a single code is one answer, and no middle code
+    rise = means[order[-1]] - means[order[0]]
+    return rise, _joined(order[half:-half]), _joined(order[-half:])
 
 
 def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]:
     """Options to type if these codes tell no task, the likeliest first.
 
-    Of more than three codes, each answer has several.
+    That is the option whose trend the codes follow most closely. Of more than three codes, each
+    answer has several.
     """
     rises = {}
     remedies = []
     for option, trend in trends.items():
         rise, _, code = _sides(column, texts, trend)
-        # In SDs, since differences of stimuli spread more than their sizes.
+        # In SDs, since s2 - s1 spreads more than -|s2 - s1|, the trend of 'equal'.
         rises[option] = rise / (np.std(trend) or 1.0)
         remedies.append(Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}"))
     # A name such as 'said_same' says the task, and so do keys such as s and d.
@@ -734,11 +752,11 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
     if right_codes and set(map(str.lower, codes)) <= set(chain(*_RIGHT_WRONG)):
         meaning = f"if {right_codes[0]} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
-        # Without equal stimuli, most responses may be right, but hardly so many 'different'.
+        # Without equal stimuli, more than 70 % may be right responses, but hardly 'different'.
         is_often_right = column.matches(right_codes).mean() > 0.7 and trends["equal_code"].all()
         option, equal = remedies[0][:2]
         if is_often_right and option == "equal_code" and equal not in right_codes:
-            remedies.reverse()
+            remedies.reverse()  # --correct comes first
     return remedies
 
 
@@ -813,7 +831,10 @@ def direction(study: Study) -> int:
 def require_direction(
     study: Study, options: ReadOptions, read: Callable[[ReadOptions], Study]
 ) -> None:
-    """Refuse reversed answers, with the options under which a new reading has none."""
+    """Refuse reversed answers, with the options under which a new reading has none.
+
+    `options` are those with which the study was read; `read` reads it again.
+    """
     if direction(study) >= 0:
         return
 
@@ -835,11 +856,12 @@ def require_direction(
 
     remedies = []
     for remedy in candidates:
-        before = options
-        if remedy.option == "standard_interval":
-            before = replace(options, comparison_interval=None)
+        new_options = options
+        if remedy.option == "standard_interval":  # the other option would win
+            new_options = replace(options, comparison_interval=None)
         with suppress(InputError):  # the options may not fit the file
-            if direction(read(with_remedies(before, [remedy, *remedy.together]))) > 0:
+            new_options = with_remedies(new_options, [remedy, *remedy.together])
+            if direction(read(new_options)) > 0:
                 remedies.append(remedy)
     raise InputError(
         f"{study.source}: found 'second' less often the larger s2 - s1 is, allowed: {rule}.",

@@ -109,7 +109,7 @@ class Task:
         [2, 0, 3]
         """
         right = self.right(difference)
-        return np.where(right > 0, n_trials - n_yes, np.where(right < 0, n_yes, 0))
+        return np.select([right > 0, right < 0], [n_trials - n_yes, n_yes])
 
 
 #: 'Were they the same or different?': the paper's task.

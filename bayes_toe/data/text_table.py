@@ -138,7 +138,7 @@ class Column:
 
     def text(self, index: int) -> str:
         """The text of one row."""
-        return self.texts[int(self.codes[index])]
+        return self.texts[self.codes[index]]
 
     def counts(self, texts: Iterable[str]) -> Texts:
         """Texts with the number of their rows, as messages show them: "'j' (40)"."""
@@ -163,10 +163,11 @@ def value_text(value: object) -> str | NoValue:
     if isinstance(value, NoValue):
         return value
 
-    plain = value
-    if isinstance(value, np.float32):
+    if not isinstance(value, np.generic):
+        plain = value
+    elif isinstance(value, np.float32):
         plain = float(str(value))  # as it is written, not its nearest neighbour among the doubles
-    elif isinstance(value, np.generic):
+    else:
         plain = value.item()
     if plain is None or type(plain).__name__ in _MISSING:
         return ""
@@ -175,7 +176,7 @@ def value_text(value: object) -> str | NoValue:
         if plain != plain:  # NaN
             return ""
         if isinstance(plain, bool | float) and plain % 1 == 0:
-            plain = int(plain)
+            plain = int(plain)  # True is '1', and 2.0 is '2'
         text = str(plain)
         if not _NO_TEXT.search(text):
             return text
@@ -199,18 +200,16 @@ class Problems:
         self.remedies: list[Remedy] = []
 
     def add(self, lines: Iterable[tuple[int, str]], count: int = 1) -> None:
-        """Add lines with their rows, which are the first ones of `count` problems."""
-        # The first ones are shown.
+        """Add `count` problems, of which `lines` has the first ones with their rows."""
+        # Only the first ones of all problems are shown.
         self._shown = sorted([*self._shown, *lines], key=itemgetter(0))[:MAX_LINES]
         self.count += count
 
     def ask(self, question: str, remedies: Iterable[Remedy]) -> None:
         """Add a problem of the whole table, with options that solve it."""
-        # Questions come before the problems of rows. A remedy may have one of its own, the last.
+        # Questions come before the problems of rows, so that this is the index of the problem.
         index = sum(row == _HEAD_ROW for row, _ in self._shown)
-        self.remedies += [
-            remedy._replace(question=max(index, remedy.question)) for remedy in remedies
-        ]
+        self.remedies += [remedy._replace(question=index) for remedy in remedies]
         self.add([(_HEAD_ROW, question)])
 
     def refuse(self) -> None:
@@ -278,16 +277,17 @@ class TextTable:
         return replace(self, rows=self.rows[rows], columns=columns, notes=(*self.notes, *notes))
 
     def require(self, lines: Texts, remedies: Iterable[Remedy] = ()) -> None:
-        """Refuse a head with problems, a table without rows, and cells without a value.
+        """Refuse a table with problems of its head, without rows, or with cells without a value.
 
-        `lines` are the problems of the head, and remedies solve the last one.
+        `lines` are the problems of the head, the row of names, and `remedies` solve the last one.
         """
         for line in lines:
             separator = ", " if line.startswith("column") else ": "
             options = remedies if line == lines[-1] else ()
             self.problems.ask(f"{self.head}{separator}{line}", options)
 
-        # Rows of a CSV file that cannot be split are reported with the problems of its cells.
+        # In a CSV file, the problems so far are rows that cannot be split. They are reported with
+        # the problems of its cells. In other sources, they are cells without a value.
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
@@ -298,13 +298,14 @@ class TextTable:
     def fault(self, column: Column, bad: BoolArray, rule: str | Callable[[int], str]) -> None:
         """Note the distinct cells of a column that are bad, with their count and first row.
 
-        `rule` says what is allowed; it is a function if this depends on the index of the record.
+        `bad` has the shape (records,). `rule` says what is allowed; it is a function if this
+        depends on the index of the record.
         """
         records_of_text = column.rows_by_text(np.flatnonzero(bad))
         lines = []
         for records in sorted(records_of_text.values(), key=itemgetter(0))[:MAX_LINES]:
-            index = int(records[0])
-            row = int(self.rows[index])
+            index = records[0]
+            row = self.rows[index]
             allowed = rule if isinstance(rule, str) else rule(index)
             finding = quoted(column.text(index))
             location = str(column)
@@ -346,7 +347,7 @@ def name_places(names: Texts) -> dict[str, int]:
 
 
 def n_chosen(names: Texts, choice: Choice) -> int:
-    """How many distinct names the choice has among these; numbers are no names."""
+    """How many distinct names are read, of these, by a choice; numbers are no names."""
     chosen_names = set(names).intersection(choice(names))
     return sum(not _NUMBER.fullmatch(name) for name in chosen_names)
 
@@ -354,10 +355,10 @@ def n_chosen(names: Texts, choice: Choice) -> int:
 def names_or_numbers(cells: list[str], choice: Choice) -> list[str]:
     """The names of columns in a record, or their numbers where it is a row of the table.
 
-    A row has several numbers, and at most one of our words, which may be a response. pandas counts
-    columns from 0.
+    A row has several numbers, and at most one of the names that are read, which may be a response.
     """
     numbers = list(filter(_NUMBER.fullmatch, cells))
+    # pandas numbers columns without names from 0, and '0' is then a name.
     if len(numbers) < 2 or n_chosen(cells, choice) > 1 or cells[0] == "0":
         return cells
     return list(map(str, range(1, len(cells) + 1)))
@@ -372,20 +373,9 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     Lines above the names are left out if the names are among the first ten records.
     """
     text, label = decoded(source, data, encoding)
-    for program, start in _LOGS.items():
-        if re.match(start, text):
-            raise InputError(f"{source}: found a log of {program}")
-    # Spreadsheets name the delimiter in a first line, such as 'sep=;'. It becomes an empty line, so
-    # that rows keep their numbers.
-    text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
-    # The same with remarks above the names, as of Expyriment. One line alone may have the names.
-    text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
-
-    # Remarks below rows, such as 'END OF FILE' of Gorilla.
-    text, n_remarks = re.subn(_REMARKS, "", text)
-
-    delimiter, place, has_row_names = _layout(text, choice)
-    records: Iterator[CsvRecord] = itertools.islice(_records(text, delimiter), place, None)
+    text, n_remarks = _without_remarks(source, text)
+    delimiter, head_index, has_row_names = _layout(text, choice)
+    records: Iterator[CsvRecord] = itertools.islice(_records(text, delimiter), head_index, None)
     first_row, head = next(records, (0, []))
     if not head:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
@@ -394,14 +384,16 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     require_size(source, len(head), len(head))
     header = _names(head)
     names = names_or_numbers(header, choice)
-    if names != header:
+    if names != header:  # it is a row of the table
         records = itertools.chain([(first_row, head)], records)
     elif has_row_names:
         names = ["", *names]
 
     problems = Problems(source)
-    trials = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
-    rows, texts = _texts_by_name(records, names, trials, problems)
+    # By name of several trials a newline for each trial, which separates its name from the next.
+    newlines = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
+    rows, texts = _texts_by_name(records, names, newlines, problems)
+    # R numbers the rows by default. Other texts in front of a row may be a cell too many.
     if has_row_names and texts[""] != list(map(str, range(1, len(rows) + 1))):
         raise InputError(
             f"{source}: row {rows[0]}: found {len(names)} cells below {len(names) - 1} "
@@ -415,12 +407,33 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         if name in chosen or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
 
-    notes = ("remarks below rows left out",) * bool(n_remarks)
-    notes += ("columns without names read as further trials of a row",) * bool(trials)
-    if place:
-        notes = (f"rows above row {first_row} left out", *notes)
+    notes = []
+    if head_index:
+        notes.append(f"rows above row {first_row} left out")
+    if n_remarks:
+        notes.append("remarks below rows left out")
+    if newlines:
+        notes.append("columns without names read as further trials of a row")
     table = TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
     return without_headers(table)
+
+
+def _without_remarks(source: str, text: str) -> tuple[str, int]:
+    """The text without lines that are no part of a table, and how many are below rows.
+
+    Logs, whose lines are no trials, are refused.
+    """
+    for program, start in _LOGS.items():
+        if re.match(start, text):
+            raise InputError(f"{source}: found a log of {program}")
+    # Spreadsheets name the delimiter in a first line, such as 'sep=;'. It becomes an empty line, so
+    # that rows keep their numbers.
+    text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)
+    # The same with remarks above the names, as of Expyriment: '#e Experiment'. A single line that
+    # begins with '#' may have the names.
+    text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
+    # Remarks below rows, such as 'END OF FILE' of Gorilla.
+    return re.subn(_REMARKS, "", text)
 
 
 def without_headers(table: TextTable) -> TextTable:
@@ -432,27 +445,29 @@ def without_headers(table: TextTable) -> TextTable:
 
 
 def _texts_by_name(
-    records: Iterable[CsvRecord], names: Texts, trials: Mapping[str, str], problems: Problems
+    records: Iterable[CsvRecord], names: Texts, newlines: Mapping[str, str], problems: Problems
 ) -> tuple[IntArray, dict[str, list[str]]]:
     """The row of each record, and the texts in the first column of each name.
 
-    `trials` has the names of columns with several trials, as :data:`_TRIALS_IN_A_ROW` finds them.
+    A record has one trial, or several where PsychoPy writes each trial in a column without a name
+    behind a name such as 'key.keys_raw'; `newlines` are what :data:`_TRIALS_IN_A_ROW` finds.
     Records that cannot be split into as many cells are problems.
     """
     index_of_name = name_places(names)
     texts = {name: list[str]() for name in index_of_name}
-    places_of_trials = []  # by name
-    for i in range(min(map(len, trials.values()), default=1)):
-        places_of_trials.append(index_of_name | {name: index_of_name[name] + i for name in trials})
+    indices_of_trials = []  # of each trial of a record, the index of the cell by name
+    for i in range(min(map(len, newlines.values()), default=1)):
+        own_indices = {name: index_of_name[name] + i for name in newlines}
+        indices_of_trials.append(index_of_name | own_indices)
     rows = array("q")
     for row, cells in records:
         if isinstance(cells, csv.Error) or len(cells) != len(names):
             problems.add([(row, _broken(row, cells, len(names)))])
             continue
 
-        for places in places_of_trials:
+        for indices in indices_of_trials:
             rows.append(row)
-            for name, index in places.items():
+            for name, index in indices.items():
                 texts[name].append(intern(cells[index]))  # most texts are there many times
     return np.array(rows, np.int64), texts
 
@@ -465,16 +480,16 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
     """
     layouts = []
     for delimiter in DELIMITERS:
-        records = itertools.islice(_records(text, delimiter), MOST_RECORDS + 1)
-        names_of_records = [_names(cells) for _, cells in records] or [[]]
-        place = header_place(names_of_records[:MOST_RECORDS], choice)
-        names = names_of_records[place]
-        next_widths = list(map(len, names_of_records[place + 1 : place + 2]))  # one, or none
+        first_records = itertools.islice(_records(text, delimiter), MOST_RECORDS + 1)
+        records = [_names(cells) for _, cells in first_records] or [[]]
+        index = header_place(records[:MOST_RECORDS], choice)
+        names = records[index]
+        next_widths = list(map(len, records[index + 1 : index + 2]))  # one, or none
         has_row_names = next_widths == [len(names) + 1]
-        # Names may have spaces, numbers have none.
+        # Spaces in a name make no cells. Numbers have none, so that spaces around them do.
         cells = filter(_NUMBER.fullmatch, names) if delimiter == " " else names
         fit = n_chosen(names, choice), len(list(cells))
-        layouts.append((fit, (delimiter, place, has_row_names)))
+        layouts.append((fit, (delimiter, index, has_row_names)))
     return max(layouts, key=itemgetter(0))[1]
 
 
@@ -486,9 +501,9 @@ def _names(cells: Cells) -> list[str]:
 def header_place(records: Sequence[Texts], choice: Choice) -> int:
     """The index of the record with the names: the first one, unless a later one is clearer."""
     counts = [n_chosen(record, choice) for record in records]
-    if counts[0] > 1:
+    if counts[0] > 1:  # one alone may be a word of a title
         return 0
-    if max(counts) >= counts[0] + 2:  # a title may have the word of one column
+    if max(counts) >= counts[0] + 2:
         return counts.index(max(counts))
 
     # Below titles and lines such as 'date,1 May', the names are the fullest record, of those as
@@ -521,7 +536,8 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
             f"--encoding: found {quoted(codec)}, allowed: a name such as utf-8, cp1252 or latin-1"
         ) from None
     else:
-        # Only a given encoding makes halves of characters, and the search is slow.
+        # Only a given encoding may leave halves of characters. Without one, the slow search is for
+        # NUL alone.
         match = _NO_TEXT.search(text) if encoding or "\0" in text else None
         if match is None:
             return text, label

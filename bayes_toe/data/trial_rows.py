@@ -279,7 +279,7 @@ def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
     for name, column in table.columns.items():
         texts = column.only(~is_screen).texts
         if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
-            rows = plural(int(is_screen.sum()), "row")
+            rows = plural(is_screen.sum(), "row")
             remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
             table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
             return
@@ -358,7 +358,7 @@ def taken_out_doubts(
         if not texts or not other_texts:
             continue
 
-        rows = plural(int(column.matches(texts).sum()), "row")
+        rows = plural(column.matches(texts).sum(), "row")
         doubt = f"{rows} with {join_names(map(quoted, texts))} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))

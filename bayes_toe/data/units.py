@@ -200,7 +200,8 @@ def _studies_by_group(column: Column, options: ReadOptions, read: Reader) -> dic
 
 def _task_remedies(table: TextTable, options: ReadOptions, read: Reader) -> list[Remedy]:
     """Options that choose one of several tasks or compare them; none if no column has tasks."""
-    for column in filter(None, map(table.columns.get, names_like(table.names, "task"))):
+    for name in names_like(table.columns, "task"):
+        column = table.columns[name]
         remedies = []
         with suppress(InputError):
             for text, study in _studies_by_group(column, options, read).items():
