@@ -97,7 +97,7 @@ def _measured(
     draws = np.stack(list(quantities.values()))  # (quantities, chains, draws)
     values = np.full((len(draws), len(measures)), np.nan)
     varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # False where a draw is NaN
-    if varies.any():
+    if varies.any():  # ArviZ fails without a quantity
         with np.errstate(all="ignore"):  # of infinite draws, and of chains none of which varies
             values[varies] = np.stack([measure(draws[varies]) for measure in measures], axis=-1)
     return values.tolist()
@@ -108,12 +108,14 @@ def worst(
 ) -> tuple[tuple[str, float], tuple[str, float]]:
     """The quantity with the fewest effective draws, and the one with the largest R-hat.
 
-    Each comes with its number; effective draws are the fewer of bulk and tail. NaN is worst.
+    Each comes with its number; effective draws are the fewer of bulk and tail. NaN is worst: 0
+    effective draws, and an infinite R-hat.
     """
     ess = {}
     r_hat = {}
     for name, diagnostics in convergences.items():
-        ess[name] = float(np.nan_to_num(np.min(diagnostics[:2])))  # of bulk and tail
+        fewest = np.minimum(diagnostics.ess_bulk, diagnostics.ess_tail)  # NaN if one is NaN
+        ess[name] = float(np.nan_to_num(fewest))
         r_hat[name] = float(np.nan_to_num(diagnostics.r_hat, nan=np.inf))
     number = itemgetter(1)
     return min(ess.items(), key=number), max(r_hat.items(), key=number)
@@ -150,16 +152,18 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
     if not ess > 0.0:  # NaN too
         return np.full(p.shape, np.nan)
 
+    # The ends of the central 68 % of Beta(a, b): as one SD of a normal below and above its mean.
     a = ess * p + 1.0
     b = ess * (1.0 - p) + 1.0
-    below = 0.1586553
-    above = 0.8413447  # one SD of a normal below its mean, and above it
+    low_share = betaincinv(a, b, 0.1586553)
+    high_share = betaincinv(a, b, 0.8413447)
 
     # The draw with a share q of all draws up to it has the index q size - 1; both round outward.
     size = ascending.size
-    low_index = np.floor(betaincinv(a, b, below) * size - 1.0)
-    high_index = np.ceil(betaincinv(a, b, above) * size - 1.0)
+    low_index = np.floor(low_share * size - 1.0)
+    high_index = np.ceil(high_share * size - 1.0)
 
+    # Rounded outward, an index may be one beyond the first or the last draw.
     low = ascending[np.maximum(low_index, 0.0).astype(int)]
     high = ascending[np.minimum(high_index, size - 1.0).astype(int)]
     return (high - low) / 2.0
@@ -187,4 +191,6 @@ def pareto_k(log_weights: FloatArray) -> float:
             smoothed, k = array_stats.psislw(-log_weights)  # ArviZ takes the opposite sign
         except (ValueError, IndexError):  # a tail of fewer than five weights, or of equal ones
             return np.inf
-        return float(k) if np.isfinite(k) and not np.isnan(smoothed).any() else np.inf
+    if not np.isfinite(k) or np.isnan(smoothed).any():
+        return np.inf
+    return float(k)

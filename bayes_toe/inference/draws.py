@@ -104,10 +104,10 @@ class Draws:
         """The settings of the analysis that made these draws."""
         record = json.loads(self.tree.attrs["settings"])
         return Settings(
-            int(self.tree.attrs["seed"]),
-            stored_prior(record["prior"]),
-            SamplerSettings(**record["sampler"]),
-            self.model,
+            seed=int(self.tree.attrs["seed"]),
+            prior=stored_prior(record["prior"]),
+            sampler=SamplerSettings(**record["sampler"]),
+            model=self.model,
         )
 
     @property
@@ -150,14 +150,14 @@ class Draws:
         return dict(json.loads(self.tree.attrs["not_interpreted"]))
 
     def __getitem__(self, name: str | int) -> Draws:
-        """Draws of one subject alone."""
-        subject = self.subject(name).name
-        index = self.names.index(subject)
+        """Draws of one subject alone, by its name or its position in the study."""
+        subject_name = self.subject(name).name
+        index = self.names.index(subject_name)
         groups = self.tree.to_dict()
-        for key in ("/posterior", "/sample_stats"):
+        for key in ("/posterior", "/sample_stats"):  # a slice keeps the axis of subjects
             groups[key] = groups[key].isel(subject=slice(index, index + 1))
-        for key in ("/observed_data", "/constant_data"):
-            groups[key] = groups[key].isel(obs=groups[key]["subject"].values == subject)
+        for key in ("/observed_data", "/constant_data"):  # counts, an entry for each pair
+            groups[key] = groups[key].isel(obs=groups[key]["subject"].values == subject_name)
         return Draws(xr.DataTree.from_dict(groups))
 
     @cached_property
@@ -181,8 +181,8 @@ class Draws:
     def points(self, name: str | int) -> FloatArray:
         """Draws of one subject in unconstrained coordinates, shape (chains, draws, k)."""
         target = self.posterior(name)
-        stored = {key: self._stored(target.subject.name, key) for key in target.names.natural}
-        return target.points(stored)
+        natural = {key: self._stored(target.subject.name, key) for key in target.names.natural}
+        return target.points(natural)
 
     def natural(self, name: str | int) -> Natural:
         """Draws of the paper's parameters of one subject, each of shape (chains, draws).
@@ -226,6 +226,7 @@ class Draws:
                 f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}"
             )
 
+        # All quantities follow at once. They are kept for further calls for the same subject.
         if name not in self._derived:
             self._derived.clear()  # so that memory holds those of one subject
             self._derived[name] = target.quantities(self.points(name))
@@ -279,6 +280,7 @@ class Draws:
         coords = {**groups["/sample_stats"].coords, **groups["/observed_data"].coords}
         answers = [self._answers(name) for name in self.names]
         for group in ("log_likelihood", "posterior_predictive"):
+            # (chains, draws, obs), which are the pairs of one subject after the other.
             values = np.concatenate([by_group[group] for by_group in answers], axis=-1)
             variable = (("chain", "draw", "obs"), values)
             groups[f"/{group}"] = xr.Dataset({self.task.count: variable}, coords)
@@ -291,22 +293,22 @@ class Draws:
         They have the names of ArviZ's groups. The same draws give the same answers.
         """
         target = self.posterior(name)
-        x = self.points(name)
+        x = self.points(name)  # (chains, draws, k)
         subject = target.subject
         rng = generator(self.seed, name, self.model, "posterior_predictive")
         log_likelihood, predicted = np.empty((2, *x.shape[:2], subject.n_pairs))
 
         # One chain at a time: temporaries of a large design stay small.
-        for chain, points in enumerate(x):
+        for i, points in enumerate(x):
             answers = target.log_answers(points)
             # (draws, questions, pairs): three answers are two questions to each pair.
             terms = target.rows.terms(answers).reshape(len(points), -1, subject.n_pairs)
-            log_likelihood[chain] = terms.sum(axis=1)
+            log_likelihood[i] = terms.sum(axis=1)
             p_yes = np.exp(answers.yes[:, : subject.n_pairs])  # of the first question
-            predicted[chain] = rng.binomial(subject.n_trials, p_yes)
+            predicted[i] = rng.binomial(subject.n_trials, p_yes)
         return {
             "log_likelihood": log_likelihood,
-            "posterior_predictive": predicted.astype(np.int64),
+            "posterior_predictive": predicted.astype(np.int64),  # counts
         }
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
@@ -326,13 +328,13 @@ class Draws:
         return np.ascontiguousarray(drawn.values, np.float64)
 
     def __repr__(self) -> str:
-        size = self.group("posterior").sizes
-        missed = ""
-        if self.not_converged:
-            missed = f"; NOT CONVERGED: {join_few([*self.not_converged])}"
-        size_and_seed = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}"
+        sizes = self.group("posterior").sizes
         subjects = f"{len(self.names):,} subjects ({join_few(self.names)})"
-        return f"<Draws of {model_title(self.model)}: {subjects}, {size_and_seed}{missed}>"
+        chains = f"{sizes['chain']} chains of {sizes['draw']:,}, seed {self.seed}"
+        text = f"Draws of {model_title(self.model)}: {subjects}, {chains}"
+        if self.not_converged:
+            text += f"; NOT CONVERGED: {join_few([*self.not_converged])}"
+        return f"<{text}>"
 
 
 def require_draws(value: object) -> None:
@@ -359,9 +361,10 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
         )
 
     draws = Draws(tree)
-    with reading(path):  # what is missing raises an error as soon as it is read
+    with reading(path):
         statistics = draws.group("sample_stats")
         require_numbers(statistics, {"lp": BY_SUBJECT, "min_ess": ("subject",)})
+        # Values in `_` are read for the error that they raise if they are missing.
         _ = statistics[["converged", "shortfall", "imprecise", "max_r_hat"]]
         if draws.study.names != draws.names:
             raise InputError("its draws and its counts are of different subjects")
@@ -373,7 +376,7 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
 
 def require_fitting(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> None:
     """Refuse, before the work, more draws than the memory of many computers holds."""
-    n_draws = sampler.ensembles * sampler.walkers * sampler.kept_steps
+    n_draws = sampler.ensembles * sampler.walkers * sampler.kept_steps  # of a subject
     natural = model_posterior(model, study.subjects[0], prior).names.natural
     n_stored = len(natural) + 1  # and the log density
     n_bytes = 8 * n_stored * n_draws * len(study)  # a number has 8 bytes

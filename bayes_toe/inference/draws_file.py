@@ -89,32 +89,34 @@ def subjects_tree(
     """
     n_chains, n_draws, _ = stack.arrays["lp"].shape
     n_walkers = settings.sampler.walkers
+    # Draws are walker-major: those of the first walker come first.
+    walker = np.repeat(np.arange(n_walkers), n_draws // n_walkers)
     coordinates = {
         "chain": np.arange(n_chains),
         "draw": np.arange(n_draws),
         "subject": np.array(stack.names, object),
-        "walker": ("draw", np.repeat(np.arange(n_walkers), n_draws // n_walkers)),
+        "walker": ("draw", walker),
     }
     variables = {name: (BY_SUBJECT, values) for name, values in stack.arrays.items()}
     draws = xr.Dataset(variables, coordinates)
-    if failed:  # their places in the arrays are empty
+    if failed:  # the study does not have them, and their places in the arrays are empty
         draws = draws.sel(subject=list(study.names))
     posterior = draws.drop_vars("lp")
     for name, variable in posterior.items():
         variable.attrs["units"] = QUANTITY_BY_NAME[str(name)].unit
 
     statistics = [row.statistics for row in subject_draws]
-    acceptance = np.stack([row.acceptance for row in subject_draws], axis=-1)
     # NetCDF has no Boolean values, and a text of any length is an object.
     types: Record = {"converged": np.int8, "shortfall": object, "imprecise": object}
     sample_stats = xr.Dataset(coords=posterior.drop_vars("walker").coords)
     for name in statistics[0]:
         column = [row[name] for row in statistics]
         sample_stats[name] = ("subject", np.array(column, types.get(name)))
+    acceptance = np.stack([row.acceptance for row in subject_draws], axis=-1)
     sample_stats["acceptance_rate"] = (("chain", "subject"), acceptance)
     target = model_posterior(settings.model, study.subjects[0], settings.prior)
-    density_of = ", ".join(target.coordinates)
-    density = f"log density of the unconstrained coordinates ({density_of}), unnormalised"
+    coordinate_names = ", ".join(target.coordinates)
+    density = f"log density of the unconstrained coordinates ({coordinate_names}), unnormalised"
     sample_stats["lp"] = draws["lp"].drop_vars("walker").assign_attrs(description=density)
 
     groups = {"posterior": posterior, "sample_stats": sample_stats}
@@ -164,14 +166,14 @@ def _counts_hash(study: Study) -> str:
 
 
 def _counts_by_pair(study: Study) -> xr.Dataset:
-    """The counts of every subject and pair, with the pair as coordinates."""
-    keys = ["s1", "s2"]
+    """The counts of every subject and pair, an entry of `obs` each; s1 and s2 are coordinates."""
+    stimuli = ["s1", "s2"]
     n_pairs = [subject.n_pairs for subject in study]
-    owner = np.repeat(np.array(study.names, object), n_pairs)
-    table = xr.Dataset(coords={"obs": np.arange(len(owner)), "subject": ("obs", owner)})
-    for key in (*keys, *study.task.counts):
+    names = np.repeat(np.array(study.names, object), n_pairs)  # the subject of each entry
+    table = xr.Dataset(coords={"obs": np.arange(len(names)), "subject": ("obs", names)})
+    for key in (*stimuli, *study.task.counts):
         table[key] = ("obs", np.concatenate([getattr(subject, key) for subject in study]))
-    return table.set_coords(keys)
+    return table.set_coords(stimuli)
 
 
 def _study_record(study: Study) -> Record:
@@ -197,7 +199,8 @@ def stored_study(tree: xr.DataTree) -> Study:
     table = tree["observed_data"].to_dataset().rename({task.count: "n_yes"})
     table["n_trials"] = tree["constant_data"].to_dataset()["n_trials"]
     columns: Record = {key: table[key].values for key in ("s1", "s2", *task.counts)}
-    names = table["subject"].values  # of each row; the rows of a subject are together
+    # The name of each row. The rows of a subject are together; the first subject begins at row 0.
+    names = table["subject"].values
     rows_by_subject = np.split(np.arange(len(names)), run_starts(names)[1:])
     subjects = []
     for rows in rows_by_subject:
@@ -243,7 +246,8 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
     for group, node in tree.children.items():
         options = encoding[f"/{group}"] = {}
         for name, variable in node.to_dataset().variables.items():
-            if variable.dtype.kind not in "UOT" and variable.size > 0 and variable.ndim > 0:
+            is_text = variable.dtype.kind in "UOT"
+            if not is_text and variable.size > 0 and variable.ndim > 0:
                 options[str(name)] = {"fletcher32": True}
 
     with whole_file(path, overwrite=overwrite) as target, _OutputFile(target, "w+") as file:
@@ -284,13 +288,14 @@ class _OutputFile(io.FileIO):
                 n_written = self._stream.write(remaining)  # may be fewer than all
                 remaining = remaining[n_written:]
         except OSError as error:
+            # All of the data again: some of it may not have reached the disk.
             self._go_on_in_memory(error)
             self.seek(start)
             self._stream.write(data)
         return len(data)
 
     def truncate(self, size: int | None = None, /) -> int:
-        """Give the file another size."""
+        """Give the file another size, and return it; after an error, the present position."""
         try:
             return self._stream.truncate(size)
         except OSError as error:
@@ -396,11 +401,11 @@ def _read_group(path: Path, name: str | None) -> xr.Dataset:
 
 
 def require_numbers(group: xr.Dataset, dims: Mapping[str, Texts]) -> None:
-    """Refuse a group without these variables over these dimensions, or with no usable value."""
+    """Refuse a group without these variables over these dimensions, or with a value of no use."""
     for name, expected in dims.items():
         if name not in group or group[name].dims != expected:
             raise InputError(f"no {name} over ({', '.join(expected)})")
-        # Squares and products of larger numbers are infinite.
+        # Squares and products of larger numbers are infinite. A NaN is not below the limit either.
         if not (np.abs(group[name].values) < 1e100).all():
             raise InputError(f"draws of {name} are no numbers")
 

@@ -133,7 +133,8 @@ class PriorMixture:
         The core follows the draws by their flattened weights. The cover is wide, because it follows
         the posterior density to the power 0.3. It begins with six components.
         """
-        inertia = 2.0 * len(self.is_free)  # effective draws
+        # Effective draws that move a component half of the way: twice the number of coordinates.
+        inertia = 2.0 * len(self.is_free)
         points = draws.x[:, self.is_free]
         weights = tempered(draws.log_weights, precision.tempered)
         core = self.core
@@ -144,7 +145,7 @@ class PriorMixture:
 
         flat_log_weights = 0.3 * draws.log_posterior - draws.log_proposal
         flat_weights = tempered(flat_log_weights, precision.tempered)
-        cover = self.cover or _components(points, flat_weights, 6, core.df)
+        cover = self.cover or _components(points, flat_weights, n=6, df=core.df)
         for _ in range(2):
             cover = cover.em_step(points, flat_weights, floor=0.4, inertia=inertia)
         return replace(self, core=core, cover=cover)
@@ -157,7 +158,8 @@ class PriorMixture:
         normal = rng.standard_normal(shape)[:, self.is_free]
         points = np.zeros(shape)
         points[:, self.is_free] = self.student.offset(component, normal, rng)
-        return points, rng.uniform(size=size) < self.prior_share
+        is_from_prior = rng.uniform(size=size) < self.prior_share
+        return points, is_from_prior
 
 
 def _components(
@@ -180,6 +182,7 @@ def _components(
 def mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> PriorMixture:
     """A component at every maximum of a posterior, weighted by the root of its Laplace evidence."""
     weights = _laplace_weights(maxima)
+    # Laplace's normal at a maximum has the inverse of the curvature as its covariance.
     scales = np.asarray(np.linalg.inv(maxima.curvature[:, is_free][:, :, is_free]))
     df = _degrees_of_freedom(is_free)
     return PriorMixture(is_free, StudentMixture(weights, maxima.x[:, is_free], scales, df))
@@ -196,7 +199,7 @@ def mixture_of_clouds(
     The array has one posterior.
     """
     is_free = array.is_free[0]
-    n_each = 12 // len(clouds) + 1
+    n_each = 12 // len(clouds) + 1  # components of each cloud
     df = 8 + int(is_free.sum()) % 2  # `StudentMixture` needs an even sum of df and dimension
     equal_weights = np.full(_CLOUD, 1.0 / _CLOUD)
     parts = [_components(cloud[:, is_free], equal_weights, n_each, df) for cloud in clouds]
@@ -208,8 +211,8 @@ def mixture_of_clouds(
 
     points = array.prior_points(rng.uniform(size=(1, 2000, len(array.names))))
     log_prior, log_posterior = array.densities(points)
-    flat_likelihood = tempered((log_posterior - log_prior)[0], 200.0)  # effective draws
-    from_prior = _components(points[0][:, is_free], flat_likelihood, 6, df)
+    flat_likelihood = tempered((log_posterior - log_prior)[0], least=200.0)
+    from_prior = _components(points[0][:, is_free], flat_likelihood, n=6, df=df)
     # Only fits of the precision `SHARP` begin with this mixture, so its share of the prior holds.
     return PriorMixture(is_free, core.joined(from_prior, share=0.5), SHARP.prior_share)
 
@@ -221,8 +224,8 @@ def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
         # An axis with an inverse variance below 0.2 is a ridge that only the prior ends.
         inverse_variances, axes = np.linalg.eigh(curvature)
         sds = 1.0 / np.sqrt(np.maximum(inverse_variances, 0.2))
-        offsets = (rng.standard_normal((_CLOUD, len(x))) * sds) @ axes.T
-        clouds.append(x + offsets)
+        along_axes = rng.standard_normal((_CLOUD, len(x))) * sds
+        clouds.append(x + along_axes @ axes.T)
     return clouds
 
 
@@ -237,6 +240,7 @@ def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
 
 def _laplace_weights(maxima: Ascent) -> FloatArray:
     """Weights of maxima by the root of their Laplace evidence, (maxima,)."""
+    # Laplace's log evidence, but for a constant: the height, and half of the log determinant.
     log_mass = maxima.value - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
     # No weight is below a twentieth of the largest one, because the approximation may be poor.
     weights = np.exp(0.5 * (log_mass - log_mass.max())) + 0.05
@@ -246,7 +250,8 @@ def _laplace_weights(maxima: Ascent) -> FloatArray:
 def _degrees_of_freedom(is_free: BoolArray) -> int:
     """Degrees of freedom that add up with the dimensions to the same even number in all models.
 
-    A posterior with all coordinates has 4 or 5, and each coordinate that is held adds 1.
+    `StudentMixture` needs an even sum. A posterior with all coordinates has 4 or 5 degrees of
+    freedom, and each coordinate that is held adds 1.
     """
     return 2 * ((len(is_free) + 5) // 2) - int(is_free.sum())
 
@@ -275,7 +280,8 @@ def fitted_draws(
     """
     if families is None:
         families = np.zeros(len(array), np.intp)
-    no_draws = WeightedDraws(np.empty((0, len(array.names))), *np.empty((3, 0)))  # to add to
+    no_points = np.empty((0, len(array.names)))
+    no_draws = WeightedDraws(no_points, *np.empty((3, 0)))  # three log densities of no draw
     states = []
     for mixture, rng in zip(mixtures, generators, strict=True):
         states.append(_State(mixture, rng, pool=no_draws, rounds=[], fresh=no_draws))
@@ -302,18 +308,19 @@ def fresh_draws(
     shape = (len(array), size, len(array.names))
     probability = np.empty(shape)
     points = np.empty(shape)
-    is_prior = np.empty(shape[:2], np.bool_)
+    is_from_prior = np.empty(shape[:2], np.bool_)
     for i, (mixture, rng) in enumerate(zip(mixtures, generators, strict=True)):
         probability[i] = rng.uniform(size=shape[1:])
-        points[i], is_prior[i] = mixture.sample(rng, size)
+        points[i], is_from_prior[i] = mixture.sample(rng, size)
 
-    # Only the draws from the prior need its quantiles, which take long. They stand first in this
-    # order, (posteriors, draws), which is as long as the posterior with most of them needs.
-    n_most = is_prior.sum(axis=1).max()
-    order = np.argsort(~is_prior, axis=1, kind="stable")[:, :n_most]
-    rows = np.arange(len(array))[:, None]
-    from_prior = array.prior_points(probability[rows, order])
-    points[rows, order] = np.where(is_prior[rows, order, None], from_prior, points[rows, order])
+    # Only draws from the prior need its quantiles, which take long. `columns` has their positions,
+    # (posteriors, n_most). A posterior with fewer of them has further positions behind, whose
+    # points stay.
+    n_most = is_from_prior.sum(axis=1).max()
+    columns = np.argsort(~is_from_prior, axis=1, kind="stable")[:, :n_most]
+    index = np.arange(len(array))[:, None], columns
+    prior_points = array.prior_points(probability[index])
+    points[index] = np.where(is_from_prior[index][..., None], prior_points, points[index])
 
     log_prior, log_posterior = array.densities(points)
     draws = []
@@ -354,15 +361,18 @@ class _State:
         """Add draws of the present mixture to the pool."""
         log_count = np.log(len(draws.x))
         pool = self.pool
-        # The pool gets the density of the present mixture, and the new draws get that of all.
+        # The density at the pool grows by that of the present mixture.
         at_pool = self.mixture.log_density(pool.x, pool.log_prior) + log_count
+        log_at_pool = np.logaddexp(pool.log_proposal, at_pool)
+        # The density at the new draws is the sum of those of all mixtures.
         at_draws = []
         for mixture, count in self.rounds:
             at_draws.append(mixture.log_density(draws.x, draws.log_prior) + np.log(count))
         at_draws.append(draws.log_proposal + log_count)
+        log_at_draws = np.logaddexp.reduce(at_draws)
 
-        log_proposals = np.logaddexp(pool.log_proposal, at_pool), np.logaddexp.reduce(at_draws)
-        self.pool = replace(pool.joined(draws), log_proposal=np.concatenate(log_proposals))
+        log_proposal = np.concatenate([log_at_pool, log_at_draws])
+        self.pool = replace(pool.joined(draws), log_proposal=log_proposal)
         self.rounds.append((self.mixture, len(draws.x)))
 
 
@@ -406,14 +416,14 @@ def _refit_if_bad(state: _State, precision: Precision) -> bool:
     if len(draws.x) < _FEWEST_ASSESSED or state.refits >= precision.most_refits:
         return False
 
-    has_heavy_draws = _has_heavy_draws(draws, precision)
-    # A poor efficiency alone is a reason twice at most.
-    is_poor = draws.efficiency < 0.25 and state.poor_refits < 2
-    if not (has_heavy_draws or is_poor):
-        return False
+    if not _has_heavy_draws(draws, precision):
+        # An efficiency below a quarter is poor. Alone, it is a reason twice at most: a further
+        # mixture may not do better.
+        if draws.efficiency >= 0.25 or state.poor_refits >= 2:
+            return False
+        state.poor_refits += 1
 
     state.refits += 1
-    state.poor_refits += not has_heavy_draws
     _refit(state, precision)
     return True
 
@@ -421,9 +431,10 @@ def _refit_if_bad(state: _State, precision: Precision) -> bool:
 def _has_heavy_draws(draws: WeightedDraws, precision: Precision) -> bool:
     """Whether one draw has too much weight, or the weights have too heavy a tail."""
     largest = draws.shares.max()
+    # The mean share is one over the number of draws.
     if largest > precision.largest_share or largest * len(draws.x) > precision.largest_weight:
         return True
-    if precision.largest_k == np.inf:
+    if precision.largest_k == np.inf:  # no limit
         return False
 
     # Only here, because a quick command needs no tails, and their library takes long to load.
@@ -445,7 +456,8 @@ def _refit(state: _State, precision: Precision) -> None:
     # The shape of a new component comes from the 120 draws about it.
     n_near = 120
     n_added = precision.n_added
-    centres = draws.x[np.argsort(-draws.log_weights)[:n_added]][:, mixture.is_free]
+    heaviest = np.argsort(-draws.log_weights)[:n_added]
+    centres = draws.x[heaviest][:, mixture.is_free]
     points = state.pool.x[:, mixture.is_free]
     sds = points.std(axis=0)
     scales = []
@@ -453,10 +465,10 @@ def _refit(state: _State, precision: Precision) -> None:
         offsets = points - centre
         distances = np.square(offsets / sds).sum(axis=1)
         near = offsets[np.argpartition(distances, n_near)[:n_near]]
-        scales.append(near.T @ near / n_near)
+        scales.append(near.T @ near / n_near)  # their covariance about the centre
 
     weights = np.full(n_added, 1.0 / n_added)
     core = mixture.core
     added = StudentMixture(weights, centres, np.array(scales), core.df)
-    widened = replace(mixture, core=core.joined(added, 1.0 / 16.0))  # their weight in the core
+    widened = replace(mixture, core=core.joined(added, share=1.0 / 16.0))
     state.mixture = widened.updated(state.pool, precision)

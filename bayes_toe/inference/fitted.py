@@ -85,7 +85,8 @@ class Fitted:
 def is_trusted(k: float, efficiency: float) -> bool:
     """Whether averages by importance weights, and their errors, can be trusted.
 
-    The limit of Pareto k is that of Vehtari et al. 2024.
+    The limit of Pareto k is that of Vehtari et al. 2024. With an efficiency below 2 %, few draws
+    have nearly all of the weight.
     """
     return k < 0.7 and efficiency > 0.02
 
@@ -113,9 +114,9 @@ def fit_posterior(
         array = FunnelArray(array.likelihood, array.names, (), array.is_free, funnel)
         clouds = [funnel.forward(cloud[None])[0] for cloud in clouds]
 
-    first = mixture_of_clouds(clouds, ends, array, rng)
+    first_mixture = mixture_of_clouds(clouds, ends, array, rng)
     precision = replace(SHARP, most_draws=judging_draws)
-    (mixture,), (draws,) = fitted_draws(array, [first], [rng], precision)
+    (mixture,), (draws,) = fitted_draws(array, [first_mixture], [rng], precision)
     return Fitted(target, _maxima_from(target, ends), array, mixture, draws)
 
 
@@ -136,13 +137,14 @@ def _distinct_ends(target: SubjectPosterior) -> Ascent:
     A mixture needs the points along a ridge. An exact search would move all of them to one maximum.
     """
     if isinstance(target, ObserverPosterior):
-        # Models without a constant error begin where their neighbour with one does.
+        # A model without a constant error needs the searches of the same model with one.
         maxima_of_models = observer_maxima(order_posteriors(target.rows))
-        searches = maxima_of_models[MODEL_NAMES.index(target.model.name)].distinct()
+        coarse_ends = maxima_of_models[MODEL_NAMES.index(target.model.name)]
     else:
-        searches = paper_maxima(target.array).distinct()
-    owners = np.zeros(len(searches.x), np.intp)
-    return ascend_from(target.array, owners, searches.x, least_gain=POLISH_GAIN).distinct()
+        coarse_ends = paper_maxima(target.array)
+    starts = coarse_ends.distinct().x
+    owners = np.zeros(len(starts), np.intp)  # all are of one posterior
+    return ascend_from(target.array, owners, starts, least_gain=POLISH_GAIN).distinct()
 
 
 @dataclass(frozen=True)
@@ -171,5 +173,5 @@ def importance_evidence(draws: WeightedDraws) -> Evidence:
             "evidence withheld: importance weights are unreliable "
             f"(Pareto k-hat {k:.2f}, efficiency {efficiency:.3f})"
         )
-        return Evidence(None, None, k, reason)
+        return Evidence(value=None, se=None, pareto_k=k, why_not=reason)
     return Evidence(draws.log_evidence, draws.standard_error, k)

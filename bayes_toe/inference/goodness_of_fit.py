@@ -70,11 +70,11 @@ def deviance_p_value(
         return float("nan")
     moments = _moments(np.asarray(n_trials, np.float64), log_q, log_other)
     mean, variance = (float(by_pair.sum()) for by_pair in moments)
-    if variance == 0.0:  # the answers are certain under the model
+    if variance == 0.0:  # the answers are certain under the model: 1 if all are as it says, else 0
         return float(deviance <= 0.0)
 
-    # a times a chi-square with f degrees of freedom has the mean a f and the variance 2 a^2 f. The
-    # scale a does not depend on `freedom`.
+    # a times a chi-square with f degrees of freedom has the mean a f and the variance 2 a^2 f. Both
+    # are multiplied by `freedom` over pairs, so that the scale a does not depend on `freedom`.
     inverse_scale = 2.0 * mean / variance
     reference_freedom = 2.0 * mean**2 / variance * freedom / len(log_q)
     return float(chdtrc(reference_freedom, inverse_scale * deviance))
@@ -88,10 +88,11 @@ def _moments(n: FloatArray, log_q: FloatArray, log_other: FloatArray) -> ArrayPa
     """
     log_rare = np.minimum(log_q, log_other)
     log_common = np.maximum(log_q, log_other)
-    n_counts = min(101, int(n.max()) + 1)
+    n_counts = min(101, int(n.max()) + 1)  # the counts 0 to 100, or to the largest n
     counts = np.arange(n_counts, dtype=np.float64)[:, None]  # (counts, 1); n is (pairs,)
-    k = np.minimum(counts, n)  # a pair of fewer trials does not have the last counts
+    k = np.minimum(counts, n)  # (counts, pairs): a pair of fewer trials does not have the last ones
 
+    # The binomial probability of each count.
     log_ways = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
     log_chance = log_ways + times_counts(k, log_rare) + times_counts(n - k, log_common)
     chance = np.where(counts <= n, np.exp(log_chance), 0.0)
@@ -159,24 +160,25 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     maximum : ndarray, shape (k,)
         The point with the highest posterior density.
     """
-    rows = posterior.rows
-    n_trials = (rows.n_yes + rows.n_no)[0, 0]
+    rows = posterior.rows  # the one row of the subject
+    trials_of_question = (rows.n_yes + rows.n_no)[0, 0]  # (questions,)
     # Of three answers, the second question to a pair has no trial where all answers are 'equal'.
-    asked = np.flatnonzero(n_trials)
-    n_trials = n_trials[asked]
+    asked = np.flatnonzero(trials_of_question)
+    n_trials = trials_of_question[asked]
     n_yes = rows.n_yes[0, 0, asked]
 
-    points = np.vstack([maximum, thinned(x, 2000)])
+    points = np.vstack([maximum, thinned(x, 2000)])  # as many are enough for a mean
     log_yes, log_no = (logs[:, asked] for logs in posterior.log_answers(points))
     deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)  # (1 + draws, questions)
     deviance = float(deviances[0].sum())
     n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance
 
     freedom = len(asked) - len(posterior.coordinates)
-    fit_p = float("nan")
     if freedom > 0:
         n_left = len(asked) - n_determined
         fit_p = deviance_p_value(deviance, n_left, n_trials, log_yes[0], log_no[0])
+    else:
+        fit_p = float("nan")
 
     shares = np.stack([n_yes / n_trials, np.exp(log_yes[0])])
     worst = _worst_pairs(posterior.subject, asked, np.sqrt(deviances[0]), shares)
@@ -192,13 +194,15 @@ def _worst_pairs(
     those of the second one. `shares` has the observed and the expected share of the counted answer
     to each, shape (2, questions).
     """
-    largest, *smaller = np.argsort(-residuals, kind="stable").tolist()[:3]
-    conspicuous = [largest, *(i for i in smaller if residuals[i] >= 2.0)]
-    worst = []
-    for i in conspicuous:
+    largest_first = np.argsort(-residuals, kind="stable").tolist()
+    worst: list[PairResidual] = []
+    for i in largest_first[:3]:
+        if worst and residuals[i] < 2.0:  # all but the first need as much
+            break
+        # Index 0 to n_pairs - 1 is that of the first question, 0; the next ones of the second, 1.
         question, pair = divmod(int(asked[i]), subject.n_pairs)
         share = shares[:, i]
-        if question == 1:  # asked where the answer to the first one was no
+        if question == 1:  # asked where the answer to the first one, of index `pair`, was no
             share = share * (1.0 - shares[:, pair])
         observed, expected = share.tolist()
         s1 = float(subject.s1[pair])

@@ -57,13 +57,13 @@ class Ascent(NamedTuple):
         An end 8 nats below the highest one does not matter. Two ends within half a standard
         deviation in every coordinate are one.
         """
-        ranked = np.argsort(-self.value, kind="stable")
-        ranked = ranked[self.value[ranked] >= self.value[ranked[0]] - 8.0]
+        highest_first = np.argsort(-self.value, kind="stable")
+        heights = self.value[highest_first]
         chosen: list[int] = []
-        for i in ranked.tolist():
+        for i in highest_first[heights >= heights[0] - 8.0].tolist():
             inverse_sds = np.sqrt(np.abs(np.diagonal(self.curvature[i])))
             distances = np.abs(self.x[chosen] - self.x[i]) * inverse_sds  # (chosen, k)
-            if (distances.max(axis=1) > 0.5).all():
+            if (distances.max(axis=1) > 0.5).all():  # far from every chosen end
                 chosen.append(i)
         return self.part(np.array(chosen))
 
@@ -97,7 +97,7 @@ def ascend(
         Least damping after a step that would have lowered the value.
     """
     active = np.arange(len(starts))  # the searches that go on
-    ends = Ascent(starts.copy(), *expand(starts, active))
+    ends = Ascent(starts.copy(), *expand(starts, active))  # its arrays change in place
     is_moving = ~np.broadcast_to(is_held, starts.shape)
     damping = np.full(len(starts), 1e-3)  # beside a scaled curvature whose diagonal is 1
 
@@ -108,6 +108,7 @@ def ascend(
         if not len(active):
             break
 
+        # A step is taken where it does not lower the value.
         trial = ends.x[active] + step[is_promising]
         reached = expand(trial, active)
         is_better = reached.value >= ends.value[active]
@@ -115,12 +116,12 @@ def ascend(
             stored[active[is_better]] = new[is_better]
 
         old_damping = damping[active]
-        lighter = np.maximum(0.1 * old_damping, 1e-12)
+        lighter = np.maximum(0.1 * old_damping, 1e-12)  # never 0, which would stay 0
         heavier = np.maximum(10.0 * old_damping, retry_damping)
         damping[active] = np.where(is_better, lighter, heavier)
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether
-        # or not the step was taken, unless it was damped heavily.
+        # or not the step was taken. A heavily damped step promises little anywhere.
         gain = np.abs(gains[is_promising]).sum(axis=1)
         is_small = gain < 5e-13 * (1.0 + 1e-3 * np.abs(ends.value[active]))
         has_converged = is_small & (old_damping <= 1e-2)
@@ -142,19 +143,22 @@ def _steps(searches: Ascent, is_moving: BoolArray, damping: FloatArray) -> Array
 
     # Slopes may be close to the largest float.
     with np.errstate(over="ignore", invalid="ignore"):
-        # 0 where a coordinate is held, 1 where the curvature is 0.
-        scale = is_moving / np.sqrt(np.where(size > 0.0, np.maximum(size, _TINY), 1.0))
+        # The diagonal of S, (points, k): |H_ii|^(-1/2), or 1 where the curvature is 0. Where a
+        # coordinate is held, S is 0, and S H S gets the eigenvalue 1 in the place of 0.
+        inverse_scale = np.sqrt(np.where(size > 0.0, np.maximum(size, _TINY), 1.0))
+        scale = np.where(is_moving, 1.0 / inverse_scale, 0.0)
         matrix = searches.curvature * scale[:, :, None] * scale[:, None, :]
-        matrix[:, diagonal, diagonal] += ~is_moving  # 1, so that eigenvalues are not 0
-        slope = np.where(is_moving, searches.gradient, 0.0) * scale
+        matrix[:, diagonal, diagonal] += np.where(is_moving, 0.0, 1.0)
+        slope = np.where(is_moving, searches.gradient, 0.0) * scale  # S g
 
-        values, vectors = np.linalg.eigh(matrix)
-        along_vectors = np.einsum("nij,ni->nj", vectors, slope)
-        damped = along_vectors / (np.abs(values) + damping[:, None])
+        eigenvalues, vectors = np.linalg.eigh(matrix)
+        along_vectors = np.einsum("nij,ni->nj", vectors, slope)  # V' S g
+        damped = along_vectors / (np.abs(eigenvalues) + damping[:, None])
         scaled_step = np.einsum("nij,nj->ni", vectors, damped)
         step = scaled_step * scale
         longest = np.maximum(np.abs(step).max(axis=1), _TINY)
         shortening = np.minimum(1.0, 2.0 / longest)
+        # The gain of a Newton step is half of step' g.
         return step * shortening[:, None], 0.5 * scaled_step * slope
 
 
@@ -186,7 +190,7 @@ def ascend_from(
         starts,
         is_held=~array.is_free[owners] | is_held,
         least_gain=least_gain,
-        most_steps=12,
+        most_steps=12,  # exact maxima are left to `polished`
         retry_damping=0.0,
     )
 
@@ -206,14 +210,15 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
         """The expansion about the points of some searches; their sizes are updated."""
         n_points, k = points.shape
         ahead = points + _difference_steps(points, sizes[index])  # (k, points, k)
-        part = owned.part(np.resize(index, (k + 1) * n_points))  # for the points and all `ahead`
+        # The points and all `ahead` at once: the index is repeated k + 1 times.
+        part = owned.part(np.resize(index, (k + 1) * n_points))
         value, gradient, _ = expansion(part, np.concatenate([points, *ahead]))
-        gradient = gradient.reshape(k + 1, n_points, k)
+        gradients = gradient.reshape(k + 1, n_points, k)  # the first ones at the points
 
-        second = hessian(gradient[1:] - gradient[0], ahead - points)
+        second = hessian(gradients[1:] - gradients[0], ahead - points)
         diagonal = np.abs(np.diagonal(second, axis1=1, axis2=2))
         sizes[index] = np.where(np.isfinite(diagonal), diagonal, sizes[index])
-        return Expansion(value[:n_points], gradient[0], -second)
+        return Expansion(value[:n_points], gradients[0], -second)
 
     return ascend(expand, starts, is_held=~owned.is_free, least_gain=POLISH_GAIN)
 
@@ -251,8 +256,10 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     highest = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
     top = polished(array, owners, highest)
 
+    # ln evidence = ln density at the maximum + (k/2) ln(2 pi) - (1/2) ln det(-Hessian), with the
+    # number k of free coordinates. The determinant does not change by ones on the diagonal.
     curvature = _free_part(top.curvature, array.is_free)
-    is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0
+    is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0  # the smallest eigenvalue
     log_determinant = np.linalg.slogdet(curvature)[1]
     log_evidence = top.value + 0.5 * array.is_free.sum(axis=1) * LOG_2PI - 0.5 * log_determinant
     return top.x, np.where(is_proper, log_evidence, np.nan)
@@ -276,5 +283,6 @@ def hessian(change: FloatArray, step: FloatArray) -> FloatArray:
 
     The first axis is the one coordinate that a step changes.
     """
-    rows = change / np.einsum("ipi->ip", step)[:, :, None]
+    length = np.einsum("ipi->ip", step)  # step i changes coordinate i only
+    rows = change / length[:, :, None]
     return 0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0))  # symmetric

@@ -52,15 +52,20 @@ class StudentMixture:
         Its product with (1, x) is L^-1 (x - mean) / df^(1/2), L the Cholesky factor of a component:
         the first coordinate for each of the J components, then the second one, and so on.
         """
-        inverse = np.linalg.inv(self._factors)
-        shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]  # (D, J, 1)
-        whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)  # (D, J, 1 + D)
+        inverse = np.linalg.inv(self._factors)  # (J, D, D)
+        white_means = np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]  # (D, J, 1)
+        whiteners = np.concatenate([-white_means, inverse.transpose(1, 0, 2)], axis=2)
+        # From (D, J, 1 + D).
         return whiteners.reshape(-1, whiteners.shape[2]) / np.sqrt(self.df)
 
     @cached_property
     def _log_tops(self) -> FloatArray:
-        """Log of the weighted density at the mean of each component, (J,)."""
+        """Log of the weighted density at the mean of each component, (J,).
+
+        That is w Gamma((df + D)/2) / (Gamma(df/2) (df pi)^(D/2) |scale|^(1/2)).
+        """
         dim = self.means.shape[1]
+        # The root of the determinant of a scale is the product of the diagonal of its factor.
         log_volume = np.log(np.diagonal(self._factors, axis1=1, axis2=2)).sum(axis=1)
         log_norm = (
             gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
@@ -81,6 +86,7 @@ class StudentMixture:
 
     def sample_components(self, rng: AnyRng, size: int) -> IndexArray:
         """Random components by their weights, shape (size,)."""
+        # Bounds between the components; the last sum is 1 but for rounding, and bounds nothing.
         bounds = np.cumsum(self.weights)[:-1]
         return np.searchsorted(bounds, rng.uniform(size=size), side="right")
 
@@ -103,8 +109,8 @@ class StudentMixture:
         points as `inertia`.
         """
         weight, near_weight, new_means, new_scales = self._sums(x, weights)
-        effective = weight * effective_number(weights)
-        trust = effective / (effective + inertia)
+        n_effective = weight * effective_number(weights)  # points of each component
+        trust = n_effective / (n_effective + inertia)
 
         means = self.means + trust[:, None] * (new_means - self.means)
         # The new scales are about the new means: the distance that is left to these adds to them.
@@ -136,13 +142,14 @@ class StudentMixture:
 
         for block in _blocks(len(x)):
             distances = self._distances(x[block])
-            shares = self._tops[:, None] * self._kernel(distances)
-            shares *= weights[block] / shares.sum(axis=0)
+            shares = self._tops[:, None] * self._kernel(distances)  # (J, points)
+            shares *= weights[block] / shares.sum(axis=0)  # w r
             weight += shares.sum(axis=1)
             y = x[block] - centre
             powers = np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
             moments += (shares / distances) @ powers
 
+        # Distances are 1 + d^2 / df, so that a factor of (df + D) / df is left.
         moments *= (self.df + dim) / self.df
         weight = np.maximum(weight, _TINY)
         near_weight = np.maximum(moments[:, 0], _TINY)
@@ -249,7 +256,7 @@ class WeightedDraws:
         return float(np.linalg.norm(deviations))
 
     def resampled(self, rng: AnyRng, size: int) -> FloatArray:
-        """Draws of equal weight, shape (size, k), chosen by their shares."""
+        """Draws of equal weight, shape (size, k), chosen by their shares; one may come again."""
         return self.x[rng.choice(len(self.x), size, p=self.shares)]
 
     def joined(self, other: WeightedDraws) -> WeightedDraws:
@@ -272,8 +279,8 @@ def tempered(log_weights: FloatArray, least: float) -> FloatArray:
 
     beta is the first of 1, 0.8, 0.8^2 and so on that leaves `least` effective draws.
     """
-    below_largest = log_weights - log_weights.max()
-    for beta in 0.8 ** np.arange(200):
+    below_largest = log_weights - log_weights.max()  # the largest weight becomes 1, no overflow
+    for beta in 0.8 ** np.arange(200):  # the last one is 1e-19: all weights are equal
         weights = np.exp(beta * below_largest)
         if effective_number(weights) >= least:
             break

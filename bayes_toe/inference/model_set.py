@@ -87,8 +87,9 @@ class ModelSet:
 
         It does not depend on the prior probabilities of the two groups of models.
         """
+        lacks_effect = ~has_effect
         log_mean_with = _log_sum(self.log_evidence[has_effect]) - np.log(has_effect.sum())
-        log_mean_without = _log_sum(self.log_evidence[~has_effect]) - np.log((~has_effect).sum())
+        log_mean_without = _log_sum(self.log_evidence[lacks_effect]) - np.log(lacks_effect.sum())
         return float(log_mean_with - log_mean_without)
 
     def bayes_factor_error(self, has_effect: BoolArray) -> float:
@@ -108,7 +109,7 @@ class ModelSet:
         A draw weighs as much as its model's posterior probability times its importance weight.
         """
         weights = []
-        probabilities = softmax(self._log_joint[is_chosen])
+        probabilities = softmax(self._log_joint[is_chosen])  # among the chosen models
         for i, probability in zip(np.flatnonzero(is_chosen), probabilities, strict=True):
             weights.append(probability * self.draws[i].shares)
         return np.concatenate(weights)

@@ -91,7 +91,7 @@ class OrderEvidence(ModelSet):
         is_finite = np.isfinite(self.log_evidence)
         if is_finite.all():
             return self
-        model = MODEL_NAMES[np.argmin(is_finite)]
+        model = MODEL_NAMES[np.argmin(is_finite)]  # the first one with False
         raise NumericalError(
             f"subject {self.subject.name!r}: the evidence of the model {model!r} is not a finite "
             "number"
@@ -168,19 +168,19 @@ def unchecked_evidence(
     many pairs: a sum over more pairs may round otherwise, and the results would depend on the other
     subjects.
     """
-    indices_by_size = defaultdict(list)
+    indices_by_pairs = defaultdict(list)  # the positions of subjects, by their number of pairs
     for i, subject in enumerate(subjects):
-        indices_by_size[subject.n_pairs].append(i)
+        indices_by_pairs[subject.n_pairs].append(i)
 
-    results: dict[int, OrderEvidence] = {}
-    for indices in indices_by_size.values():
+    by_index: dict[int, OrderEvidence] = {}
+    for indices in indices_by_pairs.values():
         for start in range(0, len(indices), BATCH):
             batch = indices[start : start + BATCH]
-            chosen = [subjects[i] for i in batch]
-            array = order_posteriors(ObserverRows.from_subjects(chosen, prior))
-            evidences = evidences_of(array, chosen, seed, prior, precision)
-            results.update(zip(batch, evidences, strict=True))
-    return [results[i] for i in range(len(subjects))]
+            subjects_of_batch = [subjects[i] for i in batch]
+            array = order_posteriors(ObserverRows.from_subjects(subjects_of_batch, prior))
+            evidences = evidences_of(array, subjects_of_batch, seed, prior, precision)
+            by_index.update(zip(batch, evidences, strict=True))
+    return [by_index[i] for i in range(len(subjects))]
 
 
 def order_posteriors(rows: ObserverRows) -> PosteriorArray:
@@ -206,12 +206,12 @@ def evidences_of(
     generators = []
     for subject in subjects:  # its four models share a generator
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
-    families = np.repeat(np.arange(len(subjects)), _N_MODELS)
+    families = np.repeat(np.arange(len(subjects)), _N_MODELS)  # the four models of a subject
     _, draws = fitted_draws(array, mixtures, generators, precision, families)
 
     evidences = []
     for i, subject in enumerate(subjects):
-        models = slice(_N_MODELS * i, _N_MODELS * (i + 1))
+        models = slice(_N_MODELS * i, _N_MODELS * (i + 1))  # those of this subject
         evidence = OrderEvidence.from_draws(
             draws[models],
             PRIOR_PROBABILITIES,

@@ -54,12 +54,13 @@ class Predictor:
         tested = self.target.subject
         subject = Subject(tested.name, pairs[:, 0], pairs[:, 1], counts, counts, task=tested.task)
 
+        # (answers, draws, pairs), in the order of the answers; back from the sorted pairs.
         probabilities = answer_probabilities(self.target.for_subject(subject), self.x)
-        names = tested.task.answers
-        if len(probabilities) < len(names):  # the paper's model of three answers
-            names = (tested.task.yes,)
-        # Probabilities have the order of the answers; those of 'unequal' have no name.
-        return dict(zip(names, probabilities[..., index.ravel()], strict=False))
+        probabilities = probabilities[..., index.ravel()]
+        answers = tested.task.answers
+        if len(probabilities) < len(answers):  # the paper's model, without 'second' and 'first'
+            return {tested.task.yes: probabilities[0]}
+        return dict(zip(answers, probabilities, strict=True))
 
 
 def answer_probabilities(target: SubjectPosterior, x: FloatArray) -> FloatArray:
@@ -68,13 +69,15 @@ def answer_probabilities(target: SubjectPosterior, x: FloatArray) -> FloatArray:
     Of three answers, the paper's model has 'equal' and all others.
     """
     n_pairs = target.subject.n_pairs
-    yes, no = (np.exp(logs) for logs in target.log_answers(x))
+    yes, no = (np.exp(logs) for logs in target.log_answers(x))  # (points, questions)
     p_yes = yes[:, :n_pairs]
     p_no = no[:, :n_pairs]
-    if yes.shape[1] == n_pairs:  # one question
+    if yes.shape[1] == n_pairs:  # one question to each pair
         return np.stack([p_yes, p_no])
     # The second question, 'second' or 'first', is asked where the stimuli do not seem equal.
-    return np.stack([p_yes, p_no * yes[:, n_pairs:], p_no * no[:, n_pairs:]])
+    p_second = p_no * yes[:, n_pairs:]
+    p_first = p_no * no[:, n_pairs:]
+    return np.stack([p_yes, p_second, p_first])
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:

@@ -60,7 +60,7 @@ class SamplerSettings:
 
     def __post_init__(self) -> None:
         require_number("draws", self.draws)
-        if self.walkers == 0:  # 64 to 256: the more, the more draws are asked for
+        if self.walkers == 0:  # one for every forty draws, even, 64 to 256
             object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
 
     @property
@@ -147,24 +147,25 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
             del quantities[name]  # its ranks, and so its diagnostics, are those of another one
         diagnostics = convergence_of(quantities)
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
-        imprecise = ""
-        is_hopeless = False
-        if not reason:  # the precision of quantiles is known only of converged chains
+        if reason:  # the precision of quantiles is known only of converged chains
+            imprecise = ""
+            is_done = False
+        else:
             natural = {name: quantities[name] for name in posterior.names.natural}
             limit = settings.max_quantile_error
             imprecise, is_hopeless = _uncertain_quantile(natural, diagnostics, limit)
+            is_done = not imprecise or is_hopeless
 
-        is_sufficient = not reason and not imprecise
-        if is_sufficient or is_hopeless or thin >= settings.max_thin:
+        if is_done or thin >= settings.max_thin:
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, reason, imprecise)
         thin = min(2 * thin, settings.max_thin)
 
 
 def burn_in(fitted: Fitted) -> int:
-    """Steps before the first pass, at most 8.
+    """Steps before the first pass: until one walker in a thousand stands where it started.
 
-    Without this limit about one walker in a thousand would still stand where it started: a walker
-    moves at a step with a probability of about the efficiency of the proposal.
+    At a step, a walker moves with a probability p of about the efficiency of the proposal, and
+    (1 - p)^steps = 1/1000. At most 8 steps, and 8 if the mixture cannot be trusted.
     """
     if not fitted.is_trusted:
         return 8
@@ -217,9 +218,11 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         # Each ensemble begins with its own part of the draws that judged the mixture.
         n_each = len(fitted.draws.x) // settings.ensembles
         first_draws = fitted.draws.part(slice(index * n_each, (index + 1) * n_each))
-        share_local = 0.8  # of the moves, if the mixture cannot be trusted
+        # The share of local moves.
         if fitted.is_trusted:  # 2 to 32 %
             share_local = 0.02 + 0.3 * (1.0 - fitted.draws.efficiency)
+        else:
+            share_local = 0.8
 
         super().__init__(
             settings.walkers,
@@ -283,12 +286,13 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         """
         draws = self._fitted.draws
         is_free = self._fitted.target.is_free
-        mean = (draws.shares @ draws.x)[is_free]
+        mean = (draws.shares @ draws.x)[is_free]  # (k,)
 
         starts = np.empty((0, self.ndim))
         while len(starts) < self.nwalkers:
             resampled = draws.resampled(random, self.nwalkers)[:, is_free]
-            # Resampled points repeat, and walkers must not.
+            # Resampled points repeat, and walkers must not: each goes a tenth of the way away from
+            # another one.
             jitter = 0.1 * (resampled - resampled[::-1])
             points = mean + 2.0 * (resampled + jitter - mean)
             is_finite = np.isfinite(self.compute_log_prob(points)[0])
@@ -318,7 +322,7 @@ def _uncertain_quantile(
     # that are kept, and gets a number with two digits whose error is 85 % of the limit.
     draws = natural[worst]
     n_required = draws.size / 2 * (errors[worst] / (0.85 * limit)) ** 2
-    unit = 10 ** (int(np.log10(n_required)) - 1)  # of the second digit
+    unit = 10 ** (int(np.log10(n_required)) - 1)  # of the second digit: 1000 of 12345
     n_rounded = int(np.ceil(n_required / unit)) * unit
     reason = (
         f"a 5 or 95 % quantile of {worst} is uncertain by {errors[worst]:.3f} of the range between "

@@ -47,26 +47,29 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     profile, profile_owners = _profile(array, has_error)
     first_from_flat = len(profile.x) - len(array)  # the last searches, one of each posterior
 
-    free_searches = []
+    # Positions of the searches of the profile from whose ends further ones start.
+    starts_of_free = []
     free_owners = []
-    best_searches = []
+    starts_of_held = []
     # The search that holds the constant error 0, of a posterior or, if it has no constant error, of
-    # the next one.
-    first = 0
+    # the next one. The searches at other errors follow.
+    at_zero = 0
     for i in range(len(array)):
-        candidates = np.array([first])
         if has_error[i]:
-            candidates = first + _two_best_local(profile.value[first : first + len(_ERRORS)])
-            first += len(_ERRORS)
-        free_searches += candidates.tolist()
+            heights = profile.value[at_zero : at_zero + len(_ERRORS)]
+            candidates = (at_zero + _two_best_local(heights)).tolist()
+            at_zero += len(_ERRORS)
+        else:
+            candidates = [at_zero]
+        starts_of_free += candidates
         free_owners += [i] * len(candidates)
 
         best = max(candidates[0], first_from_flat + i, key=lambda search: profile.value[search])
-        best_searches += [best] * len(_LAPSE_STARTS)
+        starts_of_held += [best] * len(_LAPSE_STARTS)
 
     # From the best end of each posterior, one search holds each lapse rate.
-    n_free = len(free_searches)
-    starts = profile.x[free_searches + best_searches]
+    n_free = len(starts_of_free)
+    starts = profile.x[starts_of_free + starts_of_held]
     starts[n_free:, lapse] = np.tile(_LAPSE_STARTS, len(array))
     is_held = np.zeros(starts.shape, np.bool_)
     is_held[n_free:, lapse] = True
@@ -87,6 +90,7 @@ def _profile(array: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, Index
     noise, error = map(array.names.index, (NOISE.name, CONSTANT_ERROR.name))
     with_error = np.flatnonzero(has_error)
 
+    # Starts of the searches, (searches, d). All coordinates but these and the peak start at 0.
     at_errors = np.zeros((len(with_error) * len(_ERRORS), len(array.names)))
     at_errors[:, noise] = _STEEP
     at_errors[:, error] = np.tile(_ERRORS / rows.prior.constant_error_scale, len(with_error))
@@ -108,8 +112,8 @@ def _two_best_local(heights: FloatArray) -> IndexArray:
     Where there is one local maximum only, the second index is that of the next highest value.
     """
     order = np.argsort(_ERRORS)
-    ordered = heights[order]
-    padded = np.pad(ordered, 1, constant_values=-np.inf)
+    ordered = heights[order]  # from the lowest constant error to the highest one
+    padded = np.pad(ordered, 1, constant_values=-np.inf)  # the neighbours at both ends
     is_local = (ordered >= padded[:-2]) & (ordered >= padded[2:])
     # The last key counts most: local maxima first, then the others, each by height.
     return order[np.lexsort((-ordered, ~is_local))[:2]]
@@ -124,18 +128,21 @@ def paper_maxima(array: PosteriorArray) -> Ascent:
     Offset and width count in D, the root mean square difference of pairs with different stimuli.
     """
     row = cast(PaperRows, array.likelihood.rows)
-    n_yes = row.n_yes[0, 0]
+    n_yes = row.n_yes[0, 0]  # (pairs,)
     n_trials = (row.n_yes + row.n_no)[0, 0]
     has_trials = n_trials > 0.0
     differences = np.abs(row.difference[0, 0, has_trials])
-    unit = 0.3  # stands for D where no pair has different stimuli
     if differences.any():
-        unit = float(np.sqrt(np.mean(np.square(differences[differences > 0.0]))))
+        step = float(np.sqrt(np.mean(np.square(differences[differences > 0.0]))))
+    else:  # any value: without different stimuli the width is not determined
+        step = 0.3
 
-    share_logits: tuple[float, ...] = (-3.0, -0.5)  # lapse rates of 5 and 38 %
-    if row.task.lapses == "q0":  # about the largest share of 'equal' of a pair
+    share_logits: tuple[float, ...]
+    if row.task.lapses == "q0":  # the largest share of 'equal' of a pair, by Laplace's estimator
         largest_q0 = ((n_yes + 1.0) / (n_trials + 2.0))[has_trials].max()
         share_logits = (logit(largest_q0),)
+    else:
+        share_logits = (-3.0, -0.5)  # lapse rates of 5 and 38 %
 
     # At a round offset the distance of a pair may be 0, and its slope too.
     offsets = (-0.93, 0.07, 1.01)
@@ -144,13 +151,19 @@ def paper_maxima(array: PosteriorArray) -> Ascent:
     axes = np.meshgrid(offsets, gammas, log_widths, share_logits)
     offset, gamma, log_width, share_logit = np.reshape(axes, (4, -1))
 
+    # The four coordinates of each point of the grid.
     p = pull(gamma)
-    width = unit * np.exp(log_width)
-    mu1 = _mean_first(row) + offset * unit / p  # as offset = p (mu1 - sbar)
-    spread = row.spread_score(np.log(width), p)
-    probits = ndtri(gamma), probit_of_logit(share_logit)
+    width = step * np.exp(log_width)
+    mu1 = _mean_first(row) + offset * step / p  # as offset = p (mu1 - sbar)
     mean, sd = row.prior.mu1_normal
-    starts = np.stack([(mu1 - mean) / sd, spread, *probits], -1)
+    starts = np.column_stack(
+        [
+            (mu1 - mean) / sd,
+            row.spread_score(np.log(width), p),
+            ndtri(gamma),
+            probit_of_logit(share_logit),
+        ]
+    )
     return ascend_from(array, np.zeros(len(starts), np.intp), starts)
 
 
@@ -174,9 +187,10 @@ def funnel_of_maxima(row: PaperRows, maxima: Ascent) -> Funnel:
 
     # The SD of the offset that the answers leave: that of mu1, 1/information^(1/2) scores, times p.
     # If there is no information, the width stands for it.
-    spread = np.exp(log_width)
     if information > 0.0:
         spread = row.pull(u)[0, 0] * sd / np.sqrt(information)
+    else:
+        spread = np.exp(log_width)
 
     # Several maxima: the answers leave the offset as open as the maxima are apart.
     distance = offsets.std()

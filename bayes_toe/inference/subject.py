@@ -71,7 +71,10 @@ class Settings:
 
 
 def fit_subject(target: SubjectPosterior, seed: int, *, has_chains: bool = False) -> Fitted:
-    """The mixture of one posterior; chains begin with the draws that judged it."""
+    """The mixture of one posterior; chains begin with the draws that judged it.
+
+    So chains need more of these draws.
+    """
     rng = generator(seed, target.subject.name, target.model.name, "proposal")
     return fit_posterior(target, rng, SHARP.most_draws if has_chains else 4000)
 
@@ -84,7 +87,7 @@ def model_evidence(fitted: Fitted, seed: int, size: int) -> Evidence:
     key = seed, fitted.target.subject.name, fitted.target.model.name
     evidence = importance_evidence(fitted.fresh(generator(*key, "evidence"), size))
     for attempt in range(2):
-        if evidence.value is not None:
+        if evidence.value is not None:  # it is not withheld
             break
         rng = generator(*key, f"further mixture {attempt}")
         fitted = fit_posterior(fitted.target, rng, judging_draws=20_000)
@@ -168,10 +171,19 @@ def summary_rows(
     errors = errors_of(values)
     rows = []
     for name, draws in values.items():
-        moments = draws.mean(), draws.std(ddof=1)
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
+        # From the 5 to the 95 % quantile, the first and the last one.
         contraction = posterior_contraction(target, name, quantiles[0], quantiles[-1])
-        numbers = *moments, *quantiles, *diagnostics[name], contraction, *errors[name]
-        rows.append((target.subject.name, name, *numbers))
+        row = (  # in the order of SUMMARY_COLUMNS
+            target.subject.name,
+            name,
+            draws.mean(),
+            draws.std(ddof=1),
+            *quantiles,
+            *diagnostics[name],
+            contraction,
+            *errors[name],
+        )
+        rows.append(row)
 
     return tuple(rows)

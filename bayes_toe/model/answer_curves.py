@@ -47,12 +47,12 @@ AnswerSlopes = tuple[Sequence[FloatArray], Sequence[FloatArray]]
 
 
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
-    """Counts times values; a count of 0 gives 0, also where the value is infinite."""
-    # A product beyond the largest float is infinite to all digits.
+    """Counts times values; a count of 0 gives 0, also where the value is infinite or NaN."""
+    # A product beyond the largest float is infinite, and 0 times infinity is NaN.
     with np.errstate(over="ignore", invalid="ignore"):
         product = np.asarray(counts * values)
     is_given = counts > 0.0
-    if is_given.all():  # much faster
+    if is_given.all():  # the usual case, without another array of this size
         return product
     return np.where(is_given, product, 0.0)
 
@@ -62,13 +62,14 @@ def with_complement(yes: FloatArray, no: FloatArray) -> LogAnswers:
 
     The log of the larger one is near 0, where its own digits are lost.
     """
-    is_rare = yes < no
+    yes_is_rare = yes < no
     larger = np.log1p(-np.exp(np.minimum(yes, no)))
-    return LogAnswers(np.where(is_rare, yes, larger), np.where(is_rare, larger, no))
+    return LogAnswers(np.where(yes_is_rare, yes, larger), np.where(yes_is_rare, larger, no))
 
 
 def over_scale(numerator: FloatArray, log_scale: FloatArray) -> FloatArray:
     """A numerator over a scale; 0 stays 0, even if the scale is below the smallest float."""
+    # In logs, because 0 / 0 is NaN; the log of a numerator of 0 is -inf.
     with np.errstate(divide="ignore", over="ignore"):
         return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
 
@@ -109,6 +110,7 @@ def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
         Distance and criterion, k >= 0; they broadcast. Both may be infinite.
     """
     distance, k = np.broadcast_arrays(np.abs(z), k)
+    # Infinite arguments give logs of 0, which are -inf, and inf - inf, which `near_edge` replaces.
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         near = near_edge(distance, k)
         inside = _log_inside(distance, k, near)
@@ -163,8 +165,8 @@ def pair_arrays(
 ) -> NamedArrays:
     """Stimuli and counts of several subjects by name, shape (rows, 1, pairs) each.
 
-    The stimuli of a subject count from an origin in a unit. Subjects with fewer pairs than others
-    get further pairs that nobody answered.
+    The stimuli of each subject count from its origin, in its unit. Subjects with fewer pairs than
+    others get further pairs that nobody answered: their counts are 0.
     """
     n_pairs = max(subject.n_pairs for subject in subjects)
     arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))
@@ -248,14 +250,15 @@ class AnswerRows(ABC):
         """
         log_answers, slopes = self.answer_slopes(u)
         n_trials = np.asarray(sum(self.answer_counts))
-        value, gradient, information = np.zeros(1), np.zeros(1), np.zeros(1)
+        value, gradient, information = np.zeros((3, 1))  # sums over the answers, which broadcast
         # Where an answer is impossible its slopes are infinite or NaN. It counts only if given.
         with np.errstate(over="ignore", invalid="ignore"):
             for counts, log_p, slope in zip(self.answer_counts, log_answers, slopes, strict=True):
+                # The root of n P, so that a product of scaled slopes has n P. Counts get an axis
+                # for the coordinates, as slopes have: (rows, points, k, pairs).
                 root_expected = np.sqrt(n_trials * np.exp(log_p))
-                # Counts get an axis for the coordinates: (rows, points, k, pairs).
                 scaled_slope = times_counts(root_expected[..., None, :], slope)
                 value = value + times_counts(counts, log_p).sum(axis=-1)
-                gradient = gradient + times_counts(counts[:, :, None], slope).sum(axis=-1)
+                gradient = gradient + times_counts(counts[..., None, :], slope).sum(axis=-1)
                 information = information + scaled_slope @ np.swapaxes(scaled_slope, -1, -2)
         return value, gradient, information

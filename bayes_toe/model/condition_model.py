@@ -106,9 +106,10 @@ class ConditionModels:
     def subject(self) -> Subject:
         """All answers of the subject; of several tasks, those to the first of `units_by_task`."""
         subject = pooled([self.units[i] for i in self.units_by_task[0]])
-        if len(self.units_by_task) > 1:
-            subject = replace(subject, shared_scales=common_scales(*self.units))
-        return subject
+        if len(self.units_by_task) == 1:
+            return subject
+        # The scales are those of all tasks, and so of all units.
+        return replace(subject, shared_scales=common_scales(*self.units))
 
     @cached_property
     def shared(self) -> ObserverPosterior:
@@ -128,7 +129,10 @@ class ConditionModels:
 
     @cached_property
     def loading(self) -> FloatArray:
-        """The coordinates of conditions by those of the posteriors, (conditions, k, d)."""
+        """The loading L of each condition, u = L w, (conditions, k, d).
+
+        u are the k coordinates of the observer, and w the d coordinates of a posterior.
+        """
         n_conditions, n_columns = self.design.shape
         k = len(self.parameters)
         loading = np.zeros((n_conditions, k, k + len(self.differing) * n_columns))
@@ -145,6 +149,7 @@ class ConditionModels:
         """The likelihood of the answers of some units, which have one task."""
         units = [self.units[i] for i in positions]
         rows = ObserverRows.from_subjects(units, self.prior, [self.shared.scales] * len(units))
+        # The task of these units may have fewer parameters than the first one.
         is_of_task = np.isin([parameter.name for parameter in self.parameters], rows.coordinates)
         loading = self.loading[positions][:, is_of_task]
         # All rows belong to one posterior.
@@ -152,9 +157,10 @@ class ConditionModels:
 
     def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
         """The posteriors for these choices of parameters that differ."""
-        likelihood, *further = map(self._likelihood, self.units_by_task)
-        likelihood = replace(likelihood, further=tuple(further))
-        # Every choice has the one likelihood of the subject.
+        # One likelihood for each task. The first one adds those of the others to its own.
+        first, *further = map(self._likelihood, self.units_by_task)
+        likelihood = replace(first, further=tuple(further))
+        # Every choice has this one likelihood.
         repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
         # After the observer's coordinates: 'contraction 1', 'contraction 2', one for each column.

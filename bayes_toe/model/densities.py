@@ -94,8 +94,8 @@ class CutNormal(StandardNormal):
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
-        outside = ndtr(-self.limit)
-        return ndtri(outside + probability * (1.0 - 2.0 * outside))
+        below = ndtr(-self.limit)  # of a normal without limits, and as much above
+        return ndtri(below + probability * (1.0 - 2.0 * below))
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,10 @@ class LogitOfBeta:
         return (self.a + self.b) * expit(u) * expit(-u)
 
     def quantile(self, probability: FloatArray) -> FloatArray:
-        """Inverse of the distribution function, finite also where the share rounds to 0 or 1."""
+        """Inverse of the distribution function, finite also where the share rounds to 0 or 1.
+
+        logit q = ln q - ln(1 - q), and 1 - q has the distribution Beta(b, a).
+        """
         log_share = _log_beta_quantile(self.a, self.b, probability)
         return log_share - _log_beta_quantile(self.b, self.a, 1.0 - probability)
 
@@ -208,8 +211,10 @@ def half_normal_quantile(probability: FloatArray, log_complement: FloatArray) ->
 
     A small P and a small 1 - P each have all their digits, so that u is accurate in both tails.
     """
+    # 2 Phi(u) - 1 = erf(u / 2^(1/2)), and ln Phi(-u) = ln((1 - P) / 2).
+    from_probability = np.sqrt(2.0) * erfinv(probability)
     from_complement = -ndtri_exp(log_complement - LN2)
-    return np.where(probability < 0.5, np.sqrt(2.0) * erfinv(probability), from_complement)
+    return np.where(probability < 0.5, from_probability, from_complement)
 
 
 def from_half_normal_score(score: FloatArray) -> FloatArray:
@@ -225,8 +230,9 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 
 def half_normal_score(u: FloatArray) -> FloatArray:
     """Inverse of :func:`from_half_normal_score`, from the smaller one of P and 1 - P."""
-    probability = erf(u * np.sqrt(0.5))
-    return np.where(probability < 0.5, ndtri(probability), -ndtri_exp(log_ndtr(-u) + LN2))
+    probability = erf(u * np.sqrt(0.5))  # 2 Phi(u) - 1
+    log_complement = log_ndtr(-u) + LN2
+    return np.where(probability < 0.5, ndtri(probability), -ndtri_exp(log_complement))
 
 
 def log_half_normal(score: FloatArray) -> FloatArray:
@@ -237,8 +243,9 @@ def log_half_normal(score: FloatArray) -> FloatArray:
     >>> log_half_normal(np.array([-100.0, 0.0])).round(4).tolist()
     [-5005.2984, -0.3938]
     """
-    u = from_half_normal_score(np.maximum(score, _LOWEST_SCORE))  # never 0
-    log_of_small = log_ndtr(score) + 0.5 * np.log(0.5 * np.pi)
+    # At lower scores, u might be 0, whose logarithm is not finite.
+    u = from_half_normal_score(np.maximum(score, _LOWEST_SCORE))
+    log_of_small = log_ndtr(score) + 0.5 * np.log(0.5 * np.pi)  # u = P (pi/2)^(1/2)
     return np.where(score > _LOWEST_SCORE, np.log(u), log_of_small)
 
 
@@ -248,7 +255,7 @@ def log_half_normal_slope(score: FloatArray) -> FloatArray:
     With 2 Phi(-u) = Phi(-score), that is the ratio of two hazards over u. Where u is proportional
     to P = Phi(score), it is the derivative of ln P.
     """
-    raised_score = np.maximum(score, _LOWEST_SCORE)
+    raised_score = np.maximum(score, _LOWEST_SCORE)  # at lower ones, u might be 0
     u = from_half_normal_score(raised_score)
     slope = normal_hazard(raised_score) / (normal_hazard(u) * u)
     return np.where(score > _LOWEST_SCORE, slope, normal_hazard(-score))

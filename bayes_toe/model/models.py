@@ -127,7 +127,7 @@ class ObserverPosterior(SubjectPosterior):
 
     @property
     def monotone_in(self) -> Determined:
-        """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
+        """The quantities that one coordinate determines: its name, and 1 if they rise, else -1."""
         return {name: (name, 1) for name in self.coordinates} | {"jnd": ("noise", 1)}
 
     def quantities(self, x: FloatArray) -> NamedArrays:
@@ -138,7 +138,7 @@ class ObserverPosterior(SubjectPosterior):
         """
         full_points = np.zeros((*x.shape[:-1], len(self.array.names)))
         full_points[..., self.is_free] = x
-        values = self.rows.quantities(full_points)
+        values = self.rows.quantities(full_points)  # in D, on the scales of the coordinates
 
         step = self.scales.step
         log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
@@ -151,11 +151,12 @@ class ObserverPosterior(SubjectPosterior):
         if "logit_q0" in values:
             by_name["q0"] = expit(values["logit_q0"])
             by_name["zone"] = criterion(values["logit_q0"]) * noise
-        # The other parameters: slopes and effects.
+        # The other parameters, slopes and effects, have their own names in `values`, too.
         factors = {LOG_INTENSITY_UNIT: step, PER_LOG_INTENSITY: 1.0 / step, PURE_NUMBER: 1.0}
         for parameter in task_parameters(self.subject.task):
             if parameter.name in values:
                 by_name[parameter.name] = values[parameter.name] * factors[parameter.unit]
+        # A unit of the row, shape (1, 1), may have added axes to those of x.
         return {name: by_name[name].reshape(x.shape[:-1]) for name in self.names.all}
 
     def points(self, quantities: NamedArrays) -> FloatArray:
@@ -193,7 +194,7 @@ def require_model(name: str) -> str:
     Raises
     ------
     InputError
-        For another name.
+        For another name. A name in files is allowed, too.
 
     Examples
     --------

@@ -53,7 +53,6 @@ from bayes_toe.model.densities import (
     log_normal,
     normal_hazard,
 )
-from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameters
 
 DEFAULT_PRIOR = ObserverPrior()
@@ -88,6 +87,7 @@ class ObserverRows(AnswerRows):
     slope_unit : ndarray, shape (rows, 1)
         D / R.
     contraction_sd : ndarray, shape (rows, 1)
+        Standard deviation of the prior of p: smaller where first stimuli are roved.
     """
 
     task: Task
@@ -155,23 +155,24 @@ class ObserverRows(AnswerRows):
     def quantities(self, u: FloatArray) -> NamedArrays:
         """The parameters at points, stimuli in units of D, shape (rows, points) each."""
         values = {name: unit * u[..., j] for j, (name, unit) in enumerate(self.units.items())}
-        values["log_noise"] += np.log(self.prior.noise_median)
+        values["log_noise"] += np.log(self.prior.noise_median)  # u = 0 is the median noise
         return values
 
     def curve_at(self, u: FloatArray) -> Curve:
-        """The curve of every point."""
+        """The curve of every point, by the formulas of the module."""
         values = self.quantities(u)
+        # An axis for the pairs: (rows, points) becomes (rows, points, 1).
         slope = values["noise_slope"][..., None]
         log_scale = values["log_noise"][..., None] + slope * self.middle
-        shift = values["contraction"][..., None] * self.lever_at(values)
-        shift = shift - values["constant_error"][..., None]
+        contraction = values["contraction"][..., None] * self.lever_at(values)
+        shift = contraction - values["constant_error"][..., None]
         z = over_scale(self.difference + shift, log_scale)
 
         k = None
         if self.task.has_criterion:
             values["criterion"] = criterion(values["logit_q0"])
             log_k = np.log(values["criterion"])[..., None]
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore"):  # k may be infinite: every answer is 'equal'
                 k = np.exp(log_k + values["criterion_slope"][..., None] * self.middle)
 
         logs = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
@@ -193,7 +194,8 @@ class ObserverRows(AnswerRows):
         answers = _first_answers(curve)
         if not self.task.has_three_answers:
             return answers
-        return _joined(answers, _direction_answers(curve))
+        # Both answers on the first axis, (2, rows, points, pairs).
+        return LogAnswers(*np.concatenate([answers, _direction_answers(curve)], axis=-1))
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
         """:meth:`log_likelihood` by plain probabilities, at a third of its cost.
@@ -228,10 +230,12 @@ class ObserverRows(AnswerRows):
         if k is None:
             return 0.5 * lapse + attend * ndtr(z), 0.5 * lapse + attend * ndtr(-z)
         inside, near, far = _window_and_tails(z, k)
+        # At z = 0, P(equal) is 2 Phi(k) - 1 = erf(k / 2^(1/2)).
         equal = lapse * erf(k * np.sqrt(0.5)) + attend * inside
         if not self.task.has_three_answers:
             return equal, lapse * 2.0 * ndtr(-k) + attend * (near + far)
         guessed = lapse * ndtr(-k)
+        # The answer that names the stronger stimulus, and the one that names the weaker one.
         expected = guessed + attend * near
         opposite = guessed + attend * far
         second_is_expected = z > 0.0
@@ -249,7 +253,7 @@ class ObserverRows(AnswerRows):
         """
         curve = self.curve_at(u)
         probabilities = self.plain_answers_at(curve)
-        # The slope of n ln P in P, for each answer.
+        # The slope n / P of n ln P in P, for each answer.
         by_answer = list(map(_per_answer, self.answer_counts, probabilities))
         terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, by_answer))
         sums = [term.sum(axis=-1) for term in terms]
@@ -282,8 +286,9 @@ class ObserverRows(AnswerRows):
     ) -> Slopes:
         """Slopes of the log likelihood of each pair, from its slope in the P of each answer.
 
-        P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P. The
-        factor 1 - lambda belongs to d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
+        P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P: that
+        is the slope in the lapse rate here. Its factor 1 - lambda is left out of
+        d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))), see :meth:`_slope_units`.
         """
         lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
         z = curve.z
@@ -291,16 +296,17 @@ class ObserverRows(AnswerRows):
         if k is not None and self.task.has_three_answers:
             equal, second, first = probabilities
             by_equal, by_second, by_first = by_answer
-            # A criterion that moves takes from one answer what it gives to the other.
+            # The criteria k and -k each part two answers: 'equal' from 'second', and from 'first'.
+            # A criterion that moves takes from one of them what it gives to the other.
             upper = attend * _density(z - k) * (by_second - by_equal)
             lower = attend * _density(z + k) * (by_first - by_equal)
-            blind = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
-            in_lapse = (
+            in_lapses = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
+            in_lapse_rate = (
                 by_equal * (erf(k * np.sqrt(0.5)) - equal)
                 + by_second * (ndtr(-k) - second)
                 + by_first * (ndtr(-k) - first)
             )
-            return upper - lower, -k * (upper + lower + blind), in_lapse
+            return upper - lower, -k * (upper + lower + in_lapses), in_lapse_rate
 
         # What is added to P is taken from the probability of the other answer.
         by_yes = by_answer[0] - by_answer[1]
@@ -327,6 +333,7 @@ class ObserverRows(AnswerRows):
         else:
             in_criterion_slope = in_log_k * self.middle
             terms = [in_log_scale, in_log_k, in_lapse, in_noise_slope, in_criterion_slope]
+        # In c and in p, which the shift p (s1 - sbar) - c has.
         return [*terms, -in_shift, in_shift * self.first]
 
     def _slope_units(self, values: NamedArrays) -> FloatArray:
@@ -334,12 +341,12 @@ class ObserverRows(AnswerRows):
 
         They are in the order of :attr:`units`. That of the lapse rate lambda is over 1 - lambda.
         """
-        # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
+        # phi(u) / (b (1 - Phi(u))), the slope of lambda over 1 - lambda.
         lapse_rise = normal_hazard(values["lapse_score"]) / self.prior.lapse_rate_b
         slopes = self.units | {"lapse_score": lapse_rise}
         if self.task.has_criterion:
             k = values["criterion"]
-            # The slope of ln k, in which the slopes of the answers are.
+            # d ln k/du = (dk/du) / k, because the slopes of the answers are in ln k.
             slopes["logit_q0"] = criterion_slope(values["logit_q0"], k) / k
         columns = [np.atleast_2d(slope) for slope in slopes.values()]
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
@@ -359,13 +366,17 @@ class ObserverRows(AnswerRows):
 
 
 def _first_answers(curve: Curve) -> LogAnswers:
-    """Log probability of both answers to the one or the first question, with lapses."""
+    """Log probability of both answers to the only or to the first question, with lapses.
+
+    In a lapse, the subject answers as if the stimuli were equal: z = 0.
+    """
+    no_distance = np.zeros(1)
     if curve.k is None:
         attending = second_answers(curve.z)
-        blind = LogAnswers(np.array(-LN2), np.array(-LN2))  # in a lapse, both are as probable
+        blind = second_answers(no_distance)  # a guess: ln(1/2)
     else:
         attending = equal_answers(curve.z, curve.k)
-        blind = equal_answers(np.zeros(1), curve.k)  # in a lapse, stimuli are as if equal
+        blind = equal_answers(no_distance, curve.k)
     yes = np.logaddexp(curve.log_lapse + blind.yes, curve.log_attend + attending.yes)
     no = np.logaddexp(curve.log_lapse + blind.no, curve.log_attend + attending.no)
     return LogAnswers(yes, no)
@@ -387,9 +398,12 @@ def _direction_answers(curve: Curve) -> LogAnswers:
 
 
 def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Probability that the noisy distance lies in -k to k, beyond the nearer end, and the other."""
+    """P that the noisy distance lies from -k to k, beyond the nearer end, and beyond the other one.
+
+    Each has the shape of z and k, (rows, points, pairs). The nearer end is on the side of z.
+    """
     distance = np.abs(z)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # both may be infinite
         near = near_edge(distance, k)
     far = -k - distance
     inside = ndtr(near) - ndtr(far)
@@ -399,12 +413,6 @@ def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatAr
     if is_narrow.any():
         inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)
     return inside, ndtr(-near), ndtr(far)
-
-
-def _joined(first: LogAnswers, second: LogAnswers) -> LogAnswers:
-    """The answers to the first question of every pair, then those to the second one."""
-    yes = np.concatenate([first.yes, second.yes], axis=-1)
-    return LogAnswers(yes, np.concatenate([first.no, second.no], axis=-1))
 
 
 def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:

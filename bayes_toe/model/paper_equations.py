@@ -44,10 +44,10 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
     >>> float(variance_ratio(2.0))
     2.0
     """
-    ratio = np.asarray(gamma, np.float64)
-    if np.any((ratio < 0.0) | (ratio > 1e306)):
+    gammas = np.asarray(gamma, np.float64)
+    if np.any((gammas < 0.0) | (gammas > 1e306)):  # 4 gamma must be a float
         raise NumericalError("sigma_l / sigma_p must be below 1e153, and gamma not negative")
-    return 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * ratio))
+    return 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * gammas))
 
 
 def gain(gamma: npt.ArrayLike) -> FloatArray:
@@ -77,11 +77,11 @@ def pull(gamma: npt.ArrayLike) -> FloatArray:
     >>> float(pull(2.0)), float(pull(1e-300))
     (0.5, 1e-300)
     """
-    ratio = np.asarray(gamma, np.float64)
-    if np.any(ratio < 0.0):
+    gammas = np.asarray(gamma, np.float64)
+    if np.any(gammas < 0.0):
         raise NumericalError("gamma must be finite and not negative")
     # G^2 = (1 + 2 gamma + (1 + 4 gamma)^(1/2)) / 2
-    return 2.0 * ratio / (1.0 + 2.0 * ratio + np.sqrt(1.0 + 4.0 * ratio))
+    return 2.0 * gammas / (1.0 + 2.0 * gammas + np.sqrt(1.0 + 4.0 * gammas))
 
 
 def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
@@ -150,7 +150,7 @@ def normalised_distance(
 
     Source: Eqs. mod:qdphi and mod:q.
     """
-    require_natural(mu1, sigma_p, sigma_l, 1.0)
+    require_natural(mu1, sigma_p, sigma_l, q0=1.0)  # z does not depend on q0
     gamma = noise_ratio(sigma_p, sigma_l)
     displacement = np.subtract(s2, s1) - pull(gamma) * np.subtract(mu1, s1)
     return displacement / width(sigma_p, gamma)
@@ -178,14 +178,15 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     """
     t = LN2 * np.square(z)
     logit = np.asarray(logit_q0)
-    q = np.exp(-np.logaddexp(0.0, -logit) - t)
+    q = np.exp(-np.logaddexp(0.0, -logit) - t)  # q0 2^(-z^2)
     fall = -np.expm1(-t)  # 1 - 2^(-z^2)
     lapse = np.exp(-np.logaddexp(0.0, logit))  # 1 - q0
 
     with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0
         result = np.asarray(np.log(lapse + (1.0 - lapse) * fall))
         np.log1p(-q, out=result, where=q < 0.5)
-        # 1 - q0 underflows there, but its logarithm does not; q0 is 1 to all digits.
+        # 1 - q0 = exp(-logit) is too small for a float there, but its logarithm is -logit; q0 is 1
+        # to all digits.
         is_extreme = (q >= 0.5) & (logit > 700.0)
         if is_extreme.any():
             result = np.where(is_extreme, np.logaddexp(-logit, np.log(fall)), result)
@@ -223,6 +224,8 @@ def equal_probability(
 
 def p_counted(task: Task, s1: npt.ArrayLike, s2: npt.ArrayLike, natural: Natural) -> FloatArray:
     """Probability of the answer that the task counts; in 2AFC the lapse rate is in the place of q0.
+
+    In 2AFC, P(second) = lambda/2 + (1 - lambda) Phi(z) with z = (s2 - mu_2)/(G sigma_p).
 
     Examples
     --------

@@ -132,20 +132,26 @@ class PaperRows(AnswerRows):
         return LN2 + log_ndtr(u[..., 2]) - log_divisor
 
     def _log_spread_share(self, pull: FloatArray) -> FloatArray:
-        """Log of sigma_p or the width, whichever has a prior of its own, over the width."""
+        """Log of the spread over the width w: the spread is w or sigma_p = w (1 - p)^power.
+
+        It is the one of the two that has a prior of its own.
+        """
         if self.prior.spread == "width":
             return np.zeros_like(pull)
         return self.power * np.log1p(-pull)
 
     def log_width(self, u: FloatArray) -> FloatArray:
-        """Log of the width w, (rows, points)."""
+        """Log of the width w, (rows, points), from the score of the spread and the pull.
+
+        The spread over its scale is half-normal, or lognormal if it has a standard deviation.
+        """
         score = u[..., 1]
         sd = self.prior.spread_sd
         log_ratio = log_half_normal(score) if sd is None else sd * score
         return np.log(self.prior.spread_scale) + log_ratio - self._log_spread_share(self.pull(u))
 
     def spread_score(self, log_width: FloatArray, pull: FloatArray) -> FloatArray:
-        """The second coordinate, from the log width and the pull."""
+        """The second coordinate, from the log width and the pull; the inverse of `log_width`."""
         log_ratio = log_width + self._log_spread_share(pull) - np.log(self.prior.spread_scale)
         if self.prior.spread_sd is None:
             return half_normal_score(np.exp(log_ratio))
@@ -171,13 +177,14 @@ class PaperRows(AnswerRows):
         return answers_at(self.distance(u), logit_of_probit(u[..., 3:]))
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
-        """:meth:`log_likelihood`, of which is stronger by plain probabilities, at half the cost.
+        """:meth:`log_likelihood`; in 2AFC by plain probabilities, at half the cost.
 
-        Far from the best point it may be -inf there. Of 'same or different' it is the same.
+        Then it may be -inf far from the best point.
         """
         if self.task.lapses == "q0":
             return self.log_likelihood(u)
         z = self.distance(u)
+        # The slice keeps an axis for the pairs: (rows, points, 1).
         guessed = 0.5 * ndtr(u[..., 3:])
         attend = ndtr(-u[..., 3:])
         second = guessed + attend * ndtr(z)
@@ -190,8 +197,8 @@ class PaperRows(AnswerRows):
         The first three coordinates act through z = distance / width, the fourth one through the
         share of lapses or q0.
         """
-        z = self.distance(u)
-        logit_share = logit_of_probit(u[..., 3:])
+        z = self.distance(u)  # (rows, points, pairs)
+        logit_share = logit_of_probit(u[..., 3:])  # (rows, points, 1)
         answers_at, slopes_at = CURVES[self.task.lapses]
         answers = answers_at(z, logit_share)
         in_z, in_share = slopes_at(z, logit_share, answers)
@@ -200,12 +207,14 @@ class PaperRows(AnswerRows):
         # d ln gamma / d ln p = (1 + p)/(1 - p) and d ln gamma / dv = phi(v)/Phi(v).
         p = self.pull(u)
         pull_slope = p * (1.0 - p) / (1.0 + p) * normal_hazard(-u[..., 2])
-        # Slopes of the log width in the second and in the third coordinate.
+        # Slopes of the log width in the second and in the third coordinate, (rows, points).
         width_by_spread = self.spread_slope(u)
-        width_by_gamma = np.zeros_like(p)
-        if self.prior.spread != "width":
+        if self.prior.spread == "width":
+            width_by_gamma = np.zeros_like(p)
+        else:  # w = sigma_p (1 - p)^(-power)
             width_by_gamma = self.power * pull_slope / (1.0 - p)
 
+        # Slopes of z = (s2 - s1 + p (s1 - mu1)) / w in the first three coordinates.
         lever = self.first - self.mu1(u)[..., None]
         _, mu1_sd = self.prior.mu1_normal
         slopes = []
@@ -371,7 +380,7 @@ class PaperPosterior(SubjectPosterior):
 
     @property
     def monotone_in(self) -> Determined:
-        """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
+        """The quantities that one coordinate determines: its name, and 1 if they rise, else -1."""
         by_coordinate = {name: (name, 1) for name in self.coordinates}
         by_coordinate |= {"pull": ("gamma", 1), "gain": ("gamma", -1)}
         if self.prior.spread == "width":
@@ -395,7 +404,8 @@ class PaperPosterior(SubjectPosterior):
         sigma_p = width * gain**rows.power
         offset = p * (mu1 - self.sbar)
 
-        # sigma_l is sigma_p sqrt(gamma), with gamma = p/(1 - p)^2.
+        # sigma_p = w (1 - p)^power, sigma_l = sigma_p sqrt(gamma) with gamma = p/(1 - p)^2, and
+        # sigma_1 = sigma_p sqrt(G) with G = 1/(1 - p).
         return {
             "mu1": mu1,
             "sigma_p": sigma_p,
@@ -423,17 +433,15 @@ class PaperPosterior(SubjectPosterior):
         mu1, sigma_p, sigma_l, share = (
             np.asarray(quantities[name], np.float64) for name in self.names.natural
         )
-
         rows = self.rows
-        ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))
+        ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))  # G
         log_width = np.log(sigma_p) + rows.power * np.log(ratio)
-
         mean, sd = self.prior.mu1_normal
 
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore"):  # on the edge, see above
             columns = (
                 (mu1 - mean) / sd,
-                rows.spread_score(log_width, 1.0 - 1.0 / ratio),
+                rows.spread_score(log_width, pull=1.0 - 1.0 / ratio),
                 probit_of_logit(_logit_gamma(sigma_p, sigma_l)),
                 ndtri(share),
             )
@@ -441,9 +449,10 @@ class PaperPosterior(SubjectPosterior):
 
 
 def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-15) -> FloatArray:
-    """The logit of gamma, with 1 - gamma = d (1 + sigma_l/sigma_p) and d = 1 - sigma_l/sigma_p.
+    """The logit of gamma, ln gamma - ln(1 - gamma), with gamma = (sigma_l/sigma_p)^2.
 
-    A d from -`rounding` to 0 is a rounded 0.
+    1 - gamma = d (1 + sigma_l/sigma_p) with d = 1 - sigma_l/sigma_p. A d from -`rounding` to 0 is a
+    rounded 0.
     """
     difference = (sigma_p - sigma_l) / sigma_p
     is_rounding = (difference < 0.0) & (difference >= -rounding)
@@ -502,8 +511,8 @@ class Funnel:
         log_square = np.logaddexp(2.0 * self.row.log_width(u), 2.0 * self.log_least_width)
         # The precision that the answers add to that of the prior, which is 1.
         log_information = self.log_precision + 2.0 * log_pull - self.follows_width * log_square
-        log_sd = -0.5 * np.logaddexp(0.0, log_information)
-        log_share = log_information + 2.0 * log_sd  # of the whole precision, 1 - s^2
+        log_sd = -0.5 * np.logaddexp(0.0, log_information)  # s = (1 + information)^(-1/2)
+        log_share = log_information + 2.0 * log_sd  # of the answers in the precision, 1 - s^2
 
         # c/p in logs, because p may be below the smallest float.
         mean = np.exp(log_share) * self.centre + np.exp(log_share - log_pull) * self.offset
@@ -514,20 +523,21 @@ class Funnel:
         mean, log_sd = self.conditional(u)
         y = u.copy()
         y[..., 0] = (u[..., 0] - mean) * np.exp(-log_sd)
-        if self.row.prior.spread != "width":
+        if self.row.prior.spread != "width":  # the score of the width is linear in its log
             y[..., 1] = self.row.log_width(u)
         return y
 
     def inverse(self, y: FloatArray) -> ArrayPair:
         """Coordinates u of y, and log |dy/du| there, (posteriors, points)."""
         u = y.copy()
-        has_width = self.row.prior.spread == "width"
-        if not has_width:
+        has_log_width = self.row.prior.spread != "width"  # y[..., 1] is the log width
+        if has_log_width:
             u[..., 1] = self.row.spread_score(y[..., 1], self.row.pull(y))
+        # Mean and s depend on pull and width only, which u has now.
         mean, log_sd = self.conditional(u)
         u[..., 0] = mean + y[..., 0] * np.exp(log_sd)
         log_volume = -log_sd
-        if not has_width:
+        if has_log_width:
             log_volume += np.log(self.row.spread_slope(u))
         return u, log_volume
 

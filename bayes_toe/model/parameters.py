@@ -69,8 +69,9 @@ class PriorNumber:
         Empty if nothing is wrong.
         """
         is_omitted = value is None and self.default is None
-        is_of_stimuli = value == STIMULI and self.stimuli
-        is_in_range = self.smallest <= real(value) <= self.largest  # a NaN is in no range
+        is_of_stimuli = value == STIMULI and self.stimuli != ""
+        # Of what is no number, `real` is NaN, which is in no range.
+        is_in_range = self.smallest <= real(value) <= self.largest
         if is_omitted or is_of_stimuli or is_in_range:
             return ""
         allowed = f"a number from {self.smallest:g} to {self.largest:g}"
@@ -82,7 +83,10 @@ class PriorNumber:
 def prior_number(
     default: object = MISSING, smallest: float = 1e-3, largest: float = 1e3, stimuli: str = ""
 ) -> Any:
-    """Declare a :class:`PriorNumber` as a field of a dataclass."""
+    """Declare a :class:`PriorNumber` as a field of a dataclass.
+
+    Without a default the field is required. A class reads its declarations by `declared`.
+    """
     number = PriorNumber(default, smallest, largest, stimuli)
     return field(default=default, metadata={"number": number})
 
@@ -94,6 +98,7 @@ class PriorNumbers:
     @classmethod
     def declared(cls) -> dict[str, PriorNumber]:
         """The numbers by name, in the order of their declaration."""
+        # Other fields, such as `has_heavy_tails`, have no metadata.
         return {row.name: row.metadata["number"] for row in fields(cls) if row.metadata}
 
     def require_valid(self, source: str) -> None:
@@ -459,9 +464,10 @@ def lapse_logs(u: FloatArray, b: float) -> ArrayPair:
     log_complement = log_ndtr(-u) / b
     with np.errstate(divide="ignore", invalid="ignore"):
         log_rate = np.log(-np.expm1(log_complement))
-        # Far out 1 - Phi(u) is 1 to all digits, and lambda is Phi(u) / b.
-        log_rate = np.where(u < -8.0, log_ndtr(u) - np.log(b), log_rate)
-    return log_rate, log_complement
+        # Below -8, lambda is Phi(u) / b to all digits. Its log is finite where Phi(u) is too small
+        # for a float, and `log_rate` is -inf.
+        log_small_rate = log_ndtr(u) - np.log(b)
+    return np.where(u < -8.0, log_small_rate, log_rate), log_complement
 
 
 def lapse_score(rate: FloatArray, b: float) -> FloatArray:

@@ -55,7 +55,8 @@ def _in_table_order(names: set[str]) -> Texts:
     return tuple(filter(names.__contains__, QUANTITY_BY_NAME))
 
 
-#: By the name of a quantity: the coordinate that determines it alone, and 1 if it rises with it.
+#: By the name of a quantity: the coordinate that determines it alone, and 1 if it rises with it,
+#: else -1.
 Determined = Mapping[str, tuple[str, int]]
 
 
@@ -94,7 +95,7 @@ class SubjectPosterior(ABC):
     @property
     @abstractmethod
     def monotone_in(self) -> Determined:
-        """The quantities that one coordinate determines: its name, and 1 if they rise with it."""
+        """The quantities that one coordinate determines: its name, and 1 if they rise, else -1."""
 
     @abstractmethod
     def for_subject(self, subject: Subject) -> Self:
@@ -182,9 +183,12 @@ class SubjectPosterior(ABC):
             raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
         if name not in self.monotone_in:
             return float(np.quantile(self._prior_quantities[name], probability))
+
+        # The quantile of the coordinate on which the quantity depends gives that of the quantity. A
+        # quantity that falls where the coordinate rises has the opposite one.
         coordinate, direction = self.monotone_in[name]
         # All other coordinates, which do not matter, are at their medians.
-        probabilities = np.full((1, len(self.array.names)), 0.5)
+        probabilities = np.full((1, len(self.array.names)), 0.5)  # (points, coordinates)
         coordinate_probability = probability if direction > 0 else 1.0 - probability
         probabilities[0, self.array.names.index(coordinate)] = coordinate_probability
         return float(self.quantities(self._prior_points(probabilities))[name][0])
@@ -195,8 +199,8 @@ class SubjectPosterior(ABC):
         # Only here, because a quick command needs no Sobol points, and scipy.stats loads slowly.
         from scipy.stats import qmc
 
-        spread_points = qmc.Sobol(len(self.array.names), rng=np.random.default_rng(0))
-        return self.quantities(self._prior_points(spread_points.random_base2(14)))
+        sobol = qmc.Sobol(len(self.array.names), rng=np.random.default_rng(0))
+        return self.quantities(self._prior_points(sobol.random_base2(14)))
 
 
 def posterior_contraction(

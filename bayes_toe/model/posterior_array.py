@@ -58,9 +58,10 @@ class LinearLikelihood:
     def part(self, index: IndexArray) -> LinearLikelihood:
         """The likelihood of some posteriors, in this order; one may come more than once."""
         sizes = self.sizes[index]
-        first_row = np.cumsum(sizes) - sizes
-        # All rows of a posterior move from its first row here to its first row in the part.
-        rows = np.arange(sizes.sum()) + np.repeat(self.first_row[index] - first_row, sizes)
+        first_row = np.cumsum(sizes) - sizes  # of each posterior in the part
+        # Row i of the part is row i + shift of these, with one shift for each posterior.
+        shift = np.repeat(self.first_row[index] - first_row, sizes)
+        rows = np.arange(sizes.sum()) + shift
         further = tuple(task.part(index) for task in self.further)
         return LinearLikelihood(
             self.rows.part(rows), self.loading[rows], first_row, further=further
@@ -96,7 +97,7 @@ class LinearLikelihood:
 
     def summed(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Sums over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
-        if len(self.first_row) == len(values):
+        if len(self.first_row) == len(values):  # each has one row
             return values
         return np.add.reduceat(values, self.first_row, axis=0)
 
@@ -141,7 +142,8 @@ class PosteriorArray:
         """Log prior density of the free coordinates, (posteriors, points)."""
         total = np.zeros(w.shape[:-1])
         for j, density in enumerate(self.priors):
-            total += np.where(self.is_free[:, j, None], density.log_density(w[..., j]), 0.0)
+            log_density = density.log_density(w[..., j])
+            total += np.where(self.is_free[:, j, None], log_density, 0.0)
         return total
 
     def prior_slopes(self, w: FloatArray) -> ArrayPair:
@@ -187,6 +189,7 @@ def independent_array(rows: AnswerRows, free_names: Sequence[Sequence[str]]) -> 
     """
     names = rows.coordinates
     n_rows = len(rows.n_yes)
+    # The coordinates of a row are those of its posterior: L is the identity.
     loading = np.broadcast_to(np.eye(len(names)), (n_rows, len(names), len(names)))
     likelihood = LinearLikelihood(rows, loading, np.arange(n_rows))
     is_free = np.array([np.isin(names, list(free)) for free in free_names])

@@ -228,12 +228,12 @@ class Prior(PriorNumbers):
 
     def spread_probability(self, low: float, high: float) -> float:
         """Probability that the width, or sigma_p, lies between two numbers."""
-        from scipy import stats
+        from scipy import stats  # only here, because it loads slowly
 
-        scale = self.spread_scale
-        density = stats.halfnorm(scale=scale)
-        if self.spread_sd is not None:
-            density = stats.lognorm(self.spread_sd, scale=scale)
+        if self.spread_sd is None:
+            density = stats.halfnorm(scale=self.spread_scale)
+        else:
+            density = stats.lognorm(self.spread_sd, scale=self.spread_scale)
         return float(density.cdf(high) - density.cdf(low))
 
     # --- Numbers of the stimuli -------------------------------------------------------------------
@@ -289,15 +289,15 @@ class Prior(PriorNumbers):
         Symbols stand for numbers of the stimuli: 'Normal(M, 2.5 R)'.
         """
         symbols = self._symbols()
-        words = []
+        numbers = []
         for name in self.declared():
-            if name.rpartition("_")[0] == parameter:
-                words.append(symbols.get(name) or f"{getattr(self, name):g}")
+            if name.rpartition("_")[0] == parameter:  # as 'mu1' of 'mu1_mean' and of 'mu1_sd'
+                numbers.append(symbols.get(name) or f"{getattr(self, name):g}")
 
         family = self.families[parameter]
-        if family == "Beta" and words == ["1", "1"]:
+        if family == "Beta" and numbers == ["1", "1"]:
             return "Uniform(0, 1)"
-        return f"{family}({', '.join(words)})"
+        return f"{family}({', '.join(numbers)})"
 
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
         """The prior of H1 in one line, for tables, files and Methods sections."""
@@ -324,7 +324,7 @@ DEFAULT = Prior(mu1_mean=STIMULI, mu1_sd=STIMULI, width_median=STIMULI, q0_a=4.0
 
 
 def stored_prior(values: Mapping[str, Any]) -> Prior:
-    """The prior that a file of results holds."""
+    """The prior that a file of results holds, by its fields; a file may have no group."""
     numbers = dict(values)
     observer = ObserverPrior(**numbers.pop("observer"))
     group = Hyperprior.from_record(numbers.pop("group", {}))
@@ -344,7 +344,7 @@ def sections() -> dict[str, dict[str, PriorNumber]]:
     """
     keys: dict[str, dict[str, PriorNumber]] = defaultdict(dict)
     for name, number in ObserverPrior.declared().items():
-        parameter, _, key = name.rpartition("_")
+        parameter, _, key = name.rpartition("_")  # 'noise_slope_scale' -> 'noise_slope', 'scale'
         keys[parameter][key] = number
     keys[PAPER] = Prior.declared()
     for row in fields(Hyperprior):
@@ -372,27 +372,27 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
     if problems:
         raise InputError([f"{source}: {problem}" for problem in problems])
 
-    # The numbers of each part of the prior.
-    paper: Record = {}
+    # The changed fields of `Prior`, of `ObserverPrior` and of `Hyperprior`.
+    changed: Record = {}
     observer: Record = {}
     group: Record = {}
     for section, values in contents.items():
         numbers = dict(values)
         for key, value in values.items():
             if value != STIMULI:
-                numbers[key] = float(value)
+                numbers[key] = float(value)  # of an integer, too
 
         part, _, parameter = section.partition(".")  # 'group.noise' -> ('group', '.', 'noise')
         if part == PAPER:
-            paper = numbers
+            changed |= numbers
         elif part == GROUP:
             group[parameter] = replace(getattr(prior.group, parameter), **numbers)
-        else:
+        else:  # the section [noise] has the numbers noise_median and noise_sd
             observer |= {f"{section}_{key}": number for key, number in numbers.items()}
 
-    paper["observer"] = replace(prior.observer, **observer)
-    paper["group"] = replace(prior.group, **group)
-    return replace(prior, **paper)
+    changed["observer"] = replace(prior.observer, **observer)
+    changed["group"] = replace(prior.group, **group)
+    return replace(prior, **changed)
 
 
 def _section_problems(section: str, values: object) -> list[str]:

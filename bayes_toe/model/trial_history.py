@@ -107,6 +107,7 @@ class HistoryRows(ObserverRows):
         after the same answer are one cell.
         """
         trials = TrialSequence.from_subject(observer.subject)
+        # Pair and answer of each answered trial, and the answer before it.
         answered = np.flatnonzero(trials.is_answered)
         pair = trials.pair[answered]
         answer = trials.answer[answered]
@@ -114,26 +115,32 @@ class HistoryRows(ObserverRows):
         # The first trial of a session has no earlier one.
         previous = np.where(earlier >= 0, trials.answer[earlier], 0.0)
 
-        cell = np.arange(len(answered))
-        if not history.has_carry_over:
+        # The cell of each answered trial, and the pair and the answer before of each cell.
+        if history.has_carry_over:
+            cell = np.arange(len(answered))
+            pair_of_cell, previous_of_cell = pair, previous
+        else:
             cells, cell = np.unique(np.stack([pair, previous]), axis=1, return_inverse=True)
             cell = cell.ravel()
-            pair = cells[0].astype(np.intp)
-            previous = cells[1]
+            pair_of_cell = cells[0].astype(np.intp)
+            previous_of_cell = cells[1]
 
-        n_yes = np.bincount(cell, answer > 0.0)
-        n_no = np.bincount(cell, answer < 0.0)
+        n_positive = np.bincount(cell, answer > 0.0)
+        n_negative = np.bincount(cell, answer < 0.0)
         if observer.subject.task.has_three_answers:
             # The first question is whether the stimuli are equal, and the second one which of them
             # is stronger.
             n_equal = np.bincount(cell, answer == 0.0)
-            n_yes, n_no = np.append(n_equal, n_yes), np.append(n_yes + n_no, n_no)
+            n_yes = np.append(n_equal, n_positive)
+            n_no = np.append(n_positive + n_negative, n_negative)
+        else:
+            n_yes, n_no = n_positive, n_negative
 
         # Task, scales and prior are those of the posterior. A cell has the stimuli of its pair.
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
-            values[name] = values[name][..., pair]
-        values["n_yes"] = n_yes[None, None]
+            values[name] = values[name][..., pair_of_cell]
+        values["n_yes"] = n_yes[None, None]  # (1, 1, cells)
         values["n_no"] = n_no[None, None]
 
         scales = observer.scales
@@ -141,7 +148,7 @@ class HistoryRows(ObserverRows):
             **values,
             history=history,
             trials=trials,
-            previous=previous,
+            previous=previous_of_cell,
             cell=cell,
             first_of_trial=((trials.first - scales.sbar) / scales.step)[:, None],
             second_of_trial=((trials.second - scales.sbar) / scales.step)[:, None],
@@ -162,7 +169,7 @@ class HistoryRows(ObserverRows):
         values = super().quantities(u)
         scores = dict(zip(self.coordinates, np.moveaxis(u, -1, 0), strict=True))
         if self.history.has_previous_response:
-            sd = 0.5 if self.task.has_direction else 0.25  # of the prior of kappa
+            sd = 0.5 if self.task.has_direction else 0.25  # of the prior of kappa, see the module
             values["previous_response"] = sd * scores["previous_response"]
         if self.history.has_carry_over:
             values["carry_over"] = ndtr(scores["carry_over"])
@@ -198,13 +205,13 @@ class HistoryRows(ObserverRows):
 
         There is no such contraction, and an expectation would grow from trial to trial.
         """
-        is_possible = np.abs(super().quantities(u)["contraction"]) < 1.0
-        possible = []
+        is_possible = np.abs(super().quantities(u)["contraction"]) < 1.0  # (1, points)
+        at_possible = []
         for part in self._parts(u[:, is_possible[0]]):
-            possible.append(super().plain_log_likelihood(part))
+            at_possible.append(super().plain_log_likelihood(part))
 
         log_likelihood = np.full(u.shape[:2], -np.inf)
-        log_likelihood[is_possible] = np.concatenate(possible, axis=1)[0]
+        log_likelihood[is_possible] = np.concatenate(at_possible, axis=1)[0]
         return log_likelihood
 
     def trial_probabilities(self, u: FloatArray) -> FloatArray:
@@ -331,15 +338,17 @@ class TrialSequence:
         pairs = pd.MultiIndex.from_arrays([subject.s1, subject.s2])
         # r is 1 for a positive answer, -1 for a negative one, and 0 for none (both counts are 0).
         # Of three answers, 'equal' is neither positive nor negative.
-        n_positive = answers.n_yes
-        n_signed = answers.n_trials
-        if answers.n_second is not None:
+        if answers.n_second is None:
+            n_positive = answers.n_yes
+            n_signed = answers.n_trials
+        else:
             n_positive = answers.n_second
             n_signed = answers.n_trials - answers.n_yes
         return cls(
             first=answers.keys[:, 0],
             second=answers.keys[:, 1],
             pair=pairs.get_indexer(pd.MultiIndex.from_arrays(list(answers.keys.T))),
+            # Positive minus negative answers, which are n_signed - n_positive.
             answer=np.asarray(2.0 * n_positive - n_signed, np.float64),
             is_answered=answers.n_trials > 0,
             is_session_start=answers.is_session_start,
@@ -389,8 +398,9 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     pair = answers.pair
     step = np.diff(pair)[~answers.is_session_start[1:]]
     n_changes = np.count_nonzero(step)
-    n_rarer = min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))
-    # In random order, rising and falling are equally probable.
+    n_rises = np.count_nonzero(step > 0)
+    n_rarer = min(n_rises, n_changes - n_rises)
+    # In random order, rising and falling are equally probable: P of so few changes one way.
     if bdtr(n_rarer, n_changes, 0.5) < alpha:
         return True
 
@@ -399,6 +409,7 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     # A run begins with each session, and with each change of the pair.
     n_runs = n_changes + np.count_nonzero(answers.is_session_start)
     has_one_run_of_each = n_runs == len(pairs_in_sessions)
-    # Runs have more than two trials on average, and the pair changes more than once.
-    has_long_runs = len(step) > 2 * n_changes > 2
-    return bool(n_rarer == 0 and has_one_run_of_each and has_long_runs)
+    # More than two trials on average. A single change may be that of two blocks.
+    has_long_runs = len(step) > 2 * n_changes and n_changes > 1
+    goes_one_way = n_rarer == 0
+    return bool(goes_one_way and has_one_run_of_each and has_long_runs)
