@@ -24,7 +24,6 @@ from bayes_toe.arrays import Record, StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
-    TWICE,
     Note,
     display_name,
     fixed_texts,
@@ -285,7 +284,6 @@ def together(studies: Sequence[Study]) -> Study:
     n_files = {}
     for name, files in files_of_subjects.items():
         subjects.append(_subject_of_files(files))
-        doubts += _copies(files)
         if len(files) > 1:
             n_files[name] = len(files)
 
@@ -352,22 +350,6 @@ def _subject_of_files(files: Sequence[tuple[str, Subject]]) -> Subject:
             return pooled([subject for _, subject in files])
         answers.append((source, subject.answers))
     return Subject.from_answers(first.name, _joined(answers), first.task, first.unit)
-
-
-def _copies(files: Sequence[tuple[str, Subject]]) -> Iterator[str]:
-    """Doubts about files that have the same answers of a subject, trial by trial.
-
-    20 answers are not the same by chance.
-    """
-    first_source: dict[bytes, str] = {}
-    for source, subject in files:
-        answers = subject.answers
-        if answers is None or not answers.has_trial_rows or len(answers.n_yes) < 20:
-            continue
-        earlier = first_source.setdefault(answers.keys.tobytes() + answers.counts.tobytes(), source)
-        if earlier != source:
-            trials = f"{len(answers.n_yes)} trials of subject {display_name(subject.name)}"
-            yield f"{source} has the same {trials} as {earlier}: {TWICE}, remove one file"
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:

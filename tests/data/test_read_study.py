@@ -370,19 +370,6 @@ def write_files(folder, **texts):
     return [folder / f"{name}.csv" for name in texts]
 
 
-def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
-    # The file other has the same trials of subject b, and longer has one more trial of a.
-    text = TRIALS + "a,0,0.3,same\na,0.3,0,different\n" * 10
-    other = text.replace("a,", "b,")
-    first, other, copy, longer = write_files(
-        tmp_path, first=text, other=other, copy=text, longer=text + "a,0,0,same\n"
-    )
-    (doubt,) = bt.read_study([first, other, copy, longer]).reading.doubts
-    identical = "copy.csv has the same 20 trials of subject a as first.csv: repeated trials make"
-    assert doubt.startswith(identical)
-    assert bt.read_study([first, other, longer]).reading.doubts == ()
-
-
 def test_of_several_files_the_first_problems_are_told(tmp_path):
     # The file a has twelve problems, more than are listed. The files b and c share a problem in
     # three rows, and d has another one.
