@@ -9,15 +9,18 @@ the farthest subject of the share of the counted response are compared with thos
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray, Rng, Texts
+from bayes_toe.arrays import FloatArray, Rng, Texts
 from bayes_toe.data.study import Subject, pairs_in_both_orders
-from bayes_toe.groups.group_posterior import SubjectRows
+from bayes_toe.data.tasks import Task
 from bayes_toe.groups.population import PopulationResult, subject_rows
+from bayes_toe.model.posterior_array import LinearLikelihood
 from bayes_toe.seeds import generator
 
 #: Below this two-sided tail probability a normal group is contradicted.
@@ -77,86 +80,86 @@ def predictive_check(result: PopulationResult) -> Iterator[Statistic]:
     Asymmetries are missing where fewer than two subjects met a pair in both orders.
     """
     rng = generator(result.settings.seed, "population", "predictive check")
+    draws = result.draws
+    *chains_and_draws, q = draws.mean.shape
+    evenly_spaced = np.linspace(0, math.prod(chains_and_draws) - 1, 500).astype(int)
+    index = np.unravel_index(evenly_spaced, chains_and_draws)
+
+    # New subjects have new coefficients, (groups, subjects, q). The parameters that the group does
+    # not share are those of the observed subjects, because they have no distribution over subjects.
+    coefficients = draws.mean[index][:, None] + result.regressors.x @ draws.effects[index]
+    coefficients += draws.sd[index][:, None] * rng.standard_normal(coefficients.shape)
+    unshared = draws.subjects[..., q:][index]
+    points = np.concatenate([coefficients, unshared], axis=-1).swapaxes(0, 1)
+
     likelihood = subject_rows(result.study)
+    task = result.study.task
+    units = iter(result.study)
+    differences = []
+    # At most 32 subjects at a time, because their responses to every pair in every group are many.
+    for block in np.array_split(np.arange(len(points)), 1 + len(points) // 32):
+        differences.append(_differences(task, units, likelihood.part(block), points[block], rng))
+
+    asymmetry, accuracy, share = map(np.concatenate, zip(*differences, strict=True))
+    yield from _statistics("mean asymmetry", asymmetry, ("spread", "farthest"))
+    yield from _statistics("accuracy", accuracy, ("spread",))
+    yield from _statistics(f"share of {task.yes!r}", share, ("skewness", "farthest"))
+
+
+def _differences(
+    task: Task,
+    units: Iterator[Subject],
+    likelihood: LinearLikelihood,
+    points: FloatArray,
+    rng: Rng,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What subjects differ in: mean asymmetry, accuracy and share of the counted response.
+
+    All have the shape (subjects, groups). The first group is observed. The responses of the others
+    are simulated at their points, (subjects, groups, coordinates). Subjects without a pair in both
+    orders have no asymmetry, and those without a right response no accuracy; they are left out.
+    `units` goes on with those of these subjects.
+    """
     rows = likelihood.rows
+    by_subject = likelihood.summed  # over the rows of each subject, which are its conditions
     # Three answers have the counts of a second question behind those of 'equal'. The first stimuli
     # have one entry for each pair.
     first_question = slice(rows.first.shape[-1])
     observed = rows.n_yes[:, 0, first_question].astype(np.int64)  # (rows, pairs)
     n_trials = observed + rows.n_no[:, 0, first_question].astype(np.int64)
-    points = _new_subjects(result, rng)
-    log_yes = []
-    # At most 32 subjects at a time, so that temporary arrays stay small.
-    for block in np.array_split(np.arange(len(points)), 1 + len(points) // 32):
-        part = likelihood.part(block)
-        log_yes.append(part.rows.log_answers(part.row_points(points[block])).yes)
     # The shape is (rows, groups, pairs). Rounding may take a probability above 1.
-    p_yes = np.exp(np.minimum(np.concatenate(log_yes), 0.0))[..., first_question]
-    simulated = rng.binomial(n_trials[:, None], p_yes)
-    counts = np.concatenate([observed[:, None], simulated], axis=1)
-    return _compare(result.study.subjects, likelihood, counts, n_trials)
-
-
-def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
-    """Points of new subjects in 500 groups, (subjects, groups, coordinates).
-
-    The q coefficients are new. The parameters that the group does not share are those of the
-    observed subjects, because they have no distribution over subjects.
-    """
-    draws = result.draws
-    n_chains, n_draws, q = draws.mean.shape
-    evenly_spaced = np.linspace(0, n_chains * n_draws - 1, 500).astype(int)
-    index = np.unravel_index(evenly_spaced, (n_chains, n_draws))
-    mean = draws.mean[index]
-    sd = draws.sd[index]
-    effects = draws.effects[index]
-
-    expected = mean[:, None] + result.regressors.x @ effects  # (groups, subjects, q)
-    coefficients = expected + sd[:, None] * rng.standard_normal(expected.shape)
-    unshared = draws.subjects[index][..., q:]
-    return np.concatenate([coefficients, unshared], axis=-1).swapaxes(0, 1)
-
-
-def _compare(
-    units: Sequence[Subject], likelihood: SubjectRows, n_yes: IntArray, n_trials: IntArray
-) -> Iterator[Statistic]:
-    """The statistics of the counts of several groups, of which the first one is observed.
-
-    `n_yes` has the shape (rows, groups, pairs), `n_trials` (rows, pairs).
-    """
-    task = units[0].task
-    difference = likelihood.rows.difference[:, 0]  # s2 - s1, (rows, pairs)
-    n_wrong = task.wrong(difference[:, None], n_yes, n_trials[:, None])
-    by_subject = likelihood.summed  # over the rows of each subject, which are its conditions
+    log_yes = rows.log_answers(likelihood.row_points(points)).yes[..., first_question]
+    p_yes = np.exp(np.minimum(log_yes, 0.0))
+    n_yes = np.concatenate([observed[:, None], rng.binomial(n_trials[:, None], p_yes)], axis=1)
+    difference = rows.difference  # s2 - s1, (rows, 1, pairs)
+    n_wrong = task.wrong(difference, n_yes, n_trials[:, None])
 
     # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
-    signs = np.zeros(difference.shape)
-    for i, unit in enumerate(units):
+    signs = np.zeros(n_trials.shape)
+    for i, unit in enumerate(islice(units, len(signs))):
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
     n_compared = by_subject((signs > 0.0).sum(axis=1))  # pairs of different stimuli
     is_compared = n_compared > 0
-    if is_compared.sum() > 1:  # one subject has no spread
-        # Laplace's estimator of the frequency of a wrong response. Its mean difference between the
-        # orders is the mean asymmetry.
-        wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)  # (rows, groups, pairs)
-        total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))  # (subjects, groups)
-        asymmetry = total[is_compared] / n_compared[is_compared, None]
-        yield from _statistics("mean asymmetry", asymmetry, ("spread", "farthest"))
+    # Laplace's estimator of the frequency of a wrong response. Its mean difference between the
+    # orders is the mean asymmetry.
+    wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)  # (rows, groups, pairs)
+    total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))  # (subjects, groups)
+    asymmetry = total[is_compared] / n_compared[is_compared, None]
 
     # Equal stimuli have no right response in some tasks, where `right` is 0.
-    n_judged = by_subject(np.where(task.right(difference) == 0, 0, n_trials).sum(axis=1))
+    n_judged = by_subject((n_trials * (task.right(difference[:, 0]) != 0)).sum(axis=1))
     has_right_answer = n_judged > 0
-    if has_right_answer.sum() > 1:
-        n_wrong_of_subject = by_subject(n_wrong.sum(axis=2))[has_right_answer]
-        wrong_share = n_wrong_of_subject / n_judged[has_right_answer, None]
-        yield from _statistics("accuracy", 1.0 - wrong_share, ("spread",))
+    n_wrong_of_subject = by_subject(n_wrong.sum(axis=2))
+    accuracy = 1.0 - n_wrong_of_subject[has_right_answer] / n_judged[has_right_answer, None]
 
     share = by_subject(n_yes.sum(axis=2)) / by_subject(n_trials.sum(axis=1))[:, None]
-    yield from _statistics(f"share of {task.yes!r}", share, ("skewness", "farthest"))
+    return asymmetry, accuracy, share
 
 
 def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
     """Statistics of values, (subjects, groups), of which the first group is the observed one."""
+    if len(values) < 2:  # one subject has no spread
+        return
     spread = values.std(axis=0, ddof=1)
     offsets = values - values.mean(axis=0)
     # 0 where all subjects have the same value.

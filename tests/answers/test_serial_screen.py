@@ -14,6 +14,12 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.models import OrderModel
 
 
+@pytest.fixture(autouse=True)
+def fewer_random_orders(monkeypatch):
+    """1,500 random orders of 60 trials instead of 10,800: p-values to .001 suffice here."""
+    monkeypatch.setattr("bayes_toe.answers.serial_screen._SIMULATED_TRIALS", 90_000)
+
+
 def screen(subject, p=0.0):
     """The p-values of the screen, at the observer's true parameters instead of the maximum."""
     posterior = OrderModel("both").posterior(subject)
@@ -33,8 +39,8 @@ def test_observers_without_memory_seldom_fail_the_screen():
         screens.append(screen(answered(i, WHICH_STRONGER, repeats=20, p=0.2), p=0.2))
         screens.append(screen(answered(i, SAME_DIFFERENT, repeats=12, p=0.2), p=0.2))
     observed = np.array([astuple(row) for row in screens])
-    assert observed.shape == (240, 4)  # four tests of each of two subjects in 120 rounds
-    # Of 960 p-values ten are expected below .01; 20 is three standard deviations above.
+    # Of 960 p-values, those of four tests of each of two subjects in 120 rounds, ten are expected
+    # below .01; 20 is three standard deviations above.
     assert np.count_nonzero(observed < 0.01) <= 20
 
     # Of four tests of uniformity one fails in 250 runs.
@@ -71,7 +77,7 @@ def test_three_errors_are_no_dependence():
 def test_an_effect_is_seen_by_its_own_test(effect, fewest):
     screens = []
     for i in range(10):
-        subject = answered(3000 + i, repeats=64, **effect)
+        subject = answered(3000 + i, repeats=32, **effect)
         screens.append(screen(subject, p=effect.get("p", 0.0)))
     for name, n_significant in fewest.items():
         assert np.count_nonzero(p_values(screens, name) < 0.01) >= n_significant
