@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -448,10 +449,17 @@ class SimulatedStudy:
         option("--trials", NUMBER, "Trials of each subject (default: 50 per pair).", min=1),
     ] = None
     batches: Annotated[
-        int,
-        rare("--batches", NUMBER, "Repetitions of each pair, without --trials or n_trials.", min=1),
-    ] = 50
-    subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
+        int | None,
+        rare(
+            "--batches",
+            NUMBER,
+            "Repetitions of each pair, without --trials or n_trials (default: 50).",
+            min=1,
+        ),
+    ] = None
+    subjects: Annotated[
+        int | None, option("--subjects", NUMBER, "Number of observers (default: 16).", min=1)
+    ] = None
     kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (
         "paper"
     )
@@ -488,13 +496,17 @@ def simulate(
     from bayes_toe.seeds import root_seed
 
     context.require_files(*filter(None, (output, truth_output)))
+    if study.subjects and isfile(study.kind):
+        raise bt.InputError("--subjects and a file of --observers exclude each other.")
     seed = root_seed(context.seed)
 
     options = bt.ReadOptions(unit=study.unit)
-    design = make_design(study.design, study.batches, study.trials, options)
+    design = make_design(study.design, study.batches or 50, study.trials, options)
+    if study.batches not in (None, design.n_batches):
+        raise bt.InputError("--batches: found beside --trials or n_trials that say otherwise.")
     levels, sizes = read_differences(study.conditions, study.differ)
     simulated, truth = bt.simulate(
-        study.subjects,
+        study.subjects or 16,
         population=study.kind,
         design=design,
         seed=seed,
@@ -514,5 +526,8 @@ def simulate(
         writers[truth_output] = partial(write_table, frame)
     context.write(writers, seed)
 
-    n_subjects = plural(trials["subject"].nunique(), "synthetic subject")
-    context.print_written(f"{n_subjects}, {plural(len(trials), 'trial')} in {output}", seed)
+    context.print_written(
+        f"{plural(trials['subject'].nunique(), 'synthetic subject')}, "
+        f"{plural(len(trials), 'trial')} in {output}",
+        seed,
+    )
