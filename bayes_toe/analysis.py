@@ -27,7 +27,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
-from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws import Draws, require_fitting
 from bayes_toe.inference.draws_file import DrawsStack, subjects_tree
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, unchecked_evidence
 from bayes_toe.inference.prediction import Predictor
@@ -142,6 +142,7 @@ def run(
         Without a seed, that of the stored subjects is used.
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
+    require_fitting(study, settings)
     # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 
@@ -258,6 +259,7 @@ def sample(
     name = require_model(model)
 
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
+    require_fitting(study, settings)
     # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 

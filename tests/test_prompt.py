@@ -86,6 +86,9 @@ REFUSED = """
     bt.population(study, covariates=3) | found 'int', allowed: the path of a file
     bt.explore(study, truths=None) | draws: found Study, allowed: Draws
     bt.predict('S', 'A', 0.0, 0.3) | draws: found 'S', allowed: Draws, such as bt.sample
+    bt.predict(bt.sample(study, draws=99), 'A', [0, 1], [0, 1, 2]) | s1, s2: allowed are numbers
+    bt.predict(bt.sample(study, draws=99), 'A', 'x', 0.0) | s1, s2: allowed are numbers, as many
+    bt.design.Adaptive([(0.0, 0.3)], seed=1).answer(None, True) | pair None: allowed are s1 and s2
     bt.plots.corner('posterior.nc', 'A') | draws: found 'posterior.nc', allowed: Draws
     bt.load(5) | file: found 5, allowed: the path of a posterior.nc or population.nc
     bt.read_study(5) | allowed: the path of a file, or a pandas or polars DataFrame

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,7 +28,7 @@ from bayes_toe.cli.options import (
     writes,
 )
 from bayes_toe.cli.run_context import MODEL, RunContext
-from bayes_toe.data.messages import Texts, join_names, plural, quoted
+from bayes_toe.data.messages import join_names, plural, quoted
 from bayes_toe.data.stimulus_unit import ANY_UNIT
 from bayes_toe.errors import Remedy
 
@@ -181,8 +182,9 @@ def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """The trials and the goal of a design, and the pairs that can be presented."""
+    """The search for a design: its goal, its pairs, and the observers that are simulated."""
 
+    output: Annotated[Path, writes("FILE.csv", "Output design.")] = Path("design.csv")
     trials: Annotated[int, option("--trials", NUMBER, "Trials of each subject.", min=1)] = 480
     question: Question = "2afc"
     lowest: Annotated[
@@ -211,6 +213,8 @@ class SearchOptions:
     keep: Annotated[File, rare("--keep", "DESIGN.csv", "Pairs that the design must include.")] = (
         None
     )
+    simulated: Simulated = 32
+    observers: Observers = None
 
     def log_levels(self) -> FloatArray:
         """The levels that pairs can have, natural-log intensity, from the range or the file.
@@ -221,9 +225,10 @@ class SearchOptions:
 
         options = self.reading()
         if self.levels is not None:
-            if self.lowest is not None or self.highest is not None:
+            if (self.lowest, self.highest, self.step) != (None, None, None):
                 raise bt.InputError(
-                    "The range is given twice. Use either --levels, or --lowest and --highest."
+                    "The range is given twice. Use either --levels, or --lowest, --highest and "
+                    "--step."
                 )
             return read_levels(self.levels, options)
         if self.lowest is None or self.highest is None:
@@ -289,10 +294,7 @@ def design(
             help="Design for --list.",
         ),
     ] = None,
-    output: Annotated[Path, writes("FILE.csv", "Output design.")] = Path("design.csv"),
     search: SearchOptions,
-    simulated: Simulated = 32,
-    observers: Observers = None,
     lists: ListOptions,
     context: Annotated[RunContext, *MODEL],
 ) -> None:
@@ -301,23 +303,17 @@ def design(
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest 45 --highest 213 --unit um
     """
     if file is not None:  # a design that is found already
-        _list_trials(file, search, observers or context.prior, lists, context)
+        _list_trials(file, search, lists, context)
         return
     if lists != ListOptions():
         raise bt.InputError(
             "--list, --blocks, --subjects and --conditions need a design, as in bayes-toe design "
             "design.csv --list trials.csv."
         )
-    _find_design(output, search, simulated, observers, context)
+    _find_design(search, context)
 
 
-def _find_design(
-    output: Path,
-    search: SearchOptions,
-    simulated: int,
-    observers: str | None,
-    context: RunContext,
-) -> None:
+def _find_design(search: SearchOptions, context: RunContext) -> None:
     """Search for a design; write its pairs, the power of it and of an even design, and its figure.
 
     DESIGN.csv has the pairs, DESIGN_compared.csv the power, and DESIGN.png the figure.
@@ -328,6 +324,7 @@ def _find_design(
     from bayes_toe.design.observers import KINDS_IN_WORDS
     from bayes_toe.design.optimal_pairs import pairs_to_show
 
+    output = search.output
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
     comparison_file = output.with_name(f"{output.stem}_compared.csv")
@@ -340,13 +337,13 @@ def _find_design(
     optimal = context.work(
         "simulating and analysing",
         # Of an optimised and an even design, both with pairs of this plane.
-        _count_simulated([plane, plane], observers, simulated),
+        _count_simulated([plane, plane], search.observers, search.simulated),
         bt.design.optimal_design,
         levels,
         search.trials,
         goal,
-        observers,
-        data_sets=simulated,
+        search.observers,
+        data_sets=search.simulated,
         prior=context.prior,
     )
     optimal = replace(optimal, unit=search.shown_unit())  # search and power are in natural logs
@@ -361,7 +358,7 @@ def _find_design(
     )
 
     print_power(context.out, optimal.power)
-    if observers is None:
+    if search.observers is None:
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:  # a warning that subjects may learn a regularity of the pairs
         # An even design has no pairs to keep.
@@ -378,35 +375,31 @@ def _find_design(
 
 
 def _list_trials(
-    file: Path, search: SearchOptions, simulated: Text, lists: ListOptions, context: RunContext
+    file: Path, search: SearchOptions, lists: ListOptions, context: RunContext
 ) -> None:
     """Write the trials of a given design in random order, for the experiment to present.
 
     The table has an empty column of responses. When it is filled, `run` reads the table.
-    `simulated` is what only a search assumes in its simulation, and must be absent.
     """
     import pandas as pd
 
     from bayes_toe.data.tables import write_table
-    from bayes_toe.design.simulate import read_differences, simulated_conditions, subject_names
+    from bayes_toe.design.simulate import read_differences, subject_names
     from bayes_toe.seeds import root_seed
 
     # A given design is not searched for: only options by which it is read may be typed.
     options_of_reading = SearchOptions(
         question=search.question, unit=search.unit, intensity=search.intensity
     )
-    if lists.list_output is None or search != options_of_reading or simulated:
+    is_search = search != options_of_reading or context.prior or context.processes or context.dask
+    if lists.list_output is None or is_search:
         raise bt.InputError(
             f"{file}: a given design needs --list trials.csv, without options of the search such "
-            "as --lowest, --trials and --max-pairs."
+            "as --lowest, --trials, --max-pairs and --output."
         )
     context.require_files(lists.list_output)
 
-    levels: Texts = ()
-    # Nobody is simulated, so that nothing differs between the conditions.
-    conditions = simulated_conditions(*read_differences(lists.conditions, differ=None))
-    if conditions is not None:
-        levels = conditions.levels
+    levels, _ = read_differences(lists.conditions, differ=None)
     study_design = bt.design.read_study_design(file, search.question, search.unit, search.intensity)
     seed = root_seed(context.seed)
     tables = [
@@ -424,7 +417,7 @@ def _list_trials(
     context.print_written(_describe_list(lists, study_design.total, levels), seed)
 
 
-def _describe_list(lists: ListOptions, n_trials_each: int, levels: Texts) -> str:
+def _describe_list(lists: ListOptions, n_trials_each: int, levels: Sequence[str]) -> str:
     """A sentence on the list; `n_trials_each` counts the trials of a subject in a condition."""
     from bayes_toe.design.trial_list import MOST_EQUAL
 
@@ -456,10 +449,17 @@ class SimulatedStudy:
         option("--trials", NUMBER, "Trials of each subject (default: 50 per pair).", min=1),
     ] = None
     batches: Annotated[
-        int,
-        rare("--batches", NUMBER, "Repetitions of each pair, without --trials or n_trials.", min=1),
-    ] = 50
-    subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
+        int | None,
+        rare(
+            "--batches",
+            NUMBER,
+            "Repetitions of each pair, without --trials or n_trials (default: 50).",
+            min=1,
+        ),
+    ] = None
+    subjects: Annotated[
+        int | None, option("--subjects", NUMBER, "Number of observers (default: 16).", min=1)
+    ] = None
     kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (
         "paper"
     )
@@ -496,13 +496,17 @@ def simulate(
     from bayes_toe.seeds import root_seed
 
     context.require_files(*filter(None, (output, truth_output)))
+    if study.subjects and isfile(study.kind):
+        raise bt.InputError("--subjects and a file of --observers exclude each other.")
     seed = root_seed(context.seed)
 
     options = bt.ReadOptions(unit=study.unit)
-    design = make_design(study.design, study.batches, study.trials, options)
+    design = make_design(study.design, study.batches or 50, study.trials, options)
+    if study.batches not in (None, design.n_batches):
+        raise bt.InputError("--batches: found beside --trials or n_trials that say otherwise.")
     levels, sizes = read_differences(study.conditions, study.differ)
     simulated, truth = bt.simulate(
-        study.subjects,
+        study.subjects or 16,
         population=study.kind,
         design=design,
         seed=seed,
@@ -522,5 +526,8 @@ def simulate(
         writers[truth_output] = partial(write_table, frame)
     context.write(writers, seed)
 
-    n_subjects = plural(trials["subject"].nunique(), "synthetic subject")
-    context.print_written(f"{n_subjects}, {plural(len(trials), 'trial')} in {output}", seed)
+    context.print_written(
+        f"{plural(trials['subject'].nunique(), 'synthetic subject')}, "
+        f"{plural(len(trials), 'trial')} in {output}",
+        seed,
+    )

@@ -61,7 +61,6 @@ def run(
     study, prior = context.read_and_describe(file)
     if explore:  # Many subjects are refused before the work, not when the page is made.
         require_few(len(study), "subjects")
-    _require_fitting(context, study, prior)
 
     analysis = context.work(
         "sampling", len(study), bt.run, study, draws=context.draws, prior=prior, keep=store
@@ -122,12 +121,12 @@ def sample(
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --model both --seed 1
     """
     from bayes_toe.checks.design_checks import identification_findings
+    from bayes_toe.model.models import require_model
 
+    require_model(model)
     context.require_files(output)
     store = context.partial_folder(output)
-    study, prior = context.read(file)
-    _require_fitting(context, study, prior, model)
-    context.introduce(study, prior)
+    study, prior = context.read_and_describe(file)
     context.out.findings(identification_findings(study), "-")
 
     draws = context.work(
@@ -147,17 +146,6 @@ def sample(
     context.out.reasons("No result", draws.failed)
     context.print_written(f"Draws in {output}", draws.seed)
     context.end(draws.failed, draws.not_converged, draws.imprecise)
-
-
-def _require_fitting(
-    context: RunContext, study: bt.Study, prior: bt.Prior, model: str = "paper"
-) -> None:
-    """Refuse, before the work, draws of so many subjects that no file can hold them."""
-    from bayes_toe.inference.draws import require_fitting
-    from bayes_toe.inference.sampling import SamplerSettings
-    from bayes_toe.model.models import require_model
-
-    require_fitting(study, prior, SamplerSettings(context.draws), require_model(model))
 
 
 def evidence(

@@ -500,7 +500,7 @@ class Study:
         """
         study = self
         block_names = _name_list(blocks)
-        for name in _name_list(names):
+        for name in dict.fromkeys(_name_list(names)):  # a second swap would undo the first one
             subject = study[name]
             typed_option = f"{option} {cli_argument(name, block_names)}"
             rows = _rows(subject)

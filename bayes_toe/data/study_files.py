@@ -236,7 +236,7 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     if not isinstance(path, StrPath):
         return ""
     folders = [other.parent for other in paths if other.name == Path(path).name]
-    if len(folders) == 1:
+    if len(folders) < 2:  # none has the name of a path that is empty
         return ""
     folder = Path(path).absolute().parent
     return f"{folder.relative_to(os.path.commonpath(folders)).as_posix()}/"

@@ -212,9 +212,11 @@ class Adaptive:
             if not isinstance(yes, bool | np.bool_):
                 raise InputError(f"yes={yes!r}: allowed is True or False")
             yes = bool(yes)
-        if len(pair) != 2:
-            raise InputError(f"pair {tuple(pair)}: allowed are s1 and s2")
-        trial = float(pair[0]), float(pair[1]), yes
+        try:
+            s1, s2 = map(float, pair)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"pair {pair!r}: allowed are s1 and s2") from error
+        trial = s1, s2, yes
         single = self._make_subject([trial])  # refuses what is not finite
         self._answers.append(trial)
         for particles in self._particles.values():
@@ -322,7 +324,7 @@ class Adaptive:
             "answers": self.answers,
         }
         with whole_file(path, overwrite=overwrite) as target:
-            target.write_text(json.dumps(content), encoding="utf-8")
+            target.write_text(json.dumps(content, default=np.generic.item), encoding="utf-8")
         return Path(path)
 
     @classmethod

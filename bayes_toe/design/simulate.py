@@ -56,6 +56,8 @@ from bayes_toe.seeds import generator, root_seed
 #: The population of observers of the paper's kinds.
 PAPER = "paper"
 POPULATIONS = (PAPER, *KINDS)
+#: Of stimuli that are natural logs.
+_IN_LOGS = ReadOptions()
 #: Parameters that may differ between conditions. A size is a difference, and for the noise one of
 #: its logarithm.
 DIFFERING = ("constant_error", "contraction", "noise")
@@ -471,7 +473,7 @@ def make_design(
     design: str | StudyDesign,
     batches: int,
     trials: int | None = None,
-    options: ReadOptions | None = None,
+    options: ReadOptions = _IN_LOGS,
 ) -> StudyDesign:
     """The design of `--design` and `--trials`, in the unit of the options.
 
@@ -480,7 +482,6 @@ def make_design(
     """
     if isinstance(design, StudyDesign):
         return design
-    options = ReadOptions() if options is None else options
     require_number("batches", batches)
     if design in _DESIGNS:
         if options.unit is not None:

@@ -15,8 +15,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayes_toe.arrays import BoolArray, IndexArray, IntArray, Rng
-from bayes_toe.data.messages import join_names
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
+from bayes_toe.design.simulate import simulated_conditions
 from bayes_toe.design.study_design import StudyDesign, stimulus_columns
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.seeds import generator
@@ -64,18 +64,19 @@ def trial_list(
     >>> np.unique(trials.block, return_counts=True)[1].tolist()
     [10, 10, 10, 10, 10]
     """
-    if len(set(conditions)) < len(conditions):
-        raise InputError(f"--conditions: found {join_names(conditions)}, allowed: each level once")
+    # Nobody is simulated, so that nothing differs between the conditions.
+    study_conditions = simulated_conditions(conditions, {})
+    levels = () if study_conditions is None else study_conditions.levels
     rng = generator(seed, subject, "order of trials")
-    n_levels = max(1, len(conditions))
+    n_levels = max(1, len(levels))
     is_equal = np.tile(design.s1 == design.s2, n_levels)
     order = _shuffled(_blocks(design, blocks, n_levels, rng), is_equal, rng)
 
     # A trial is the number level * n_pairs + pair.
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
     columns: dict[str, npt.ArrayLike] = {"subject": subject}
-    if conditions:
-        columns["condition"] = np.array(conditions)[level]
+    if levels:
+        columns["condition"] = np.array(levels)[level]
     columns["block"] = np.repeat(np.arange(1, blocks + 1), list(map(len, order)))
     columns["trial"] = np.arange(1, len(pair) + 1)
     for name, values in stimulus_columns(design.s1, design.s2, unit).items():

@@ -374,10 +374,11 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
     return draws
 
 
-def require_fitting(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> None:
+def require_fitting(study: Study, settings: Settings) -> None:
     """Refuse, before the work, more draws than the memory of many computers holds."""
+    sampler = settings.sampler
     n_draws = sampler.ensembles * sampler.walkers * sampler.kept_steps  # of a subject
-    natural = model_posterior(model, study.subjects[0], prior).names.natural
+    natural = model_posterior(settings.model, study.subjects[0], settings.prior).names.natural
     n_stored = len(natural) + 1  # and the log density
     n_bytes = 8 * n_stored * n_draws * len(study)  # a number has 8 bytes
     if n_bytes > LARGEST:

@@ -119,8 +119,12 @@ def subjects_tree(
     density = f"log density of the unconstrained coordinates ({coordinate_names}), unnormalised"
     sample_stats["lp"] = draws["lp"].drop_vars("walker").assign_attrs(description=density)
 
-    groups = {"posterior": posterior, "sample_stats": sample_stats}
-    tree = study_tree(study, settings.seed, asdict(settings), groups)
+    tree = study_tree(
+        study,
+        settings.seed,
+        asdict(settings),
+        {"posterior": posterior, "sample_stats": sample_stats},
+    )
     tree.attrs |= {
         "model": settings.model,
         "prior": describe_prior(settings.model, settings.prior, study.task),

@@ -12,7 +12,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray, NamedArrays, thinned
+from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.posterior import SubjectPosterior
@@ -26,14 +28,11 @@ class Predictor:
     x: FloatArray
 
     @classmethod
-    def from_draws(cls, draws: Draws, subject: str, *, n_draws: int | None = None) -> Predictor:
+    def from_draws(cls, draws: Draws, subject: str, *, n_draws: float = np.inf) -> Predictor:
         """The predictor of a subject's draws: all of them, or at most `n_draws`, evenly spaced."""
         require_draws(draws)
-        target = draws.posterior(subject)
         x = np.concatenate(list(draws.points(subject)))
-        if n_draws is not None:
-            x = thinned(x, n_draws)
-        return cls(target, x)
+        return cls(draws.posterior(subject), thinned(x, n_draws))
 
     def yes(self, s1: FloatArray, s2: FloatArray) -> FloatArray:
         """P of the answer that the task counts, for any pairs, (pairs,) -> (draws, pairs).
@@ -48,11 +47,10 @@ class Predictor:
         The paper's model predicts 'equal' alone, of three answers.
         """
         # A subject has each pair once, in sorted order. Its counts do not matter here.
-        given_pairs = np.column_stack(np.broadcast_arrays(s1, s2))
-        pairs, index = np.unique(given_pairs, axis=0, return_inverse=True)
+        pairs, index = np.unique(_columns(s1, s2).T, axis=0, return_inverse=True)
         counts = np.ones(len(pairs), np.int64)
         tested = self.target.subject
-        subject = Subject(tested.name, pairs[:, 0], pairs[:, 1], counts, counts, task=tested.task)
+        subject = Subject.from_answers(tested.name, Answers(pairs, counts, counts), tested.task)
 
         # (answers, draws, pairs), in the order of the answers; back from the sorted pairs.
         probabilities = answer_probabilities(self.target.for_subject(subject), self.x)
@@ -61,6 +59,14 @@ class Predictor:
         if len(probabilities) < len(answers):  # the paper's model, without 'second' and 'first'
             return {tested.task.yes: probabilities[0]}
         return dict(zip(answers, probabilities, strict=True))
+
+
+def _columns(s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
+    """Stimuli as numbers, shape (2, pairs). A single one belongs to all of the other argument."""
+    try:
+        return np.array(np.broadcast_arrays(s1, s2), np.float64).reshape(2, -1)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"s1, s2: allowed are numbers, as many of each ({error})") from error
 
 
 def answer_probabilities(target: SubjectPosterior, x: FloatArray) -> FloatArray:
@@ -101,7 +107,7 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) ->
     Raises
     ------
     InputError
-        For an unknown subject.
+        For an unknown subject, or for stimuli that are no pairs of finite numbers.
 
     Examples
     --------
@@ -114,7 +120,7 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) ->
     ['s1', 's2', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
     predictor = Predictor.from_draws(draws, subject)
-    first, second = np.array(np.broadcast_arrays(s1, s2), np.float64).reshape(2, -1)
+    first, second = _columns(s1, s2)
     values = predictor.yes(first, second)
 
     quantiles = np.quantile(values, list(QUANTILES.values()), axis=0)

@@ -97,7 +97,7 @@ def curves(source: Analysis | Draws, subject: str) -> Figure:
     title = f"{plain(subject)}: {model}"
     if draws.synthetic:
         title += " (synthetic data)"
-    if isinstance(source, Draws) and subject in draws.not_converged:
+    if source is draws and subject in draws.not_converged:
         title += "\nNOT CONVERGED"
     return fitted_figure(fitted, title)
 

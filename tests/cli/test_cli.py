@@ -209,6 +209,14 @@ REFUSED = """
     evidence one.csv --prior study.csv -o study.csv --overwrite | study.csv: this command reads that
     simulate -o one.csv --observers one.csv --overwrite | one.csv: this command reads that file
     simulate -o one.csv --design ./one.csv --overwrite | one.csv: this command reads that file
+    simulate -o new.csv --subjects 3 --observers one.csv | --subjects and a file of --observers ex
+    simulate -o new.csv --batches 3 --trials 26 | --batches: found beside --trials or n_trials 
+    simulate -o new.csv --batches 3 --design one.csv | --batches: found beside --trials or n_trials
+    design one.csv --list new.csv -o d.csv | one.csv: a given design needs --list trials.csv
+    design one.csv --list new.csv --simulated 5 | without options of the search such as --lowest
+    design one.csv --list new.csv --workers 2 | without options of the search such as --lowest
+    design one.csv --list new.csv --dask tcp://1 | without options of the search such as --lowest
+    design --levels one.csv --step 5% | The range is given twice. Use either --levels, or --lowest
     check --example --condition hand | example_study.csv: row 1: there is no column hand.
     check a.csv --example | exclude each other. Allowed: --example 2afc, --example same-different
     check --example same | exclude each other. Allowed: --example 2afc, --example same-different

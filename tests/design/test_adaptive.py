@@ -101,7 +101,7 @@ def test_information_is_the_expected_fall_of_entropy(aim, error):
 
 def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
     pairs = [(0.0, 0.0), (0.0, 0.2), (0.2, 0.0), (0.4, 0.0)]
-    session = Adaptive(pairs, seed=5, draws=512, about="parameters")
+    session = Adaptive(pairs, seed=5, draws=np.int64(512), about="parameters")
     # Functions that return a copy of a session.
     copiers = (
         deepcopy,

@@ -130,7 +130,7 @@ def test_blocks_are_alike_with_conditions_too():
     [
         ([90, 10], {"blocks": 10}, "block 1, of 10 trials, has 9 equal pairs: more than 3 would"),
         ([1, 1], {"blocks": 3}, "--blocks 3: allowed is 1 to 2"),
-        ([5, 5], {"conditions": ("a", "a")}, "found a, a, allowed: each level once"),
+        ([5, 5], {"conditions": ("a", "a")}, "found 'a,a', allowed: two levels and more, each"),
     ],
 )
 def test_what_cannot_be_listed_is_refused(n_trials, options, message):
