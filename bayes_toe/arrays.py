@@ -60,5 +60,8 @@ def combination_counts(*columns: npt.NDArray[np.generic]) -> IndexArray:
     >>> combination_counts(np.array([1, 2, 1, 1]), np.array([0.5, 0.0, 0.5, 0.0])).tolist()
     [1, 1, 2]
     """
+    # (columns, rows), with rows of the same values side by side
     sorted_columns = np.array(columns)[:, np.lexsort(columns)]
+    # A combination has the rows from its start up to that of the next one, the last one up to the
+    # end.
     return np.diff(run_starts(*sorted_columns), append=len(columns[0]))

@@ -57,8 +57,7 @@ def connect(address: str) -> Client:
         # A client waits without end for a program that is no scheduler, so that the program is
         # asked first; in a thread of its own, because a notebook has an event loop already.
         with ThreadPoolExecutor(1) as thread:
-            identity = thread.submit(asyncio.run, _identity(address)).result()
-        program = identity["type"]
+            program = thread.submit(asyncio.run, _identity(address)).result()["type"]
         if program != "Scheduler":
             raise ValueError(f"that is a {program.lower()}")
         # When the scheduler ends, run_on raises an error. The client would log it too.

@@ -48,8 +48,8 @@ _parents: set[int] = set()
 def local_processes(workers: Workers) -> int | None:
     """The number of processes for jobs that this machine must do: `workers`, if it is a number.
 
-    None, which means one process per core, in place of a cluster: its workers may not see the
-    files of this machine.
+    For a cluster it is None, which means one process per core: the workers of a cluster may not see
+    the files of this machine.
     """
     return int(workers) if isinstance(workers, Integral) else None
 

@@ -94,7 +94,7 @@ class Site:
         async with self.is_reading:
             if options is not None:
                 job.save_options(options)
-            key = (job.name, *job.command())
+            key = (job.name, *job.command())  # The command has the options.
             if options is not None or key not in self.readings:
                 self.readings[key] = await read_in_process(job)
         return self.readings[key]
@@ -143,7 +143,7 @@ class Handler(RequestHandler):
         return self.application.settings["site"]
 
     def set_default_headers(self) -> None:
-        """Keep pages out of caches, frames and other origins."""
+        """Keep pages out of caches, frames and other origins, by the headers of every answer."""
         self.clear_header("Server")
         for name, value in _HEADERS.items():
             self.set_header(name, value)
@@ -186,9 +186,6 @@ class Handler(RequestHandler):
         """Answer with the problem of a bad input (400), of a folder (507), or of an HTTPError."""
         error = details["exc_info"][1]
         self.clear()  # headers and content of the answer so far
-        self.set_status(status_code, getattr(error, "reason", None))
-        problem = self._reason  # set by set_status, the code's usual words if there is no reason
-
         if isinstance(error, InputError):
             self.set_status(400)
             problem = str(error)
@@ -197,6 +194,9 @@ class Handler(RequestHandler):
             # An OutputError is an OSError without number, whose cause is that of the system.
             reason = getattr(error.__cause__ or error, "strerror", None) or error
             problem = f"The folder {self.site.home} cannot be used: {reason}"
+        else:
+            self.set_status(status_code, getattr(error, "reason", None))
+            problem = self._reason  # set by set_status, in the code's usual words without a reason
         self.finish({"problem": problem})
 
 

@@ -54,7 +54,7 @@ def flagged(
     """
     reasons = defaultdict(list)
     for answer in answers:
-        if answer.fits is False:  # None if the design cannot test the fit
+        if answer.fits is False:  # It is None if the design cannot test the fit.
             reasons[answer.subject].append("poor fit")
         if not answer.is_interpretable:
             reasons[answer.subject].append("not interpreted")
@@ -90,10 +90,14 @@ def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
 
 
 def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
-    """Print the table of subjects; if it is too wide, its cells get shorter words."""
+    """Print the table of subjects; if it is too wide, its cells get shorter words.
+
+    `unit` is that of differences between stimuli.
+    """
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
     # Words are shortened before a name is cut, because two names may be the same once cut.
     name_width = max(len(row[0]) for row in (headings, *rows))
+    # First intervals lose their space, '[8, 16]' -> '[8,16]'. If that is not enough, words follow.
     for long, short in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(headings, rows, name_width):
             for row in rows:
@@ -103,7 +107,9 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
 
 
 def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
-    """The conclusion of a subject as a row of the table, without the last cells if one says all.
+    """The conclusion of a subject as a row of the table: the words, then the sizes.
+
+    If the subject is not interpreted, or nothing can be told for one reason, a single cell says so.
 
     `letters` has the letter, such as '(a)', of each reason why a question cannot be told.
     """
@@ -174,13 +180,14 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
     marked = []
     for flag, problem in answer.problems.items():
         message = problem.message
-        mark = "-"
         if flag == MISFIT_FLAG and answer.worst_pairs:
             message += f" {describe_pair(answer.worst_pairs[0], answer.unit)}"
         if flag.startswith(PRIOR_FLAG):
             mark = "?"
         elif problem.option or flag == MISFIT_FLAG:
             mark = "!"
+        else:
+            mark = "-"
         marked.append((mark, message, problem.option))
     return marked
 
@@ -195,13 +202,15 @@ def print_answer(
 ) -> None:
     """Print the answer of a study: counts, directions, the group, and what is not counted.
 
-    `closing` has the sentences of the last line.
+    `group_lines` are the conclusions on group and conditions, and `closing` has the sentences of
+    the last line.
     """
     lines = [*answer_lines(study, answers, group), *group_lines]
     for answer in answers:
         # The table has the reasons already, each with its letter.
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]
+    # Each line once, because many subjects have the same note.
     out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
 
 
@@ -213,14 +222,20 @@ def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | 
 
 
 def without_decision(answers: OrderEffects, problems: Collection[str]) -> list[str]:
-    """A sentence that no subject needs a decision; empty if one does, or has another problem."""
+    """The sentence that no subject needs a decision, in a list.
+
+    The list is empty if one does, if there are `problems`, and for a single subject.
+    """
     if len(answers) == 1 or problems or flagged(answers):
         return []
     return ["No subject needs a decision."]
 
 
 def not_counted(answers: OrderEffects) -> list[str]:
-    """A sentence that names the subjects that are not counted; empty if all are."""
+    """The sentence that names the subjects that are not counted, in a list; it is empty if all are.
+
+    The answer of a single subject says itself that it is not interpreted.
+    """
     names = [answer.subject for answer in answers if not answer.is_interpretable]
     if not names or len(answers) == 1:
         return []

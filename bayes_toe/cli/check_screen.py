@@ -30,12 +30,12 @@ FindingsBySubject = Mapping[str, list[Finding]]
 
 
 def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool) -> None:
-    """Everything that `check` prints."""
+    """Print the screen of `check`: each task of the study, the answer and the commands to type."""
     findings: list[Finding] = []
     for part in study.by_task:
         if part.task != study.task:  # a further task
             out.line()
-            part = replace(part, notes=())  # They are of the whole study, and already printed.
+            part = replace(part, notes=())  # Those of the study are printed with the first task.
         findings += _print_task(out, part, prior, shows_prior=shows_prior)
     lines, commands = answer_of_check(study, findings)
     out.answer(lines)
@@ -46,7 +46,7 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool)
 def _print_task(
     out: Terminal, study: Study, prior: Prior, *, shows_prior: bool
 ) -> tuple[Finding, ...]:
-    """What `check` prints of one task; its findings."""
+    """Print what was read of one task and its problems; return all findings of the task."""
     findings = bt.check(study, prior)
     by_subject = _by_subject(findings)
     out.line(describe_study(study))
@@ -69,7 +69,7 @@ def _print_task(
 def _print_problems(
     out: Terminal, study: Study, by_subject: FindingsBySubject, limits: list[Finding]
 ) -> None:
-    """A row for each subject with a problem, and notes with what does not fit into the row.
+    """Print a row for each subject with a problem, and notes with what does not fit into the row.
 
     If there are few subjects and no problems, each has a row. The `limits` of the design
     of all subjects stand in the row of a subject without a problem.
@@ -78,11 +78,12 @@ def _print_problems(
     if not names and len(study) < MANY_SUBJECTS:
         names = list(study.names)
     rows = []
-    full_findings = []
+    not_in_rows = []
     for name in names:
         findings = by_subject.get(name, limits)
-        if name not in study.names:  # A subject with conditions, whose rows have other names.
-            full_findings += findings
+        # Findings on all conditions of a subject have its name; rows have names such as 'S01@left'.
+        if name not in study.names:
+            not_in_rows += findings
             continue
 
         subject = study[name]
@@ -91,11 +92,11 @@ def _print_problems(
             # A capital letter follows the end of a sentence, but not that of 'a.u.'.
             sentence = re.split(r"\. (?=[A-Z])", findings[0].message)[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
-        if findings is limits:  # the answer has the reason, once for all
+        if name not in by_subject:  # a limit of the design: the answer has the reason, once for all
             problem = problem.partition(", because")[0]
         short = textwrap.shorten(problem, 52, placeholder="...")  # so that the row is one line
         # The row has the first sentence of the first finding, if it is not too long.
-        full_findings += findings if short != problem else findings[1:]
+        not_in_rows += findings if short != problem else findings[1:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
         rows.append([name, str(subject.total_trials), share, short])
 
@@ -104,12 +105,12 @@ def _print_problems(
         others = f"{n_others:,} more" if rows else f"all {n_others:,}"
         rows.append([others, "", "", "see the answer below" if limits else "none"])
     out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, numeric=(1, 2))
-    # The answer has the limits of all subjects.
-    out.notes((item.subject, item.message, "") for item in full_findings if item.subject)
+    # A limit of the design has no subject, and stands in the answer.
+    out.notes((item.subject, item.message, "") for item in not_in_rows if item.subject)
 
 
 def _is_doubt(finding: Finding) -> bool:
-    """Whether a finding doubts the file: a warning on all of it, or useless responses."""
+    """Whether a finding makes one doubt the file: a warning on all of it, or useless responses."""
     if finding.subject:
         return finding.code in ("one_answer", "independent_answers")
     return finding.code not in ("not_identified", *NOTES)
@@ -133,11 +134,12 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
         options += [finding.option for finding in subject_findings if finding.option][:1]
     run_command = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
-        decision = "No subject needs a decision. Type:"
         if any(map(_is_doubt, findings)):
             decision = "First settle the doubts about the file that stand above. Then type:"
         elif by_subject:
             decision = "No subject must be excluded; the table says what to keep in mind. Type:"
+        else:
+            decision = "No subject needs a decision. Type:"
         return [*lines, decision], [run_command]
 
     # Blocks that look swapped may be swapped or excluded: two commands.
@@ -160,7 +162,7 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
 def _obstacle(study: Study, findings: Findings) -> str:
     """A sentence on why nothing can be analysed yet; '' if something can."""
     codes = [finding.code for finding in findings]
-    if "other_task" in codes:  # a finding of all subjects, whose task was read as 2AFC
+    if "other_task" in codes:  # a finding on all subjects, whose task was read as 2AFC
         question = "All subjects need a decision: was the task 'same or different?'"
         words = [f"--equal-code {cli_argument(code)}" for code in study.reading.codes]
         if words:
@@ -183,6 +185,7 @@ def _limits_of_design(study: Study, findings: Findings) -> list[str]:
             share = "" if n_able == len(study) else f" ({n_able} of {all_subjects})"
             effects.append(f"a {effect.replace('_', ' ')}{share}")
     lines = [f"The design can show {join_words(effects)}."] if effects else []
+    # Notes without an option, of which those with the same message become one.
     limits = ((one.subject, one.message, "") for one in findings if one.code == "not_identified")
     for subjects, message, _ in merge_notes(limits):
         if subjects:  # none are named if the limit holds for the whole study

@@ -63,9 +63,9 @@ class StudyPlan:
     observers: Observers = None
 
     def designs(self, files: Sequence[Path]) -> Mapping[str, StudyDesign]:
-        """Designs by the name of their file, or of file and task if there are several tasks.
+        """Designs by name: that of the file, and with several tasks also that of the task.
 
-        If no file is given, it is the paper's design.
+        Without a file it is the paper's design; a single file is called 'these pairs'.
         """
         from bayes_toe.design.power import name_designs
 
@@ -79,7 +79,7 @@ class StudyPlan:
         questions = self.questions.split(",")
         for question in questions:
             read = [bt.design.read_study_design(file, question, self.unit) for file in files]
-            # `name_designs` names a single design itself, and takes None for the paper's design.
+            # `name_designs` names a single design, and makes the paper's design of None.
             given = read[0] if len(read) == 1 else dict(zip(names, read, strict=True))
             for name, design in name_designs(given or None, question).items():
                 task = f", {design.task.short_name}" if len(questions) > 1 else ""
@@ -112,7 +112,7 @@ def power(
     numbers_of_trials = _whole_numbers("--trials", plan.trials)
     numbers_of_subjects = []
     observers = plan.observers
-    # Studies of several subjects also simulate how subjects differ.
+    # Studies of several subjects need observers who differ.
     if plan.subjects is not None:
         # One subject alone has no SD between subjects.
         numbers_of_subjects = _whole_numbers("--subjects", plan.subjects, least=2)
@@ -150,7 +150,7 @@ def power(
 
 
 def _count_simulated(designs: Iterable[StudyDesign], observers: str | None, n_each: int) -> int:
-    """The number of data sets for each number of trials, `n_each` for every kind of observers.
+    """The number of data sets of all designs, each with `n_each` observers of every kind.
 
     A bad file of observers is refused here, before any work.
     """
@@ -168,7 +168,7 @@ def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
     try:
         numbers = sorted(set(map(int, text.split(","))))
     except ValueError:
-        numbers = []
+        numbers = []  # refused below
     if not numbers or numbers[0] < least:
         raise bt.InputError(
             f"{option} is {quoted(text)}. It must be whole numbers from {least}, separated by "
@@ -236,14 +236,14 @@ class SearchOptions:
                 "No range of stimuli is given. Use --lowest and --highest with --unit (natural "
                 "logs without it), or --levels levels.csv."
             )
-        option = f"--lowest {self.lowest:g} --highest {self.highest:g}"
+        typed = f"--lowest {self.lowest:g} --highest {self.highest:g}"
         if options.has_intensities and not (self.lowest > 0.0 and self.highest > 0.0):
-            raise bt.InputError(f"{option}: found with a unit, allowed: positive numbers")
+            raise bt.InputError(f"{typed}: found with a unit, allowed: positive numbers")
         is_log = self.unit is None and not options.has_intensities
         # exp(10) is 22,000: such numbers are more probably intensities.
         if is_log and max(self.highest - self.lowest, self.lowest) > 10.0:
             raise bt.InputError(
-                f"{option}: no natural logs of intensities are so large or so far apart",
+                f"{typed}: no natural logs of intensities are so large or so far apart",
                 [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],
             )
         return levels_between(self.lowest, self.highest, self.step, options)
@@ -361,7 +361,7 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
     if search.observers is None:
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:  # a warning that subjects may learn a regularity of the pairs
-        # An even design has no pairs to keep.
+        # --even helps, but it excludes --keep.
         command = "" if search.keep else f"{repeated_command()} --even"
         context.out.notes([("", optimal.learnable, command)])
     power_command = (
@@ -521,7 +521,7 @@ def simulate(
     if truth_output is not None:
         # A row for each subject, or for a subject in a condition.
         rows = [{"subject": name, **truth[name]} for name in simulated.names]
-        # It is an option of this command, the same for all, and no quantity that figures mark.
+        # The carry-over, if there is one, is no quantity that figures mark. It is the same for all.
         frame = pd.DataFrame(rows).drop(columns="carry_over", errors="ignore")
         writers[truth_output] = partial(write_table, frame)
     context.write(writers, seed)

@@ -53,14 +53,18 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
 def print_groups(
     out: Terminal, table: PowerTable, groups: GroupPowerTable, unit: StimulusUnit
 ) -> None:
-    """Print how many subjects, and how often group means, studies of several sizes detect."""
+    """Print what studies of several sizes detect: how many subjects, and how often group means.
+
+    A constant error is in `unit`.
+    """
     for design, trials in table.designs:
         heading = f"{capitalized(design)}, {trials:,} trials"
-        # By the kind of observers, a row for each size of a study; all kinds have the same sizes.
+        # By the kind of observers, a row for each size of a study.
         rows_by_kind = groups.select(design, trials, "order_effect")
         if not rows_by_kind:
             out.line(f"{heading}: an order effect {Word.CANNOT_BE_TOLD}.")
             continue
+        # All kinds have the same sizes, so that the first one has them all.
         sizes = [f"{row.subjects} subjects" for row in next(iter(rows_by_kind.values()))]
         rows = []
         for kind, kind_rows in rows_by_kind.items():
@@ -86,13 +90,14 @@ def print_groups(
 
 def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
     """The true mean, and the standard deviation between subjects: '12 (4) %'."""
-    values = 100.0 * np.array([row.true_mean, row.true_sd])
-    unit_name = "%"
     if row.question == CONSTANT_ERROR.name:
         values = unit.differences([row.true_mean, row.true_sd])
         unit_name = unit.of_differences
+    else:  # a contraction, which is a share
+        values = 100.0 * np.array([row.true_mean, row.true_sd])
+        unit_name = "%"
 
     mean, sd = (float(f"{value:.2g}") + 0.0 for value in values)  # -0 becomes 0
-    if not row.has_mean:  # The mean of the simulated observers has an error of rounding.
+    if not row.has_mean:  # The mean of the simulated observers is 0 up to an error of rounding.
         mean = 0.0
     return f"{mean:g} ({sd:g}) {unit_name}"

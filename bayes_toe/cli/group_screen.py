@@ -68,7 +68,10 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
 
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
-    """Headings and rows; a subject and a comparison are named in their first rows."""
+    """Headings and rows; a subject and a comparison are named in their first rows.
+
+    A row has the quantity, the size of its difference, the Bayes factor and the word.
+    """
     comparisons = {row.comparison for row in table}
     headings = ["subject", "difference", "", "[95 % interval]", "BF", "differs"]
     rows = []
@@ -77,13 +80,14 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
             if row.quantity == ORDER_EFFECT:  # The answer at the end has it, in a sentence.
                 continue
             word = row.short_word
-            size = "-"  # no size of a difference that is not there
-            if word not in ("no", "probably not"):
+            if word in ("no", "probably not"):  # no size of a difference that is not there
+                size = "-"
+            else:
                 size = row.size(table.unit)
             if row.robust == "no":
                 word += " ?"
             rows.append([*labels, row.quantity, size, row.factor, word])
-            labels = "", ""  # of the further rows
+            labels = "", ""  # Further rows of this subject and comparison do not repeat them.
 
     # The column of a single comparison is left out, and the heading of its sizes names it.
     if len(comparisons) == 1:
@@ -107,8 +111,8 @@ def print_history(out: Terminal, table: SerialDependence, file: str) -> None:
         cells = [row.subject]
         for effect in EFFECT_MODELS:
             word = row.word(effect)
-            # An effect that is not there has no size.
-            cells += [word, row.size(effect) if word not in ("no", "probably not") else "-"]
+            has_size = word not in ("no", "probably not")
+            cells += [word, row.size(effect) if has_size else "-"]
         rows.append(cells)
 
     headings = ["subject", "carry-over", "rho [95 %]", "previous\nresponse", "kappa [95 %]"]

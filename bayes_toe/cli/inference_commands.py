@@ -183,10 +183,12 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
 
     stats = draws.group("sample_stats")
     problems = {**draws.not_converged, **draws.imprecise}  # a reason by subject
-    columns = ["constant_error", "contraction", "jnd"]
     if "mu1" in draws.parameters:  # the paper's model
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
-    keys = [key for key in columns if key in draws.parameters]
+    else:
+        columns = ["constant_error", "contraction", "jnd"]
+    # A task, or a model without an effect, lacks some of them.
+    quantities = [name for name in columns if name in draws.parameters]
 
     rows = []
     for name in names_to_show(draws.names, problems):
@@ -195,21 +197,22 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
         # all quantities, shows rather too few digits than too many.
         n_effective = float(subject_stats["min_ess"])
         row = [f"{name} !" if name in problems else name]
-        for key in keys:
-            scale = QUANTITY_BY_NAME[key].scale
+        for quantity in quantities:
+            scale = QUANTITY_BY_NAME[quantity].scale
             decimals = 2 if scale == 1.0 else 0  # A scale of 100 makes per cent of a share.
-            text = format_draws(scale * draws.values(name, key), n_effective, decimals)
+            text = format_draws(scale * draws.values(name, quantity), n_effective, decimals)
             # The table has no room for all intervals: '.12 [.09, .15]' -> '.12'.
-            if key in ("sigma_p", "sigma_l", "q0", "lapse_rate"):
+            if quantity in ("sigma_p", "sigma_l", "q0", "lapse_rate"):
                 text, *_ = text.split()
             row.append(without_zeros(text))
         rows.append([*row, f"{n_effective:.0f}", f"{float(subject_stats['max_r_hat']):.3f}"])
 
-    headings = ["subject", *(_HEADINGS.get(key, key) for key in keys), "ESS", "R-hat"]
+    headings = ["subject", *(_HEADINGS.get(name, name) for name in quantities), "ESS", "R-hat"]
     if rows:
         title = f"{capitalized(model_title(draws.model))}: medians [95 % interval]"
-        # ESS and R-hat stand behind the name and the quantities.
-        out.table(headings, rows, numeric=(len(keys) + 1, len(keys) + 2), title=title)
+        n_quantities = len(quantities)
+        # ESS and R-hat stand behind the name of the subject and the quantities.
+        out.table(headings, rows, numeric=(n_quantities + 1, n_quantities + 2), title=title)
     n_others = len(draws.names) - len(rows)
     if n_others:
         out.line(f"The draws of {n_others:,} other subjects converged.")
@@ -223,7 +226,10 @@ def print_failed(out: Terminal, draws: bt.Draws) -> None:
 
 
 def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None:
-    """Log evidences of the four models, and of the paper's model (H1) against H0."""
+    """Print log evidences of the four models, and of the paper's model (H1) against H0.
+
+    `file` has the whole table.
+    """
     from statistics import median
 
     from bayes_toe.answers.study_summary import APPENDIX_C
@@ -232,29 +238,29 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None
     headings = ["subject", "none ", "constant ", "contraction ", "both "]
     headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
     rows = []
-    factors = []
+    log_factors = []  # of H1 against H0
     for row, answer in zip(table, table.answers, strict=True):
         cells = [row.subject]
         for model, value in answer.log_evidence.items():
             cells.append(f"{value:.2f}{'*' if model == answer.best_model else ' '}")
         cells += [f"{row.log_evidence_h0:.2f}", number(row.log_evidence_h1)]
-        factor = row.log_bayes_factor
-        if factor is None:
+        log_factor = row.log_bayes_factor
+        if log_factor is None:
             cells.append("-")
         else:
-            cells.append(f"{factor:+.1f}")
-            factors.append(factor)
+            cells.append(f"{log_factor:+.1f}")
+            log_factors.append(log_factor)
         rows.append(cells)
 
     title = "Log model evidence. * marks the largest of the four models."
     # All columns but the names are numeric.
     out.table_of_subjects(headings, rows, len(rows), file, numeric=range(1, 8), title=title)
     conclusion = f"{APPENDIX_C}."
-    if factors:
-        n_better = sum(factor > 0.0 for factor in factors)
+    if log_factors:
+        n_better = sum(log_factor > 0.0 for log_factor in log_factors)
         conclusion = (
-            f"H1 predicts better than H0 for {n_better} of {plural(len(factors), 'subject')} "
-            f"(median ln BF {median(factors):.1f}). {conclusion}"
+            f"H1 predicts better than H0 for {n_better} of {plural(len(log_factors), 'subject')} "
+            f"(median ln BF {median(log_factors):.1f}). {conclusion}"
         )
     out.line()
     out.line(conclusion)

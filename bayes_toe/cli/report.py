@@ -109,15 +109,15 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
         "beside": "../" if is_paged else "",  # from a page of a subject to the files of the folder
     }
 
-    subjects = _subjects(analysis, asymmetry, findings)
+    sections = _sections(analysis, asymmetry, findings)
     templates = _environment()
     if is_paged:
         (folder / "subjects").mkdir()
         page = templates.get_template("page.html")
-        for subject in subjects:
-            path = folder / links[subject["counts"].name]
-            _write(page, {**context, "subject": subject}, path)
-    context["subjects"] = subjects
+        for section in sections:
+            path = folder / links[section["data"].name]
+            _write(page, {**context, "subject": section}, path)
+    context["subjects"] = sections  # of a report in one file; an index shows none
     _write(templates.get_template("report.html"), context, folder / "report.html")
 
 
@@ -207,34 +207,36 @@ def _context(analysis: Analysis, facts: Record) -> Record:
     }
 
 
-def _subjects(
+def _sections(
     analysis: Analysis, asymmetries: AsymmetryTable, findings: Findings
 ) -> Iterator[Record]:
     """Yield the values of the section of each subject when the section is written."""
     stats = analysis.draws.group("sample_stats")
-    messages = defaultdict(list)
+    messages = defaultdict(list)  # by subject
     for finding in findings:
         if finding.code not in NOTES:
             messages[finding.subject].append(finding.message)
 
     summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
-    sections = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
-    for i, (counts, evidence_row, answer, asymmetry) in enumerate(sections):
-        name = counts.name
+    results = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
+    for i, (subject, evidence_row, answer, asymmetry) in enumerate(results):
+        name = subject.name
         log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []
         # A finding names a subject, or a subject in a condition, which has a name of its own.
-        for label in dict.fromkeys([name, counts.subject_name]):
+        # Without conditions both names are the same, which counts once.
+        for label in dict.fromkeys([name, subject.subject_name]):
             remarks += messages[label]
         yield {
             "anchor": f"subject-{i + 1}",
-            "counts": counts,
+            "data": subject,
             "row": evidence_row,
             "answer": answer,
             "probabilities": ModelSet(log_evidence, PRIOR_PROBABILITIES).probabilities.tolist(),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, row) for row in summaries[name].itertuples()],
+            # gamma follows from two of the parameters, and the template shows it with them.
             "natural": (*analysis.draws.posterior(name).names.natural, "gamma"),
             "remarks": [*remarks, *evidence_row.notes],
         }
@@ -247,11 +249,13 @@ def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
     """
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)  # of the median and of the interval's ends
-    difference = ""  # Other quantities are no differences of stimuli.
     if row.parameter in ("pse_shift", "jnd"):
+        # The unit is natural logs where per cents would be too large.
         unit = analysis.study.unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
         difference = format_draws(unit.differences(draws), n_effective, 1, unit.of_differences)
-    return row, format_draws(draws, n_effective, 3), difference
+    else:  # no difference between stimuli
+        difference = ""
+    return row, format_draws(draws, n_effective, most_decimals=3), difference
 
 
 def _typeset(words: str) -> str:

@@ -56,15 +56,15 @@ def write_results(
     figures: str = "all",
     has_explorer: bool = False,
 ) -> Path:
-    """Write draws, tables, figures, report and methods of an analysis.
+    """Write draws, tables, figures, report and methods of an analysis; return their folder.
 
     All are complete before the first one replaces a file. With `--overwrite`, what an earlier
     analysis of these subjects has left and this one does not write is removed; other files of the
-    folder stay. Corner plots and curves are those of all subjects, "flagged" ones, who need action,
-    or "none". `contradictions` are what speaks against a normal group.
+    folder stay. Corner plots and curves are those of "all" subjects, of those "flagged" as needing
+    action, or of "none". `contradictions` are what speaks against a normal group.
     """
     draws = analysis.draws
-    stems = file_stems(analysis.study.names)
+    stems = file_stems(analysis.study.names)  # of the files of each subject
     flagged_subjects = flagged(analysis.answers, draws.not_converged)
     names = {"all": draws.names, "flagged": tuple(flagged_subjects), "none": ()}[figures]
     products = list(PRODUCTS)
@@ -72,6 +72,7 @@ def write_results(
         products += [f"corner/{stem}.png", f"subjects/{stem}.html"]
     with (
         whole_folder(folder, products, overwrite=context.overwrite) as new_folder,
+        # Curves of subjects stand only within the report, and have no files of their own.
         TemporaryDirectory(dir=new_folder.absolute()) as curves,
     ):
         # Absolute paths, since a worker may be in another folder than this process.
@@ -123,12 +124,13 @@ def _drawing_jobs(
     Corner plots stay in `folder`; the report takes the curves from `curves`, which is then removed.
     """
     study = analysis.study
-    jobs = []
     truths: Truth = {}  # known only of the bundled example
     if study.source == EXAMPLE and study.task == SAME_DIFFERENT:
         truths = example_truth(SAME_DIFFERENT)
+
     if stems:
         (folder / "corner").mkdir()
+    jobs = []
     for name, stem in stems.items():
         jobs.append(
             partial(

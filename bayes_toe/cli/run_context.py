@@ -92,18 +92,20 @@ class RunContext:
         preset = preset_or_file(self.prior)
         study = file.read()
         if len(study.by_task) > 1 and not several_tasks:
-            # Without --condition, reading refuses several tasks. Its error has what to type.
+            # Reading without --condition raises an error that says what to type for each task.
             replace(file, reading={**file.reading, "condition": None}).read()
         return study, prior_for(study, preset)
 
-    def read_and_describe(self, file: StudyFile, **options: bool) -> tuple[Study, Prior]:
-        """Read the study and the prior, and describe them on the screen."""
-        study, prior = self.read(file, **options)
+    def read_and_describe(
+        self, file: StudyFile, *, several_tasks: bool = False
+    ) -> tuple[Study, Prior]:
+        """Read the study and the prior as :meth:`read`, and describe them on the screen."""
+        study, prior = self.read(file, several_tasks=several_tasks)
         self.introduce(study, prior)
         return study, prior
 
     def introduce(self, study: Study, prior: Prior) -> None:
-        """Describe a study on the screen, with a prior that is named and probable mistakes."""
+        """Print what was read, the prior that --prior names, and probable mistakes in the study."""
         from bayes_toe.checks.design_checks import urgent_findings
 
         self.out.line(describe_study(study))
@@ -162,15 +164,17 @@ class RunContext:
     def partial_folder(self, output: Path) -> Path:
         """The folder beside the output for finished subjects.
 
-        What a stopped command has left there is removed only with --overwrite.
+        It may hold results of a stopped command, which --resume uses and --overwrite removes.
+        Without either option an OutputError is raised.
         """
         from bayes_toe.result_store import discard, stored_files
 
         # '.' and '..' have no name to which an ending can be added.
         target = output if output.name not in ("", "..") else output.resolve()
         folder = target.with_name(f"{target.name}.partial")
-        # --resume keeps what is stored.
-        n_stored = 0 if self.resume else len(stored_files(folder))
+        if self.resume:
+            return folder
+        n_stored = len(stored_files(folder))
         if n_stored and not self.overwrite:
             raise OutputError(
                 f"{format_path(folder)} holds {plural(n_stored, 'result')} of a stopped command. "
@@ -263,11 +267,12 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     for name, parameter in signature.parameters.items():
         # Annotated[RunContext, "seed"] has a class and names of fields; a class alone has no names.
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
-        options = [parameter]
         if is_dataclass(kind):
             options = _options(kind, names)
             records[name] = kind, [option.name for option in options]
-        parameters += options
+            parameters += options
+        else:  # an option already
+            parameters.append(parameter)
 
     @wraps(function)
     def command(**values: Any) -> None:
@@ -301,9 +306,9 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
-    """The files that options name for reading: all that exist, but those of outputs.
+    """The files that a command reads: values of options that name a file, except outputs.
 
-    A text, such as that of --prior, may be a kind or a file.
+    Any option may name one: the value of --prior is the name of a prior or of a file.
     """
     paths = []
     for name, value in values.items():
@@ -339,16 +344,17 @@ def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
 
 def print_error(error: BayesToeError, command: str) -> None:
     """Print the problems of an error, then what to type, one choice a line."""
-    problems = str(error)
+    problems = str(error)  # lines
     choices = []  # what to type, and what it means in the cases in which it helps
     if isinstance(error, InputError):
+        # The text of the error itself goes on with what to type in Python.
         problems = "\n".join(error.problems)
         for remedies, meanings in error.choices:
             choices.append((" ".join(remedy.typed for remedy in remedies), meanings))
     elif isinstance(error, OutputExistsError):
         problems = error.problem
         choices = [("--overwrite", ["to replace it"]), ("-o NAME", ["to write elsewhere"])]
-    if problems == NO_FILE:
+    if problems == NO_FILE:  # an error without remedies, because the command is known only here
         choices = [(f"bayes-toe {command} {study}", []) for study in ("STUDY.csv", "--example")]
 
     stored = describe_stored()

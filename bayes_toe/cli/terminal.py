@@ -208,12 +208,15 @@ def command_lines(command: str, start: str) -> list[str]:
 
 
 def typed_command(name: str) -> str:
-    """The command line that was typed, for another command with the same file."""
+    """The options that were typed, with another command, such as 'bayes-toe run study.csv'."""
     return shlex.join(["bayes-toe", name, *TYPED[1:]])
 
 
 def repeated_command() -> str:
-    """The command line that was typed, to be typed again when its outputs exist."""
+    """The command line that was typed, to be typed again with further options.
+
+    It replaces its outputs, and does not resume: what is stored was computed without the options.
+    """
     words = [word for word in TYPED if word != "--resume"]
     if "--overwrite" not in words:
         words.append("--overwrite")
@@ -223,7 +226,7 @@ def repeated_command() -> str:
 def with_options(command: str, options: Iterable[str]) -> str:
     """A command line with further options, which replace those for blocks of the same subject.
 
-    A swap that was typed is removed: the responses look swapped only after it.
+    A swap that was typed is removed: only after that swap do the responses look swapped.
 
     Examples
     --------
@@ -233,6 +236,7 @@ def with_options(command: str, options: Iterable[str]) -> str:
     'bayes-toe run study.csv --exclude B'
     """
     for option in options:
+        # ' --exclude B' or ' --exclude B:3', but not ' --exclude B2'
         command, n_typed = re.subn(rf" {re.escape(option)}(:\S+)?(?!\S)", "", command)
         if not n_typed or "--exclude" in option:
             command += f" {option}"
@@ -259,7 +263,8 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
     >>> format_table(["subject", "order\neffect"], [["A01", "yes"], ["A02", "no"]])
     ['         order', 'subject  effect', 'A01      yes', 'A02      no']
     """
-    # Columns fit if they do once the first one is cut. Two are kept in any case.
+    # Columns fit if they do once the first one, the names, is cut. Two are always kept, the names
+    # and one more, because a table of names alone shows nothing.
     n_fitting = len(headings)
     while n_fitting > 2 and not is_narrow(headings[:n_fitting], [row[:n_fitting] for row in rows]):
         n_fitting -= 1
@@ -386,11 +391,11 @@ def merge_notes(notes: Iterable[Note]) -> list[tuple[list[str], str, str]]:
     >>> merge_notes([("A", "few trials", ""), ("B", "few trials", "")])
     [(['A', 'B'], 'few trials', '')]
     """
-    # The subjects of each text and option, in a dict as a set that keeps their order.
-    merged: dict[tuple[str, str], dict[str, None]] = {}
+    # Subjects are the keys of a dict, as a set that keeps their order.
+    merged: dict[tuple[str, str], dict[str, None]] = {}  # by text and option
     for subject, text, option in notes:
         subjects = merged.setdefault((text, option), {})
-        if subject:
+        if subject:  # a note on all subjects has none
             subjects[subject] = None
     return [(list(subjects), *note) for note, subjects in merged.items()]
 
@@ -408,9 +413,10 @@ def describe_amount(study: Study) -> str:
     subjects = plural(len({subject.subject_name for subject in study}), "subject")
     if study.conditions is not None:
         subjects += f" in {len(study.conditions.levels)} conditions"
-    pairs = f"{min(pair_counts):,} to {max(pair_counts):,} pairs"
     if len(set(pair_counts)) == 1:
         pairs = plural(pair_counts[0], "pair")
+    else:
+        pairs = f"{min(pair_counts):,} to {max(pair_counts):,} pairs"
     tasks = join_words([part.task.title for part in study.by_task])
     return f"{subjects}, {plural(n_trials, 'trial')}, {tasks}, {pairs}"
 

@@ -101,6 +101,7 @@ class Particles:
             mixture = mixture.updated(draws, SHARP)
             # The function takes several posteriors; here it is one.
             (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
+        # The efficiency is the effective share of the draws.
         if mixture is None or draws.efficiency < 0.25:
             fitted = fit_posterior(posterior, rng)
             mixture = fitted.mixture

@@ -118,8 +118,9 @@ class OptimalDesign:
         stimuli, index = np.unique(self.design.s1, return_inverse=True)
         share = np.bincount(index, self.design.n_trials / self.design.total)
         frequent = np.sort(np.argsort(-share)[:4])  # four, in the order of their intensity
-        levels, unit_name = self.unit.numbers(stimuli[frequent], stimuli.mean())
-        if not self.unit.of_stimuli:
+        if self.unit.of_stimuli:
+            levels, unit_name = self.unit.numbers(stimuli[frequent], stimuli.mean())
+        else:
             levels = [f"{value:g}" for value in stimuli[frequent]]
             unit_name = "ln"
         firsts = ", ".join(
@@ -141,11 +142,12 @@ class OptimalDesign:
 
     @property
     def learnable(self) -> str:
-        """Regularities that subjects may learn, in a sentence: the model has none. Empty without.
+        """A sentence on regularities that subjects may learn, which the model lacks, or ''.
 
-        More than a third of the trials have equal pairs, or begin at an end of the range.
+        A regularity is that more than a third of the trials have equal pairs, or begin at an end of
+        the range.
         """
-        if self.name == EVEN:
+        if self.name == EVEN:  # the design that the warning proposes
             return ""
         design = self.design
         ends = [design.s1.min(), design.s1.max()]
@@ -154,7 +156,7 @@ class OptimalDesign:
             "begin with the weakest or strongest stimulus": np.isin(design.s1, ends),
         }
         frequent = []
-        for words, is_regular in regularities.items():  # of each pair
+        for words, is_regular in regularities.items():  # is_regular has the shape (pairs,)
             n_trials = design.n_trials[is_regular].sum()
             if 3 * n_trials > design.total:
                 frequent.append(f"{n_trials} of {design.total} trials {words}")
@@ -193,7 +195,7 @@ def levels_between(
     >>> levels_between(0.0, 20.0, "10", ReadOptions(unit="dB")).round(3).tolist()
     [0.0, 1.151, 2.303]
     """
-    if not step:
+    if not step:  # the default
         step = "5%" if options.has_intensities else f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
     is_percent = step.endswith("%")
     size = number(step.removesuffix("%"))

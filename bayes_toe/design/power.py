@@ -326,9 +326,10 @@ def simulate_power(
     workers: Workers,
     progress: Progress | None,
 ) -> Iterable[DataSet]:
-    """The data sets of all observers with all designs, each of which has its name before it.
+    """The data sets of all observers with all designs.
 
-    A job is a batch of observers with one design. Progress shows the names of its observers.
+    `designs` has the name of each design and the design. A job is a batch of observers with one
+    design. Progress shows the names of its observers.
     """
     jobs = []
     names = []
@@ -441,9 +442,9 @@ class GroupPowerTable(Table[GroupPower]):
         lines = []
         for design, trials in dict.fromkeys((row.design, row.trials) for row in self.rows):
             for question in SIZE_OF:  # the order effect has no mean
-                # The rows of a kind of observers, one a number of subjects, share their true mean.
-                kinds = self.select(design, trials, question).values()
-                with_mean = [rows for rows in kinds if rows[0].has_mean]
+                # A kind of observers has a row for each number of subjects, all with one true mean.
+                rows_by_kind = self.select(design, trials, question)
+                with_mean = [rows for rows in rows_by_kind.values() if rows[0].has_mean]
                 if with_mean:
                     smallest = min(with_mean, key=lambda rows: abs(rows[0].true_mean))
                     shares = [f"{row.percent} % with {row.subjects} subjects" for row in smallest]
@@ -497,13 +498,14 @@ def group_power(
             true_sd = float(np.std(true_sizes))
             for size in subjects:
                 detected = predicted_count(n_detected, len(group), size)
-                power_of_mean = (np.nan,) * 3
                 if question in SIZE_OF:
                     rng = generator(table.seed, design, kind, f"{trials} {size} {question}")
                     hits = _count_detected_means(
                         group, question, true_sizes, size, whole_prior, rng
                     )
                     power_of_mean = share(hits, _N_STUDIES)
+                else:  # the order effect
+                    power_of_mean = (np.nan,) * 3
                 rows.append(
                     GroupPower(
                         design,

@@ -175,6 +175,7 @@ def simulated_conditions(levels: Sequence[str], sizes: Sizes) -> Conditions | No
         return None
     numbers = list(map(number, levels))  # NaN for a text
     is_numeric = bool(np.isfinite(numbers).all())
+    # Numbers are written in one way, so that '1' and '1.0' are the same level.
     names = tuple(level_words(numbers) if is_numeric else levels)
     # A unit is named such as 'S01@left', from which its level must be read again.
     can_be_read = all(name and CONDITION_SEPARATOR not in name for name in names)
@@ -205,9 +206,10 @@ def in_conditions(
         raise InputError(
             "--differ: allowed with observers of the four models, such as --observers both"
         )
-    steps = np.linspace(-0.5, 0.5, len(conditions.levels))
     if conditions.numeric:
         steps = conditions.design()[:, 0]  # the only column of a numeric condition
+    else:
+        steps = np.linspace(-0.5, 0.5, len(conditions.levels))
     observers: dict[str, SimulatedObserver] = {}
     for level, step in zip(conditions.levels, steps.tolist(), strict=True):
         unit = replace(observer, name=f"{observer.name}{CONDITION_SEPARATOR}{level}")
@@ -364,8 +366,9 @@ def simulate(  # each is a choice of its own, and has a default
     subjects = []
     truth = {}
     for observer in simulated:
-        by_condition = {"": observer}
-        if study_conditions is not None:
+        if study_conditions is None:
+            by_condition = {"": observer}
+        else:
             by_condition = in_conditions(observer, study_conditions, sizes)
         for condition, unit in by_condition.items():
             answers = answer_trials(unit, study_design, root, carry_over)
@@ -390,8 +393,8 @@ def draw_population(
     """
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
-        # These observers expect stimuli mu1 between -1 and 2. None of them expects what is farther
-        # than 2 from the paper's reference, ln 0.
+        # These observers expect stimuli mu1 between about -1 and 2, see `paper_population`. So they
+        # suit stimuli near the paper's reference, ln 0.
         if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
@@ -411,13 +414,14 @@ def draw_population(
 def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
     """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
     require_file(path, "--observers", POPULATIONS)
-    # The header decides which columns are required. A file without lines is read in part only, and
-    # one in another encoding is refused below.
+    # The header decides which columns are required. A file without line breaks is read in part
+    # only, and one in another encoding is refused below.
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         header = file.readline(10_000)
-    required = natural_names(task)
-    optional = []
-    if "mu1" not in header:  # observers of the four models
+    if "mu1" in header:  # observers of the paper's model
+        required = natural_names(task)
+        optional = []
+    else:
         parameters = parameter_names(task)
         required = tuple(name for name in parameters if name in REQUIRED)
         optional = [name for name in parameters if name not in REQUIRED]
@@ -503,7 +507,7 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
     The first batch of a subject comes in one condition after the other, then the second batch, and
     so on. The column `synthetic` marks the trials in every file.
     """
-    words = np.array(study.task.answers)  # the first one is the counted answer
+    words = np.array(study.task.answers)  # the counted answer and the other, or all three
     batch = np.repeat(np.arange(1, design.n_batches + 1), design.total // design.n_batches)
     frames = []
     for subject in study:
@@ -515,10 +519,10 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
         columns |= {"batch": batch, "trial": 0}
         s1, s2 = answers.keys.T
         columns |= stimulus_columns(s1, s2, unit)
-        index = 1 - answers.n_yes  # of the word, in each trial
-        if answers.n_second is not None:  # of equal, second and first, what is neither is 'first'
-            index = np.where(answers.n_yes + answers.n_second > 0, index, 2)
-        columns |= {"response": words[index], "synthetic": 1}
+        word_index = 1 - answers.n_yes  # in each trial: 0 for the counted answer, else 1
+        if answers.n_second is not None:  # of equal, second and first: what is neither is 'first'
+            word_index = np.where(answers.n_yes + answers.n_second > 0, word_index, 2)
+        columns |= {"response": words[word_index], "synthetic": 1}
         frames.append(pd.DataFrame(columns))
     frame = pd.concat(frames)
     # Sorted by subject and batch; subjects stay in the order of the study, not of their names.

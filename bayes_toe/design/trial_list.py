@@ -85,13 +85,14 @@ def trial_list(
 
 
 def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[IndexArray]:
-    """The trials of each block, level * n_pairs + pair, dealt out to the blocks in turn.
+    """The trials of each block, as numbers level * n_pairs + pair, dealt out to the blocks in turn.
 
     Two stimuli in both orders are dealt together, before the trials that are left. The trials of a
     pair are dealt one after the other, and so come to different blocks.
     """
     n_left = design.n_trials.copy()
-    # Pairs that stay together in a block, and how often they come: ([pair, other order], 20).
+    # Pairs that stay together in a block, and how often they come, as in ([3, 7], 20), where pair 7
+    # is pair 3 in the other order.
     both_orders = []
     for i, turned in enumerate(design.turned.tolist()):
         if turned > i:  # the other order, seen from the first of the two
@@ -100,7 +101,8 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
             both_orders.append(([i, turned], n_common))
     one_order = [([i], count) for i, count in enumerate(n_left.tolist())]
 
-    dealt = []  # arrays of one or two trials that come to the same block
+    # In the order of dealing: arrays of one or two trials that come to the same block.
+    dealt = []
     for pairs_and_counts in (both_orders, one_order):
         to_deal = list(product(range(n_levels), pairs_and_counts))
         for i in rng.permutation(len(to_deal)).tolist():

@@ -213,9 +213,8 @@ class Entry:
         for name in names:
             values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
             quantiles.append(axis_values(name, values, self.unit))
-            has_quantity = EVERY_MODEL  # which of the four models have it
-            if self.is_averaged:
-                has_quantity = QUESTIONS.get(name, EVERY_MODEL)
+            # Which of the four models have the quantity. A single model has all that it shows.
+            has_quantity = QUESTIONS.get(name, EVERY_MODEL) if self.is_averaged else EVERY_MODEL
             shares.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
         return {"prior": to_base64(quantiles), "priorShares": shares}
 
@@ -304,7 +303,7 @@ class Entry:
 
 
 def _is_plottable(is_present: BoolArray) -> bool:
-    """Whether enough draws have an effect to show it."""
+    """Whether enough draws have an effect to show it; of few draws, all must have it."""
     return bool(is_present.sum() >= min(FEWEST_DRAWS, len(is_present)))
 
 
@@ -341,9 +340,10 @@ def entries_of(draws: Draws, label: str, subjects: Texts, truths: Truth) -> list
     for name in subjects:
         answer, _ = answer_subject(draws.subject(name), draws.seed, draws.prior.observer)
         answer = answer.in_study(len(draws.names))
-        words = tuple((line.question, line.word) for line in answer.lines.values())
         if name in refused:
-            words = (("not interpreted:", refused[name]),)
+            words: Pairs = (("not interpreted:", refused[name]),)
+        else:
+            words = tuple((line.question, line.word) for line in answer.lines.values())
 
         entry = Entry(
             label,

@@ -35,6 +35,7 @@ MOST_ENTRIES = 200
 #: The source of the bundled studies.
 EXAMPLE = "bundled example (synthetic)"
 _ROWS = 16_000  # draws of all entries
+#: The mark in the template where the data of the entries are put.
 _ISLANDS = "<!-- posteriors -->"
 
 
@@ -131,9 +132,10 @@ def entries(
     page_entries = []
     for label, model_draws in by_label.items():
         selected = tuple(name for name in names if name in model_draws.names)
-        true_values = truths
         if not truths and model_draws.study.source == EXAMPLE:
             true_values = example_truth(model_draws.study.task)
+        else:
+            true_values = truths
         page_entries += entries_of(model_draws, label, selected, true_values)
     _require_quantities(truths, page_entries)
     return page_entries

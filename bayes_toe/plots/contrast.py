@@ -60,10 +60,11 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
     quantities = [name for name in QUANTITIES if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
     n_subjects = len(table.subjects)
-    # Inches, here 0.16 for a subject.
-    panel_height = max(0.7, 0.16 * n_subjects)
+    # Inches, 0.16 for a subject.
     if n_subjects > MAX_NAMES:
-        panel_height = 0.6 * HIGH  # several comparisons share the page
+        panel_height = 0.6 * HIGH  # lower, because several comparisons share the page
+    else:
+        panel_height = max(0.7, 0.16 * n_subjects)
     # 0.7 for title and legend, and 0.9 for the axis and label of each panel.
     figure = new_figure(PAGE, 0.7 + (0.9 + panel_height) * len(comparisons))
     panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
@@ -72,18 +73,18 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         quantity = quantities[j]
         comparison = comparisons[i]
         rows = table.select(quantity, comparison)
-        # Of an unknown unit, intervals are in per cent. A contraction is a share, which is too
-        # small to change the unit.
+        # In the unknown unit, intervals are per cents, from which `for_percent` chooses the unit.
+        # Those of a contraction are shares, too small to change it.
         percents = [row.interval(UNKNOWN_UNIT) for row in rows]
         unit = table.unit.for_percent(percents)
         _draw_subjects(ax, table, rows, unit)
         quantity_ticks(ax, observer_name(quantity))
-        unit_name = unit.of_differences
-        if quantity == "contraction":  # a share
-            unit_name = "%"
-        label = f"{quantity}, {plain(comparison)} ({unit_name})"
+        # A contraction is a share.
+        unit_name = "%" if quantity == "contraction" else unit.of_differences
         if len(comparison) > _LONGEST_BESIDE:
             label = f"{quantity} ({unit_name}),\n{plain(comparison)}"
+        else:
+            label = f"{quantity}, {plain(comparison)} ({unit_name})"
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
         ax.tick_params(labelleft=j == 0)
 

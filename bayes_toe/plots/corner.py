@@ -156,7 +156,7 @@ def corner(
     highest = np.max(limits, axis=0)[:, 1]
     spans = np.column_stack([lowest, highest]).tolist()
     fig = fig or _new_figure(len(spans))
-    for sample in samples:  # all in the same panels, so that `axes` stays the same
+    for sample in samples:  # all in the same panels, which every call returns
         axes = _draw_posterior(fig, sample, spans, is_single=len(samples) == 1)
     if prior is not None:  # its marginals, as shares of the same bins
         for sample in samples:
@@ -442,7 +442,7 @@ def _draw_contours(
 ) -> None:
     """Draw contours and true values of one subject in the panels below the diagonal."""
     lines: Style = {"colors": sample.colour, "linestyles": sample.line}
-    for column, row in combinations(range(len(spans)), 2):
+    for column, row in combinations(range(len(spans)), 2):  # column < row: below the diagonal
         ax = axes[row, column]
         *middles, counts, levels = contour_grid(
             sample.columns[column], sample.columns[row], spans[column], spans[row]

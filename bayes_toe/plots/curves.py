@@ -177,9 +177,9 @@ def responses_panel(ax: Axes, subject: Subject, fitted: Predictor) -> None:
 
 
 def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None:
-    """P('equal') over the stronger stimulus of all pairs with one weaker stimulus (ln), by order.
+    """Draw P('equal') over the stronger stimulus of the pairs with one weaker stimulus (ln).
 
-    As in Fig. 3, upper row.
+    There is a curve for each order, as in Fig. 3, upper row.
     """
     stronger = np.maximum(subject.s1, subject.s2)
     is_in_panel = pairs_with_weaker(subject, weaker)
@@ -209,9 +209,9 @@ def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None
 
 
 def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) -> None:
-    """P of the counted answer over s2 - s1 of all pairs with one of these first stimuli (ln).
+    """Draw P of the counted answer over s2 - s1 of all pairs with one of these first stimuli (ln).
 
-    The curve is that of their middle one.
+    The curve is that of the middle one of `firsts`.
     """
     difference = subject.s2 - subject.s1
     pad = 0.05 * max(float(np.ptp(difference)), 1e-9)  # above 0 if all differences are the same
@@ -229,7 +229,7 @@ def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) ->
 
 
 def three_panel(ax: Axes, subject: Subject, fitted: Predictor, firsts: FloatArray) -> None:
-    """P of each of three answers over s2 - s1, of all pairs with one of these first stimuli (ln).
+    """Draw P of three answers over s2 - s1, of all pairs with one of these first stimuli (ln).
 
     Pairs whose difference is the same are pooled. The marks of the answers stand side by side.
     """
@@ -252,7 +252,7 @@ def three_panel(ax: Axes, subject: Subject, fitted: Predictor, firsts: FloatArra
 
 
 def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
-    """The proportion correct over the middle of the pair, of all steps between the stimuli.
+    """Draw the proportion correct of 'which is stronger' over the middle of the pair, by order.
 
     Pairs with neighbouring middles are pooled where there are more than six middles.
     """
@@ -333,10 +333,11 @@ def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
 
 def draw_shares(ax: Axes, x: FloatArray, n_yes: IntArray, n_trials: IntArray, mark: Mark) -> None:
     """Draw the Laplace estimator of shares with its standard deviation, Eq. e:2b."""
-    style: Style = {"ms": 4.0, "elinewidth": 0.9}
+    style: Style = {"color": mark.colour, "mec": "white", "mew": 0.5}
     if len(x) > 25:  # So many points overlap.
-        style = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
-    style |= {"color": mark.colour, "mec": "white", "mew": 0.5}
+        style |= {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
+    else:
+        style |= {"ms": 4.0, "elinewidth": 0.9}
     value = laplace_estimate(n_yes, n_trials)
     error = laplace_error(n_yes, n_trials)
     ax.errorbar(x, value, error, fmt=mark.marker, label=mark.label, **style)

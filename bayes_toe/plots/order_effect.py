@@ -136,7 +136,7 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
 
         limits = _limits(sizes)
-        low, _, high = sizes.T  # NaN, of rows without a size, is not beyond any limit
+        low, _, high = sizes.T  # A row without a size has NaN, which is not beyond any limit.
         n_cut = int(np.sum((low < limits[0]) | (high > limits[1])))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
@@ -176,8 +176,8 @@ def _sizes(
     for row, answer in enumerate(answers):
         if answer.words[question.name] in _FILLS:
             sizes[row] = answer.sizes[SIZE_OF[question.name]]
-    # All subjects of a study have the same unit. Sizes are in per cent so far, and natural logs
-    # take their place if these are too large.
+    # All subjects of a study have the same unit. Sizes are in per cent so far. If the axis would
+    # need per cents that are too large, it has natural logs.
     unit = answers[0].unit.for_percent(_limits(sizes))
     if group is not None and question.name in group.identified:
         sizes[-1] = group.table.row("mean", question.group_size).interval
@@ -231,7 +231,7 @@ def _write_names(
     ax: Axes, answers: Sequence[OrderEffect], group: PopulationResult | None, *, is_crowded: bool
 ) -> None:
     """Write the names of subjects, or how many there are if it is crowded, and of the group."""
-    names = {}  # by height
+    names = {}  # by the height of their row
     if is_crowded:
         label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
         ax.set_ylabel(label, fontsize=LETTERS)

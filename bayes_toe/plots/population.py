@@ -68,10 +68,13 @@ def population(result: PopulationResult) -> Figure:
     """
     names = result.names
     effects = _effects(result)
-    comparisons = [column.meaning for column in result.regressors.columns]
-    if result.study.conditions is not None:
-        condition = result.study.conditions.name
-        comparisons = [f"{condition} {level} − {other}" for level, other in result.comparisons]
+    conditions = result.study.conditions
+    if conditions is None:
+        comparisons = [column.meaning for column in result.regressors.columns]
+    else:
+        comparisons = [
+            f"{conditions.name} {level} − {other}" for level, other in result.comparisons
+        ]
     n_subjects = len(result.subjects)
     is_crowded = n_subjects > MAX_NAMES_IN_GROUP
     # Inches of the sections: forests, priors, and effects if there are any. A row of a forest
@@ -90,7 +93,7 @@ def population(result: PopulationResult) -> Figure:
     sections = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
     # The first two sections have a panel for each parameter. Forests share the axis of subjects;
-    # densities have axes of their own.
+    # densities have axes of their own. A third section, with the effects, follows below.
     for section, draw in zip(sections, (forest, prior_panel), strict=False):
         panels = section.subplots(1, len(names), squeeze=False, sharey=draw is forest)[0]
         for name, ax in zip(names, panels, strict=True):
@@ -113,10 +116,14 @@ def _draw_effects(
     comparisons: Sequence[str],
     n_columns: int,
 ) -> None:
-    """Draw the effects on the means in a panel for each parameter, a row for each comparison."""
-    title = "effects of covariates on the group means, 95 % intervals"
+    """Draw the effects on the means in a panel for each parameter, a row for each comparison.
+
+    `effects` is what :func:`_effects` returns, and `comparisons` has the labels of the rows.
+    """
     if result.comparisons:
         title = "differences of the group means between conditions, 95 % intervals"
+    else:
+        title = "effects of covariates on the group means, 95 % intervals"
     section.suptitle(title, fontsize=SMALL)
     panels = grid_panels(section, len(effects), n_columns, sharey=True)
     row_names = [plain(fill(text, 22), 70) for text in comparisons]
@@ -124,7 +131,7 @@ def _draw_effects(
         ax.axvline(0.0, color="black", lw=0.8)
         draw_intervals(ax, range(len(row_names)), quantiles)
         name_rows(ax, len(row_names), row_names)
-        # 0 is in the middle, so that the side of an effect is seen.
+        # 0 is in the middle, so that the side of an effect is seen; 8 % are a margin.
         reach = 1.08 * float(np.abs(quantiles).max())
         ax.set(xlim=(-reach, reach), xlabel=label)
         ax.spines["left"].set_visible(False)
@@ -181,7 +188,10 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
 
 
 def forest(ax: Axes, result: PopulationResult, name: str) -> None:
-    """Draw a parameter of every subject, before bands of the group's mean and a new subject."""
+    """Draw a parameter of every subject, in front of bands of the group's mean and a new subject.
+
+    Bands and lines are 95 % intervals.
+    """
     j = result.index(name)
     # With covariates, the group has no single mean: it is shown at the reference of each.
     reference = " at reference" if result.regressors.columns else ""

@@ -66,14 +66,15 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
             "choose some, as in subjects=['S01', 'S02']"
         )
     selected = [analysis.study[name] for name in names]
-    # Many subjects have small panels. A few have one row of panels, higher ones for more pairs.
-    n_columns = 5
-    height = 1.0
+    # A few subjects have one row of panels, higher ones for more pairs. Many have small panels.
     has_room = len(selected) <= 4
     if has_room:
         n_columns = len(selected)
         n_pairs = max(subject.n_pairs for subject in selected)
-        height = min(max(_PAIR * n_pairs, 1.2), 6.0)
+        height = min(max(_PAIR * n_pairs, 1.2), 6.0)  # of a panel, inches
+    else:
+        n_columns = 5
+        height = 1.0
 
     width = COLUMN if n_columns == 1 else PAGE
     figure = new_figure(width, grid_rows(len(selected), n_columns) * height + 1.0)
@@ -120,9 +121,10 @@ def _label_pairs(ax: Axes, subject: Subject, index: IndexArray) -> None:
 def _draw_subject(
     ax: Axes, analysis: Analysis, subject: Subject, index: IndexArray, *, has_room: bool
 ) -> None:
-    """Draw intervals and, before them, observed proportions in the colour of their order.
+    """Draw intervals and, in front of them, observed proportions in the colour of their order.
 
-    `index` sorts the pairs.
+    `index` sorts the pairs. With `has_room` marks are larger, and the title counts the pairs that
+    are outside.
     """
     share = (subject.n_yes / subject.n_trials)[index]  # of the counted answer
     order = presentation_order(subject)[index]
@@ -130,7 +132,7 @@ def _draw_subject(
 
     low, high = predictive_interval(analysis.curve(subject.name), analysis.settings.seed)[:, index]
     ax.barh(y, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
-    # A bar of no length would not be seen: a line in its middle is.
+    # A bar without length is not seen, but a line in its middle is.
     ax.vlines(0.5 * (low + high), y - 0.35, y + 0.35, color=_INTERVAL, lw=1.0)
     size = 4.5 if has_room and len(index) <= 40 else 2.8  # of marks, smaller if they are close
     for mark, rows in rows_by_order(order):

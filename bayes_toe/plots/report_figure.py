@@ -90,7 +90,7 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
     """
     ranked = [answer for answer in answers if answer.is_interpretable]
     ranked.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
-    # The first one, and the last five.
+    # The first one, and the last five. They overlap if there are fewer than six.
     names = {answer.subject for answer in (*ranked[:1], *ranked[1 - MAX_SUBJECTS :])}
     return [answer.subject for answer in answers if answer.subject in names]
 

@@ -89,14 +89,16 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     previous = trials.previous[answered]
     has_previous = previous >= 0  # the first trial of a session has -1
     previous = previous[has_previous]
-    values = residual[has_previous], variance[has_previous], change[:, has_previous]
+    # What both panels show, each in groups of its own.
+    residuals = residual[has_previous], variance[has_previous], change[:, has_previous]
 
     mean = 0.5 * (trials.first[previous] + trials.second[previous])
-    _draw_residuals(left, mean, _stimulus_groups(mean), *values)
+    _draw_residuals(left, mean, _stimulus_groups(mean), *residuals)
     # The response before, the counted one (1) at the right.
     response = trials.answer[previous]
     responses = np.unique(response[response != 0.0])  # 0 is a missing response
-    _draw_residuals(right, response, response == responses[:, None], *values)
+    # The groups have the shape (responses, trials).
+    _draw_residuals(right, response, response == responses[:, None], *residuals)
 
     *_, yes, no = static.subject.task.answers
     mean_of_trials = float(np.average(0.5 * (trials.first + trials.second)))
@@ -121,9 +123,9 @@ def _stimulus_groups(mean: FloatArray) -> BoolArray:
     Up to eight different means are a group each; more are binned into five groups.
     """
     edges = np.unique(mean)[1:]  # each mean but the lowest begins a group
-    if len(edges) >= 8:
+    if len(edges) >= 8:  # nine groups or more
         edges = np.unique(np.quantile(mean, [0.2, 0.4, 0.6, 0.8]))
-    group = np.searchsorted(edges, mean, side="right")
+    group = np.searchsorted(edges, mean, side="right")  # the number of the group of each trial
     return group == np.unique(group)[:, None]  # without groups that have no trial
 
 

@@ -95,9 +95,11 @@ def rounded(low: float, high: float, *values: float) -> list[str]:
     >>> rounded(0.0, 3.4, 1.234), rounded(0.0, 0.034, 0.01234)
     (['1.2'], ['0.012'])
     """
-    digits = 3  # where the two are equal
     if high > low:
+        # The logarithm of 0.034 is -1.5, and its second digit is in decimal 3.
         digits = max(0, 1 - int(np.floor(np.log10(high - low))))
+    else:
+        digits = 3
     # Adding 0.0 leaves no -0.0.
     return [f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values]
 
@@ -159,9 +161,8 @@ def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
     for i, ax in enumerate(panels):
         if i % n_columns:  # not the first one of its row
             ax.set_ylabel("")
-        label = ""
-        if i + n_columns >= len(panels):  # no panel below it
-            label = ax.get_xlabel()
+        has_panel_below = i + n_columns < len(panels)
+        label = "" if has_panel_below else ax.get_xlabel()
         figure = ax.get_figure(root=True)
         # Panels below 2.3 inches have no room for a label of one line.
         if figure is not None and figure.get_figwidth() < 2.3 * n_columns:
@@ -194,7 +195,10 @@ class Scale(NamedTuple):
     unit: StimulusUnit | None = None
 
     def ticks(self, low: float, high: float) -> tuple[FloatArray, list[str]]:
-        """Natural logs of round numbers in the unit, and the numbers."""
+        """Natural logs of round numbers in the unit between two natural logs, and the numbers.
+
+        The scale has a unit.
+        """
         assert self.unit is not None
         start, end = self.unit.stimuli([low, high])
         locators: list[Locator] = []
@@ -258,9 +262,10 @@ def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
 def proportion_axis(ax: Axes) -> None:
     """Set limits and ticks of proportions: from 0, or from near the lowest if none is below .3."""
     lowest, _ = ax.get_ylim()
-    start = 0.0
     if lowest >= 0.3:
         start = np.floor(10.0 * lowest) / 10.0  # the tenth below
+    else:
+        start = 0.0
     ax.set_ylim(start - 0.03, 1.03)  # room for half a mark
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
 
