@@ -111,7 +111,8 @@ class PenalisedLikelihood:
         """Points from which searches may start, shape (4 values of mu1, points of each, 4)."""
         sbar = np.average(self.subject.s1, weights=self.subject.n_trials)
         # Far below the stimuli, among them on both sides of the mean, and far above them. No two
-        # are at the same distance: a symmetric design has equal maxima on both sides.
+        # are at the same distance: a symmetric design has equal maxima on both sides, between which
+        # rounding would choose.
         mu1 = sbar + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
         gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
@@ -125,8 +126,8 @@ class PenalisedLikelihood:
         """The best point of the grid with each mu1, for counts (rows, pairs): (rows, mu1, 4)."""
         starts = []
         for points in self.grid:  # with one mu1
-            best = self.objective(points, n_yes).argmax(axis=1)  # of the points, for each row
-            starts.append(points[best])
+            best_index = self.objective(points, n_yes).argmax(axis=1)  # (rows,)
+            starts.append(points[best_index])
         return np.stack(starts, axis=1)
 
     def minus_objective(self, x: FloatArray, n_yes: FloatArray) -> tuple[float, FloatArray]:
@@ -301,9 +302,8 @@ class SubjectFit:
         remarks = []
         names = np.array(self.names)
         if self.n_failed:
-            remarks.append(  # the fit itself has a search, too
-                f"{self.n_failed} of {len(self.replicates) + 1} searches did not converge"
-            )
+            n_fits = len(self.replicates) + 1  # and that of the subject itself
+            remarks.append(f"{self.n_failed} of {n_fits} searches did not converge")
         is_unknown = np.isnan(self.parameters)
         if is_unknown.any():
             remarks.append(f"not determined by these answers: {', '.join(names[is_unknown])}")
@@ -442,8 +442,8 @@ def subject_fit(
 
     The seed and the name of the subject determine the random stream.
     """
-    # With the mean and the standard deviation of the prior of mu1.
-    likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
+    mu1_mean, mu1_sd = prior.for_subjects(subject).mu1_normal
+    likelihood = PenalisedLikelihood(subject, mu1_mean, mu1_sd)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     # The counts of the subject come first, then those of the bootstrap.
     counts = np.vstack([subject.n_yes, resampled])  # (1 + replicates, pairs)
@@ -458,7 +458,7 @@ def subject_fit(
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
     parameters[np.ptp(equally_high, axis=0) > _DETERMINED_WITHIN] = np.nan
     # The maximum has the penalty on mu1, the first coordinate; the log likelihood has none.
-    penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2
+    penalty = 0.5 * ((maxima.best[0] - mu1_mean) / mu1_sd) ** 2
     return SubjectFit(
         subject=subject.name,
         task=subject.task,

@@ -90,9 +90,10 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
     rows = likelihood.rows
     # Three answers have the counts of a second question behind those of 'equal'. The first stimuli
     # have one entry for each pair.
-    first_question = slice(rows.first.shape[-1])
-    observed = rows.n_yes[:, 0, first_question].astype(np.int64)  # (rows, pairs)
-    n_trials = observed + rows.n_no[:, 0, first_question].astype(np.int64)
+    n_pairs = rows.first.shape[-1]
+    observed = rows.n_yes[:, 0, :n_pairs].astype(np.int64)  # (rows, pairs)
+    n_trials = observed + rows.n_no[:, 0, :n_pairs].astype(np.int64)
+
     points = _new_subjects(result, rng)
     log_yes = []
     # At most 32 subjects at a time, so that temporary arrays stay small.
@@ -100,9 +101,9 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
         part = likelihood.part(block)
         log_yes.append(part.rows.log_answers(part.row_points(points[block])).yes)
     # The shape is (rows, groups, pairs). Rounding may take a probability above 1.
-    p_yes = np.exp(np.minimum(np.concatenate(log_yes), 0.0))[..., first_question]
+    p_yes = np.exp(np.minimum(np.concatenate(log_yes), 0.0))[..., :n_pairs]
     simulated = rng.binomial(n_trials[:, None], p_yes)
-    counts = np.concatenate([observed[:, None], simulated], axis=1)
+    counts = np.concatenate([observed[:, None], simulated], axis=1)  # the observed group first
     return PredictiveCheck(tuple(_compare(result.study.subjects, likelihood, counts, n_trials)))
 
 
@@ -141,6 +142,7 @@ def _compare(
     # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
     signs = np.zeros(difference.shape)
     for i, unit in enumerate(units):
+        # The indices of each pair in both orders, (pairs, 2), the weak-first one before the other.
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
     n_compared = by_subject((signs > 0.0).sum(axis=1))  # pairs of different stimuli
     is_compared = n_compared > 0
@@ -174,7 +176,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         "spread": spread,
         "skewness": (scores**3).mean(axis=0),
         "farthest": np.abs(scores).max(axis=0),
-    }
+    }  # (groups,) each
     for kind in kinds:
         # Two subjects always have the same skewness, and the same distance from their mean in SDs.
         if kind != "spread" and len(values) < 3:
