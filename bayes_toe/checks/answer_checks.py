@@ -185,6 +185,7 @@ def subject_findings(
     answers = subject.answers_given
     if len(answers) == 1:
         yield Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")
+
     swapped_blocks = list(_swapped_blocks(subject, n_subjects))
     yield from swapped_blocks
     # Swapped blocks differ from the others, and may look like a drift or like guesses. These
@@ -193,6 +194,7 @@ def subject_findings(
         return
     yield from _unlike_blocks(subject, n_subjects)
     yield from _drift(subject, n_subjects)
+
     if alternatives is None:
         return
     answered = cast(Subject, subject.two_answers)  # not None: there are alternatives
@@ -381,8 +383,8 @@ class AnswerTable:
     @property
     def is_mixed(self) -> BoolArray:
         """Whether a pair got both answers, shape (pairs,); otherwise its blocks cannot differ."""
-        n_yes = self.k.sum(1)
-        return (n_yes > 0) & (n_yes < self.n.sum(1))
+        n_yes = self.k.sum(axis=1)
+        return (n_yes > 0) & (n_yes < self.n.sum(axis=1))
 
     @property
     def excess_yes(self) -> IntArray:
@@ -396,7 +398,7 @@ class AnswerTable:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of X^2: for each pair, the blocks that have it, less one."""
-        return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
+        return int(np.maximum((self.n > 0).sum(axis=1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
         """Each block's part of X^2 for counts k of tables with the margins of this one.
@@ -404,22 +406,22 @@ class AnswerTable:
         That is the sum over pairs of (k - n p)^2 / (n p (1 - p)), with the share p of counted
         answers to a pair. From the shape (..., pairs, blocks) to (..., blocks).
         """
-        share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
+        share = self.k.sum(axis=1, keepdims=True) / self.n.sum(axis=1, keepdims=True)
         expected = self.n * share
         variance = np.where(self.n > 0, expected * (1 - share), 1.0)  # an empty cell adds 0
-        return (np.square(k - expected) / variance).sum(-2)
+        return (np.square(k - expected) / variance).sum(axis=-2)
 
     def chi_square(self, k: IntArray) -> FloatArray:
         """X^2 for counts k of tables with these margins, (..., pairs, blocks) -> (...)."""
-        return self.block_chi_square(k).sum(-1)
+        return self.block_chi_square(k).sum(axis=-1)
 
     def other_logits(self) -> FloatArray:
         """Logit of the counted answer to a pair in all blocks but this one, (pairs, blocks).
 
         The half answer of Jeffreys' prior keeps it finite.
         """
-        n_yes = self.k.sum(1, keepdims=True) - self.k
-        n_all = self.n.sum(1, keepdims=True) - self.n
+        n_yes = self.k.sum(axis=1, keepdims=True) - self.k
+        n_all = self.n.sum(axis=1, keepdims=True) - self.n
         return logit((n_yes + 0.5) / (n_all + 1.0))
 
     @property
@@ -446,7 +448,7 @@ class AnswerTable:
                 # For each pair, its counted answers in each block, (batch, blocks).
                 k_of_pairs = [
                     rng.multivariate_hypergeometric(n, n_yes, batch)
-                    for n, n_yes in zip(self.n, self.k.sum(1), strict=True)
+                    for n, n_yes in zip(self.n, self.k.sum(axis=1), strict=True)
                 ]
                 statistics.append(statistic(np.stack(k_of_pairs, axis=1)))
             return np.concatenate(statistics)
@@ -678,9 +680,9 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     (waves, stretches), and kinds (kinds, pairs). The weights have (kinds, waves, pairs, stretches).
     """
     # Waves without their mean over the trials of each pair, because pairs have rates of their own.
-    pair_means = (waves @ n.T) / n.sum(1)  # (waves, pairs)
+    pair_means = (waves @ n.T) / n.sum(axis=1)  # (waves, pairs)
     centred = waves[:, None, :] - pair_means[:, :, None]  # (waves, pairs, stretches)
     weights = kinds[:, None, :, None] * centred
-    squares = (n * np.square(weights)).sum((2, 3), keepdims=True)
+    squares = (n * np.square(weights)).sum(axis=(2, 3), keepdims=True)
     # A kind that is 0 for all pairs has no amplitude: 0/1 in place of 0/0.
     return weights / np.where(squares > 0.0, squares, 1.0)

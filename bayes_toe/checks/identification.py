@@ -186,8 +186,8 @@ def contraction_information(subject: Subject) -> float:
     quantities[NOISE.name] *= posterior.scales.step  # typical numbers are in units of D
     # One posterior and one point: arrays have the shape (1, 1, k), and matrices (1, 1, k, k).
     point = posterior.full_points(posterior.points(quantities)[None])
-    _, _, information = posterior.rows.scoring(point)
-    information = information[0, 0] * TYPICAL_TRIALS / subject.total_trials
+    _, _, informations = posterior.rows.scoring(point)
+    information = informations[0, 0] * TYPICAL_TRIALS / subject.total_trials
     _, curvature = posterior.array.prior_slopes(point)
 
     # p is the last coordinate, in units of its prior. What remains of its information is a Schur

@@ -116,9 +116,9 @@ class PenalisedLikelihood:
         mu1 = sbar + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
         gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
-        shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
-        if self.subject.task.lapses == "q0":  # P(equal) without a difference, near 1
-            shares = 1.0 - shares
+        lapse_rates = np.array([0.03, 0.15, 0.4, 0.7])
+        # The fourth parameter q0 is P(equal) without a difference, near 1.
+        shares = 1.0 - lapse_rates if self.subject.task.lapses == "q0" else lapse_rates
         points = np.array(list(product(mu1, log_widths, gammas, shares)))
         return points.reshape(len(mu1), -1, 4)
 
@@ -180,7 +180,7 @@ class PenalisedLikelihood:
                 method="L-BFGS-B",
                 jac=True,  # the function returns its gradient, too
                 bounds=self.bounds / unit[:, None],  # (4, 2)
-                options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
+                options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},  # up to rounding
             )
             points.append(end.x * unit)
             values.append(-end.fun)
@@ -219,9 +219,10 @@ class PenalisedLikelihood:
         # An infinite bound, which mu1 has, is never near.
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
             if np.abs(bounds - value).min() < 1e-6:  # on a bound, up to rounding
-                number = round(value, 6)  # the bound 1 - 1e-9 of a share becomes 1
                 if name == "width":  # its coordinate is the logarithm
                     number = np.exp(value)
+                else:  # the bound 1 - 1e-9 of a share becomes 1
+                    number = round(value, 6)
                 reached.append(f"{name}={number:.3g}")
         return ";".join(reached)
 

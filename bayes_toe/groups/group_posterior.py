@@ -284,7 +284,7 @@ class GroupPosterior:
         by_coefficient = likelihood_slope[..., :q] + by_unshared @ fits.ridge
         by_xi = by_coefficient * unit - score * root
         score_fall = precision * tau * share  # -du/dmu, and minus the slope of the log Jacobian
-        by_expected = by_coefficient * share + score * score_fall
+        by_expected = by_coefficient * share + score * score_fall  # da/dmu is the share
         coefficient_rise = share * root * (2.0 * unit * pull + xi)  # da/dtau
         score_rise = share * pull * (2.0 * share - 1.0) - root * score_fall * xi  # du/dtau
         by_sd = by_coefficient * coefficient_rise - score * score_rise - score_fall

@@ -197,8 +197,12 @@ class Hamiltonian:
         averaging.
 
         Source: Hoffman and Gelman 2014, section 3.2, with t_0 = 10, kappa = 0.75 and gamma = 0.1.
-        `anchor` is their mu, `error` their H, and `averaged` the mean of the log step, which is the
-        step at the end.
+
+            H_t = H_(t-1) + (0.9 - acceptance - H_(t-1)) / (t + t_0)
+            log step = mu - H_t t^(1/2) / gamma
+
+        `anchor` is their mu, `error` their H, and `averaged` a mean of the log steps in which the
+        latest one has the share t^-kappa. It gives the step at the end.
         """
         # The source has 10 steps here, for a first step that is a rough guess.
         anchor = np.log(2.0 * self.step)
@@ -348,7 +352,7 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
         return draws
 
     if n_divergent:
-        sampler.step *= 0.4
+        sampler.step *= 0.4  # shorter steps follow the density where it bends
         n_first = 0  # the draws so far are written over
     n_divergent = sampler.advance([output[:, n_first:] for output in outputs], posterior.points)
     return GroupDraws(*outputs, n_divergent=n_divergent)

@@ -317,10 +317,11 @@ class PopulationResult:
         """The rows of population.csv."""
         rows = []
         for name, values in self.quantities(self.draws.mean).items():
-            zero_factor = None
-            if name in EFFECTS:  # whether another mean is 0 is no question
+            if name in EFFECTS:
                 j = self.index(name)
                 zero_factor = zero_mean(self.draws, self.numbers, self.regressors.x, j)
+            else:  # whether another mean is 0 is no question
+                zero_factor = None
             rows.append(summary_row(name, "mean", values, zero_factor=zero_factor))
         for j, name in enumerate(self.names):
             rows.append(summary_row(name, "sd", self.draws.sd[..., j]))
