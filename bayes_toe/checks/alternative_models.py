@@ -67,12 +67,13 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     # One probability p for all trials, with a uniform prior: the integral of p^k (1 - p)^(n - k).
     guesses = betaln(n_yes + 1.0, n_trials - n_yes + 1.0)
 
-    other = np.full(len(subjects), -np.inf)  # no other task has three answers
     if study.task in OTHER_TASK:
         as_other = [replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes]
         # Which response is which is not known in another task. Both codes have the probability 1/2.
         first_code, second_code = np.split(_log_evidence(as_other), 2)
         other = np.logaddexp(first_code, second_code) - math.log(2.0)
+    else:  # no other task has three answers
+        other = np.full(len(subjects), -np.inf)
 
     log_bayes_factors = np.column_stack([guesses, swapped, other]) - same_codes[:, None]
     names = [subject.name for subject in subjects]

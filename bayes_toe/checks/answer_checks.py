@@ -185,6 +185,7 @@ def subject_findings(
     answers = subject.answers_given
     if len(answers) == 1:
         yield Finding(subject.name, "one_answer", f"Every response is {answers[0]!r}.")
+
     swapped_blocks = list(_swapped_blocks(subject, n_subjects))
     yield from swapped_blocks
     # Swapped blocks differ from the others, and may look like a drift or like guesses. These
@@ -193,12 +194,17 @@ def subject_findings(
         return
     yield from _unlike_blocks(subject, n_subjects)
     yield from _drift(subject, n_subjects)
+
     if alternatives is None:
         return
     answered = cast(Subject, subject.two_answers)  # not None: there are alternatives
     best = max(alternatives)  # the largest Bayes factor
-    # Guesses may look swapped by chance, so that swapped keys must be far more probable.
-    is_sure = best - max(0.0, alternatives.guesses) > evidence_limit(n_subjects, REFUSAL_SHARE)
+    # Guesses may look swapped by chance, so that swapped keys must be far more probable. The
+    # observer of the four models has the log Bayes factor 0.
+    lead = best - max(0.0, alternatives.guesses)
+    is_sure = lead > evidence_limit(n_subjects, REFUSAL_SHARE)
+    # A large constant error makes one answer rare, and is no guessing.
+    neither_is_rare = _RARE_SHARE < answered.fraction_yes < 1.0 - _RARE_SHARE
     if best == alternatives.swapped and is_sure:
         yield Finding(
             subject.name,
@@ -206,11 +212,7 @@ def subject_findings(
             f"Responses look reversed. Check which code means {answered.task.yes!r}.",
             f"--swap {cli_argument(subject.name)}",
         )
-    elif (
-        alternatives.guesses > guess_limit
-        and not is_sure
-        and _RARE_SHARE < answered.fraction_yes < 1.0 - _RARE_SHARE
-    ):
+    elif alternatives.guesses > guess_limit and not is_sure and neither_is_rare:
         yield Finding(
             subject.name,
             "independent_answers",
@@ -266,7 +268,8 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     _, codes = np.unique(rows, axis=0, return_inverse=True)
 
     # For each window of rows, its lag: how many rows before it the first equal window begins, 0 if
-    # it is the first one. Equal windows have equal hashes, and others hardly ever have.
+    # it is the first one. Equal windows have equal hashes, and others hardly ever have: a hash is
+    # the sum of the codes with random weights.
     windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)  # (windows, _WINDOW)
     hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
     hashes = windows @ hash_weights
@@ -308,7 +311,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
 def _agreement(k: IntArray | int, n: IntArray | int) -> FloatArray:
     """Probability that two answers are the same, if one of two answers was given k times in n."""
     p = (k + 0.5) / (n + 1.0)  # the posterior mean with Jeffreys' prior, never 0 or 1
-    return np.square(p) + np.square(1.0 - p)
+    return np.square(p) + np.square(1.0 - p)  # both are this answer, or both the other one
 
 
 # --- Other explanations --------------------------------------------------------------------------
@@ -321,9 +324,9 @@ def _guess_limit(alternatives: Mapping[str, Alternatives], n_subjects: int) -> f
     subjects together far better, any evidence will do: 1 % of the studies of sound observers whose
     noise is four times the difference of a pair come so far.
     """
-    if 5 * len(alternatives) <= n_subjects:
+    if len(alternatives) <= n_subjects / 5:  # a few are doubtful
         return math.log(n_subjects)
-    if sum(one.guesses for one in alternatives.values()) > 9.0 + n_subjects:
+    if sum(factors.guesses for factors in alternatives.values()) > 9.0 + n_subjects:
         return 0.0
     return evidence_limit(n_subjects, FALSE_ALARM_SHARE)
 
@@ -378,8 +381,8 @@ class AnswerTable:
     @property
     def is_mixed(self) -> BoolArray:
         """Whether a pair got both answers, shape (pairs,); otherwise its blocks cannot differ."""
-        n_yes = self.k.sum(1)
-        return (n_yes > 0) & (n_yes < self.n.sum(1))
+        n_yes = self.k.sum(axis=1)
+        return (n_yes > 0) & (n_yes < self.n.sum(axis=1))
 
     @property
     def excess_yes(self) -> IntArray:
@@ -393,7 +396,7 @@ class AnswerTable:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of X^2: for each pair, the blocks that have it, less one."""
-        return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
+        return int(np.maximum((self.n > 0).sum(axis=1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
         """Each block's part of X^2 for counts k of tables with the margins of this one.
@@ -401,28 +404,29 @@ class AnswerTable:
         That is the sum over pairs of (k - n p)^2 / (n p (1 - p)), with the share p of counted
         answers to a pair. From the shape (..., pairs, blocks) to (..., blocks).
         """
-        share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
+        share = self.k.sum(axis=1, keepdims=True) / self.n.sum(axis=1, keepdims=True)
         expected = self.n * share
         variance = np.where(self.n > 0, expected * (1 - share), 1.0)  # an empty cell adds 0
-        return (np.square(k - expected) / variance).sum(-2)
+        return (np.square(k - expected) / variance).sum(axis=-2)
 
     def chi_square(self, k: IntArray) -> FloatArray:
         """X^2 for counts k of tables with these margins, (..., pairs, blocks) -> (...)."""
-        return self.block_chi_square(k).sum(-1)
+        return self.block_chi_square(k).sum(axis=-1)
 
     def other_logits(self) -> FloatArray:
         """Logit of the counted answer to a pair in all blocks but this one, (pairs, blocks).
 
         The half answer of Jeffreys' prior keeps it finite.
         """
-        n_yes = self.k.sum(1, keepdims=True) - self.k
-        n_all = self.n.sum(1, keepdims=True) - self.n
+        n_yes = self.k.sum(axis=1, keepdims=True) - self.k
+        n_all = self.n.sum(axis=1, keepdims=True) - self.n
         return logit((n_yes + 0.5) / (n_all + 1.0))
 
     @property
     def chi_square_ratio(self) -> float:
         """X^2 over its degrees of freedom, about 1 if blocks differ by chance; 0 without any."""
-        return float(self.chi_square(self.k)) / max(1, self.freedom)  # 0/1 without freedom
+        # Without freedom, X^2 is 0: 0/1 in place of 0/0.
+        return float(self.chi_square(self.k)) / max(1, self.freedom)
 
     def p_value(self, statistic: Callable[[IntArray], FloatArray], name: str) -> float:
         """Probability of a statistic at least as large if the answers to a pair fall at random.
@@ -442,7 +446,7 @@ class AnswerTable:
                 # For each pair, its counted answers in each block, (batch, blocks).
                 k_of_pairs = [
                     rng.multivariate_hypergeometric(n, n_yes, batch)
-                    for n, n_yes in zip(self.n, self.k.sum(1), strict=True)
+                    for n, n_yes in zip(self.n, self.k.sum(axis=1), strict=True)
                 ]
                 statistics.append(statistic(np.stack(k_of_pairs, axis=1)))
             return np.concatenate(statistics)
@@ -541,14 +545,15 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
     """
     # The counted answer is expected more often where the trend of a pair is above 0. The sum of
     # trend times excess over the pairs of a block is then above 0.
-    expected_trend = difference
-    tilt = np.zeros(len(difference))
     if task == SAME_DIFFERENT:
-        expected_trend = -np.abs(difference)
+        trend = -np.abs(difference)
         # A constant error makes 'equal' more frequent on one side of s2 = s1.
         tilt = difference
-    expected_trend = expected_trend - expected_trend.mean()
-    is_swapped: BoolArray = expected_trend @ table.excess_yes < 0
+    else:
+        trend = difference
+        tilt = np.zeros(len(difference))
+    expected_trend = trend - trend.mean()
+    is_swapped: BoolArray = expected_trend @ table.excess_yes < 0  # (blocks,)
     for _ in range(20):  # two blocks might swap each other without an end
         corrected = _swap_blocks(table, is_swapped)
         # A block disagrees if the answers that it has more often are the rarer ones in the others.
@@ -621,9 +626,10 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     # Stretches of equally many trials in place of blocks; ten follow three half waves well.
     n_rows = len(answers.n_trials)
     n_stretches = min(10, n_rows)
-    table = _tabulate(subject, answers, np.arange(n_rows) * n_stretches // n_rows)
+    stretch = np.arange(n_rows) * n_stretches // n_rows  # of each row
+    table = _tabulate(subject, answers, stretch)
     difference = (subject.s2 - subject.s1)[table.is_mixed]
-    table = table.of_mixed_pairs()
+    table = table.of_mixed_pairs()  # the others cannot drift
     if table.freedom == 0:
         return
 
@@ -642,7 +648,7 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
 
     def amplitudes(k: IntArray) -> FloatArray:
         """The amplitudes of waves, (..., pairs, stretches) -> (..., kinds, waves)."""
-        return np.tensordot(k, weights, ((-2, -1), (2, 3)))
+        return np.tensordot(k, weights, ((-2, -1), (2, 3)))  # sums over pairs and stretches
 
     def largest_power(k: IntArray) -> FloatArray:
         """The power of the kind that drifts most, (..., pairs, stretches) -> (...)."""
@@ -671,9 +677,9 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     (waves, stretches), and kinds (kinds, pairs). The weights have (kinds, waves, pairs, stretches).
     """
     # Waves without their mean over the trials of each pair, because pairs have rates of their own.
-    pair_means = (waves @ n.T) / n.sum(1)  # (waves, pairs)
+    pair_means = (waves @ n.T) / n.sum(axis=1)  # (waves, pairs)
     centred = waves[:, None, :] - pair_means[:, :, None]  # (waves, pairs, stretches)
     weights = kinds[:, None, :, None] * centred
-    squares = (n * np.square(weights)).sum((2, 3), keepdims=True)
+    squares = (n * np.square(weights)).sum(axis=(2, 3), keepdims=True)
     # A kind that is 0 for all pairs has no amplitude: 0/1 in place of 0/0.
     return weights / np.where(squares > 0.0, squares, 1.0)

@@ -142,6 +142,7 @@ def _two_scales(study: Study) -> Findings:
         # The ratio of the stimuli at the gap, with two digits. No float is as large as exp(710).
         rounded_ratio = float(f"{math.exp(min(gap.size, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
+        # The stimuli of the lower group, and of the upper one, in words.
         ranges = [_range_of(group, subject.unit, study.reading) for group in (gap.below, gap.above)]
         if gap.separates_scales:
             yield Finding(
@@ -345,7 +346,7 @@ def _conditions(study: Study) -> Findings:
         if order:
             orders[order] += 1
 
-    # All known orders are the same, and more than half of the subjects have one.
+    # All known orders are the same one, and more than half of the subjects have it.
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         yield Finding(
             _WHOLE_STUDY,
@@ -390,7 +391,7 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
         if unit.answers is None or unit.answers.span is None:
             return ""
         spans.append((*unit.answers.span, unit.condition))
-    spans.sort()
+    spans.sort()  # by the first trial
     # The last trial of a condition, and the first trial of the next one.
     overlaps = [end >= next_start for (_, end, _), (next_start, _, _) in pairwise(spans)]
     if len(spans) == 1 or any(overlaps):

@@ -80,14 +80,16 @@ def identify(subject: Subject) -> Identification:
     """
     notes = (CRITERION_NOTES[subject.task],) if subject.task in CRITERION_NOTES else ()
 
+    # A reason why the pairs show no order effect at all; empty if they can.
     order = _order_sign(subject.s1, subject.s2)
-    reason = ""
     if not order.any():
         reason = NO_DIFFERENCE
     elif order.min() >= 0 or order.max() <= 0:
         reason = "unequal stimuli were presented in one order only"
     elif subject.answers is not None and _order_fills_blocks(subject.answers.answered):
         reason = "each block has one order, so a change between blocks looks like an effect"
+    else:
+        reason = ""
     if reason:
         return Identification(dict.fromkeys(QUESTIONS, reason), notes)
 
@@ -116,7 +118,7 @@ def _why_no_contraction(
     The columns are s1, s2 and n_trials. The subjects of a study often have the same ones, so that
     one answer serves them all, and no subject is held in memory.
     """
-    s1, s2, n_trials = map(np.array, columns)
+    s1, s2, trials = map(np.array, columns)
     stimuli = np.column_stack([s1, s2])
     offsets = stimuli - stimuli.mean(axis=0)
     if np.ptp(s1) <= ROUNDING * np.abs(offsets).max():
@@ -125,9 +127,10 @@ def _why_no_contraction(
     largest, smallest = np.linalg.svd(offsets, compute_uv=False)
     if smallest <= ROUNDING * largest:
         return ONE_LINE
+    # Missed trials change no design, so that a share of the largest number is rounded to a power of
+    # two. The largest number becomes 1e6, so that small shares are whole numbers, too.
+    n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(trials / trials.max())))
     # A subject needs counts of answers, which do not change the expected information.
-    # Missed trials change no design, so that only powers of two of the largest number count.
-    n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(n_trials / n_trials.max())))
     subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
     if contraction_information(subject) < 1.0:  # less than the prior has
         return IMITATION
@@ -142,9 +145,9 @@ def _order_fills_blocks(answers: Answers) -> bool:
 
     A change between them then looks like an effect of order. Equal stimuli do not count.
     """
-    order = _order_sign(answers.keys[:, 0], answers.keys[:, 1])  # of each row
-    is_unequal = order != 0
-    order = order[is_unequal]
+    order_of_row = _order_sign(answers.keys[:, 0], answers.keys[:, 1])
+    is_unequal = order_of_row != 0
+    order = order_of_row[is_unequal]
     n_trials = answers.n_trials[is_unequal]
     if answers.block is not None and _holds_one_order(answers.block[is_unequal], order, n_trials):
         return True
@@ -183,8 +186,8 @@ def contraction_information(subject: Subject) -> float:
     quantities[NOISE.name] *= posterior.scales.step  # typical numbers are in units of D
     # One posterior and one point: arrays have the shape (1, 1, k), and matrices (1, 1, k, k).
     point = posterior.full_points(posterior.points(quantities)[None])
-    _, _, information = posterior.rows.scoring(point)
-    information = information[0, 0] * TYPICAL_TRIALS / subject.total_trials
+    _, _, informations = posterior.rows.scoring(point)
+    information = informations[0, 0] * TYPICAL_TRIALS / subject.total_trials
     _, curvature = posterior.array.prior_slopes(point)
 
     # p is the last coordinate, in units of its prior. What remains of its information is a Schur

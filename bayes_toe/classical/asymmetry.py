@@ -166,6 +166,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         maxima = [subject.maximal for subject in self.rows if subject.maximal is not None]
         n_subjects = plural(len(maxima), "subject")
         sentences = ["The counts are for the pair of each subject whose two orders differ most."]
+        # An asymmetry above 0 is one of more such responses with the stronger stimulus first.
         for sign, stimulus in ((1, "stronger"), (-1, "weaker")):
             of_sign = [maximum for maximum in maxima if sign * maximum.asymmetry > 0]
             n_significant = sum(maximum.p_value < 0.05 for maximum in of_sign)
@@ -231,8 +232,10 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     q = laplace_estimate(n_wrong, subject.n_trials)
     error = laplace_error(n_wrong, subject.n_trials)
     difference = q[strong_first] - q[weak_first]
+
+    # The test of each comparison, from k1, n1, k2 and n2.
     counts = np.column_stack([n_wrong, subject.n_trials])
-    tables = np.hstack([counts[strong_first], counts[weak_first]]).tolist()  # k1, n1, k2, n2
+    tables = np.hstack([counts[strong_first], counts[weak_first]]).tolist()
     tests = pd.DataFrame(starmap(equality_test, tables), columns=["p_value", "test"])
     p_values = tests["p_value"].to_numpy(np.float64)
     # Of differences that are equal up to rounding, the one with the smaller p-value comes first.
@@ -266,7 +269,8 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) -> tuple[float, str]:
     """Exact two-sided test that k1 of n1 and k2 of n2 have one probability: p-value and name.
 
-    Boschloo's test, which takes 25 ms at 150 trials; Fisher's, which is faster, for more trials.
+    Boschloo's test up to `most_trials`, where it takes 25 ms; for more trials Fisher's, which is
+    faster.
 
     Examples
     --------

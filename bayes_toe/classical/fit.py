@@ -110,13 +110,14 @@ class PenalisedLikelihood:
     def grid(self) -> FloatArray:
         """Points from which searches may start, shape (4 values of mu1, points of each, 4)."""
         # Far below the stimuli, among them on both sides of the mean, and far above them. No two
-        # are at the same distance: a symmetric design has equal maxima on both sides.
+        # are at the same distance: a symmetric design has equal maxima on both sides, between which
+        # rounding would choose.
         mu1 = self.subject.mean_first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
         gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
-        shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
-        if self.subject.task.lapses == "q0":  # P(equal) without a difference, near 1
-            shares = 1.0 - shares
+        lapse_rates = np.array([0.03, 0.15, 0.4, 0.7])
+        # The fourth parameter q0 is P(equal) without a difference, near 1.
+        shares = 1.0 - lapse_rates if self.subject.task.lapses == "q0" else lapse_rates
         points = np.array(list(product(mu1, log_widths, gammas, shares)))
         return points.reshape(len(mu1), -1, 4)
 
@@ -124,8 +125,8 @@ class PenalisedLikelihood:
         """The best point of the grid with each mu1, for counts (rows, pairs): (rows, mu1, 4)."""
         starts = []
         for points in self.grid:  # with one mu1
-            best = self.objective(points, n_yes).argmax(axis=1)  # of the points, for each row
-            starts.append(points[best])
+            best_index = self.objective(points, n_yes).argmax(axis=1)  # (rows,)
+            starts.append(points[best_index])
         return np.stack(starts, axis=1)
 
     def minus_objective(self, x: FloatArray, n_yes: FloatArray) -> tuple[float, FloatArray]:
@@ -178,7 +179,7 @@ class PenalisedLikelihood:
                 method="L-BFGS-B",
                 jac=True,  # the function returns its gradient, too
                 bounds=self.bounds / unit[:, None],  # (4, 2)
-                options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
+                options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},  # up to rounding
             )
             points.append(end.x * unit)
             values.append(-end.fun)
@@ -217,9 +218,10 @@ class PenalisedLikelihood:
         # An infinite bound, which mu1 has, is never near.
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
             if np.abs(bounds - value).min() < 1e-6:  # on a bound, up to rounding
-                number = round(value, 6)  # the bound 1 - 1e-9 of a share becomes 1
                 if name == "width":  # its coordinate is the logarithm
                     number = np.exp(value)
+                else:  # the bound 1 - 1e-9 of a share becomes 1
+                    number = round(value, 6)
                 reached.append(f"{name}={number:.3g}")
         return ";".join(reached)
 
@@ -300,9 +302,8 @@ class SubjectFit:
         remarks = []
         names = np.array(self.names)
         if self.n_failed:
-            remarks.append(  # the fit itself has a search, too
-                f"{self.n_failed} of {len(self.replicates) + 1} searches did not converge"
-            )
+            n_fits = len(self.replicates) + 1  # and that of the subject itself
+            remarks.append(f"{self.n_failed} of {n_fits} searches did not converge")
         is_unknown = np.isnan(self.parameters)
         if is_unknown.any():
             remarks.append(f"not determined by these answers: {', '.join(names[is_unknown])}")
@@ -441,8 +442,8 @@ def subject_fit(
 
     The seed and the name of the subject determine the random stream.
     """
-    # With the mean and the standard deviation of the prior of mu1.
-    likelihood = PenalisedLikelihood(subject, *prior.for_subjects(subject).mu1_normal)
+    mu1_mean, mu1_sd = prior.for_subjects(subject).mu1_normal
+    likelihood = PenalisedLikelihood(subject, mu1_mean, mu1_sd)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     # The counts of the subject come first, then those of the bootstrap.
     counts = np.vstack([subject.n_yes, resampled])  # (1 + replicates, pairs)
@@ -457,7 +458,7 @@ def subject_fit(
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
     parameters[np.ptp(equally_high, axis=0) > _DETERMINED_WITHIN] = np.nan
     # The maximum has the penalty on mu1, the first coordinate; the log likelihood has none.
-    penalty = 0.5 * ((maxima.best[0] - likelihood.mu1_mean) / likelihood.mu1_sd) ** 2
+    penalty = 0.5 * ((maxima.best[0] - mu1_mean) / mu1_sd) ** 2
     return SubjectFit(
         subject=subject.name,
         task=subject.task,

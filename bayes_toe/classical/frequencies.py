@@ -56,12 +56,12 @@ def accuracy(subject: Subject) -> float:
     if not n_judged:
         return np.nan
     n_wrong = subject.task.wrong(difference, subject.n_yes, subject.n_trials).sum()
-    unequal = subject.two_answers  # of three answers, 'first' and 'second'
-    if unequal is not None and subject.task.has_three_answers:
+    unequal = subject.two_answers  # of three answers, 'first' and 'second'; None without any
+    if subject.task.has_three_answers and unequal is not None:
         # So far, 'equal' is wrong for different stimuli. 'First' or 'second' is wrong, too, where
         # the other one would be right.
-        difference = unequal.s2 - unequal.s1
-        n_wrong += unequal.task.wrong(difference, unequal.n_yes, unequal.n_trials).sum()
+        direction = unequal.s2 - unequal.s1  # of the pairs with such answers
+        n_wrong += unequal.task.wrong(direction, unequal.n_yes, unequal.n_trials).sum()
     return float(1.0 - n_wrong / n_judged)
 
 

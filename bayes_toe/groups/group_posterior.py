@@ -162,23 +162,27 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     n = rows.n_subjects
     k = rows.n_coordinates
     q = rows.n_coefficients
-    # The normal prior of a point, (k,); that of the unshared parameters has SD 1.
-    centre = np.zeros(k)
-    precision = np.ones(k)
-    centre[:q] = numbers.mean
-    precision[:q] = 1.0 / (np.square(numbers.mean_scale) + np.square(numbers.sd_scale))
+    # The normal prior of a point, (k,); that of the unshared parameters has SD 1. The variance of a
+    # coefficient is that of its mean over subjects and that between subjects.
+    prior_mean = np.zeros(k)
+    prior_precision = np.ones(k)
+    prior_mean[:q] = numbers.mean
+    prior_precision[:q] = 1.0 / (np.square(numbers.mean_scale) + np.square(numbers.sd_scale))
 
     def scored(w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log density, gradient and Fisher information at a point of each subject, (n, k).
 
         The shapes are (n,), (n, k) and (n, k, k).
         """
-        value, slope, information = rows.scoring(w[:, None])
-        offset = w - centre
-        value = value[:, 0] - 0.5 * (precision * np.square(offset)).sum(axis=1)
-        return value, slope[:, 0] - precision * offset, information[:, 0] + np.diag(precision)
+        value, slope, information = rows.scoring(w[:, None])  # with an axis of one point
+        offset = w - prior_mean
+        return (
+            value[:, 0] - 0.5 * (prior_precision * np.square(offset)).sum(axis=1),
+            slope[:, 0] - prior_precision * offset,
+            information[:, 0] + np.diag(prior_precision),
+        )
 
-    w = np.tile(centre, (n, 1))
+    w = np.tile(prior_mean, (n, 1))
     value, slope, information = scored(w)
     share = np.ones((n, 1))  # of a full step, for each subject
     for _ in range(_SCORING_STEPS):
@@ -188,7 +192,7 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
         # Where the gain is lost in rounding errors, any step is as good.
         expected_gain = (step * slope).sum(axis=1)
         is_better = (trial_scores[0] > value) | (expected_gain < _SMALL_GAIN)
-        # Subjects with a better point move there.
+        # Subjects with a better point move there: their values change in place.
         for array, new in zip((w, value, slope, information), (trial, *trial_scores), strict=True):
             array[is_better] = new[is_better]
         # A step that is made is followed by one twice as long, and another one by a quarter of it.
@@ -196,11 +200,11 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
 
     # The precision of the responses is that of the posterior less that of the prior. Where nothing
     # is left, the responses say nothing, and h e is 0 as h is.
-    variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
-    precision_of_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
-    information_of_responses = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
+    variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)  # (n, k)
+    precision_of_responses = np.maximum(1.0 / variance[:, :q] - prior_precision[:q], 0.0)
+    information_of_responses = w[:, :q] / variance[:, :q] - prior_precision[:q] * prior_mean[:q]
     information_of_responses[precision_of_responses <= 0.0] = 0.0
-    # The mode of the unshared parameters given the coefficients moves with these by so much.
+    # How the mode of the unshared parameters v moves with the coefficients a: -I_vv^-1 I_va.
     ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
     # The lapse rate comes first. It trades off against the noise along a curve, not a line.
     ridge[:, 0] = 0.0
@@ -254,7 +258,7 @@ class GroupPosterior:
         xi = block[..., :q]  # (subjects, points, q)
         unshared = block[..., q:]
         tau, tau_rise, log_prior_of_sd, slope_of_sd_prior = numbers.sds(sd_score)  # (points, q)
-        expected = self._subject_means(mean, effects)
+        expected = self._subject_means(mean, effects)  # (subjects, points, q)
 
         # With s the share and h (e - mu) the pull of the responses, the coefficients are
         # a = mu + tau^2 s h (e - mu) + tau s^(1/2) xi, and their scores u = (a - mu) / tau.
@@ -280,7 +284,7 @@ class GroupPosterior:
         by_coefficient = likelihood_slope[..., :q] + by_unshared @ fits.ridge
         by_xi = by_coefficient * unit - score * root
         score_fall = precision * tau * share  # -du/dmu, and minus the slope of the log Jacobian
-        by_expected = by_coefficient * share + score * score_fall
+        by_expected = by_coefficient * share + score * score_fall  # da/dmu is the share
         coefficient_rise = share * root * (2.0 * unit * pull + xi)  # da/dtau
         score_rise = share * pull * (2.0 * share - 1.0) - root * score_fall * xi  # du/dtau
         by_sd = by_coefficient * coefficient_rise - score * score_rise - score_fall
@@ -325,7 +329,7 @@ class GroupPosterior:
         # Means, scores of standard deviations, effects, and the blocks of the subjects.
         theta = np.zeros((n_points, self.n_coordinates))
         theta[:, :q] = mode.mean(axis=0) + 2.0 * standard_error * rng.standard_normal((n_points, q))
-        sd = spread * np.exp(0.7 * rng.standard_normal((n_points, q)))
+        sd = spread * np.exp(0.7 * rng.standard_normal((n_points, q)))  # exp(0.7) is 2
         theta[:, q : 2 * q] = half_normal_score(sd / self.numbers.sd_scale)
         effects = np.tile(standard_error, self.x.shape[1])  # about 0, for each covariate
         theta[:, 2 * q : self.n_shared] = effects * rng.standard_normal((n_points, len(effects)))
@@ -340,6 +344,7 @@ class GroupPosterior:
         The coordinates of unshared parameters count from their mode given the coefficients.
         """
         n_coefficients = self.rows.n_coefficients
+        # With an axis for the points, (subjects, 1, ...).
         mode, unshared_mode = np.split(self.fits.mode[:, None], [n_coefficients], axis=-1)
         shift = (coefficients - mode) @ self.fits.ridge.swapaxes(1, 2)
         return np.concatenate([coefficients, unshared_mode + shift + unshared], axis=-1)

@@ -65,6 +65,7 @@ class Metric:
         """The change of the position by a momentum, by the map; (chains, coordinates) both."""
         n_shared = len(self._shared)
         shared = momentum[:, :n_shared] @ self._shared.T
+        # L_i z_i; points are rows, so that factors are transposed.
         blocks = self._by_block(momentum[:, n_shared:], self._blocks.swapaxes(1, 2))
         return np.concatenate([shared, blocks + shared @ self._following], axis=1)
 
@@ -74,32 +75,34 @@ class Metric:
         Both have the shape (chains, coordinates).
         """
         n_shared = len(self._shared)
-        of_blocks = gradient[:, n_shared:]
-        shared = (gradient[:, :n_shared] + of_blocks @ self._following.T) @ self._shared
-        return np.concatenate([shared, self._by_block(of_blocks, self._blocks)], axis=1)
+        block_gradient = gradient[:, n_shared:]
+        # Blocks move with the shared coordinates, and add their slopes to those of these.
+        shared = (gradient[:, :n_shared] + block_gradient @ self._following.T) @ self._shared
+        return np.concatenate([shared, self._by_block(block_gradient, self._blocks)], axis=1)
 
     def learn(self, draws: FloatArray) -> None:
         """Learn from draws, (draws, coordinates); the former map counts as a few draws more."""
         n_shared = len(self._shared)
-        (n_blocks, size, _) = self._blocks.shape
+        n_blocks, size, _ = self._blocks.shape
         weight = len(draws) / (len(draws) + _GUESS_WEIGHT)  # of the draws, against the former map
-        draws = draws - draws.mean(axis=0)
-        shared = draws[:, :n_shared]
-        blocks = draws[:, n_shared:]
-        self._shared = _shrunk_root(shared[None], self._shared[None])[0]
+        centred = draws - draws.mean(axis=0)
+        shared = centred[:, :n_shared]
+        blocks = centred[:, n_shared:]
+        self._shared = _shrunk_root(shared[None], self._shared[None])[0]  # as one block
+
         # B is the regression of the blocks on the shared coordinates, L the root of what it leaves.
         # Before the first draws B is 0, toward which the weight shrinks the covariance.
         covariance = weight * shared.T @ blocks / len(draws)
         # S S' is the covariance of the shared coordinates.
         self._following[:] = np.linalg.solve(self._shared @ self._shared.T, covariance)
-        residual = (blocks - shared @ self._following).reshape(-1, n_blocks, size).swapaxes(0, 1)
-        self._blocks = _shrunk_root(residual, self._blocks)
+        residual = (blocks - shared @ self._following).reshape(-1, n_blocks, size)
+        self._blocks = _shrunk_root(residual.swapaxes(0, 1), self._blocks)  # (blocks, draws, size)
 
     def _by_block(self, values: FloatArray, factors: FloatArray) -> FloatArray:
         """Each block of values, (chains, blocks x size), times its factor, (blocks, size, size)."""
         n_blocks, size, _ = factors.shape
-        by_block = values.reshape(-1, n_blocks, size).swapaxes(0, 1) @ factors
-        return by_block.swapaxes(0, 1).reshape(values.shape)
+        by_block = values.reshape(-1, n_blocks, size).swapaxes(0, 1)  # (blocks, chains, size)
+        return (by_block @ factors).swapaxes(0, 1).reshape(values.shape)
 
 
 def _shrunk_root(draws: FloatArray, root: FloatArray) -> FloatArray:
@@ -147,10 +150,12 @@ class Hamiltonian:
         they would be long. While chains settle, the step follows the worst chain.
         """
         self._adapt_step(40, np.min, most_steps=8)
-        for i, n_draws in enumerate(_ROUNDS):
-            draws = self._adapt_step(n_draws, most_steps=_MOST_STEPS if i else 32)
+        most_steps = 32
+        for n_draws in _ROUNDS:
+            draws = self._adapt_step(n_draws, most_steps=most_steps)
             late_draws = draws[n_draws // 4 :]  # while the step was near its value
             self._metric.learn(late_draws.reshape(-1, draws.shape[-1]))  # of all chains
+            most_steps = _MOST_STEPS  # there is a metric now
         self._adapt_step(_ROUNDS[0])  # the step for the last metric
 
     def advance(
@@ -170,7 +175,8 @@ class Hamiltonian:
         parameters : callable
             Points, (chains, coordinates) -> the parameters, (chains, ...) each.
         """
-        is_careful = self._rng.uniform(size=outputs[0].shape[1]) < 0.125
+        n_draws = outputs[0].shape[1]
+        is_careful = self._rng.uniform(size=n_draws) < 0.125
         n_divergent = 0
         for t, factor in enumerate(np.where(is_careful, 0.2, 1.0).tolist()):
             _, is_divergent = self._move(factor)
@@ -191,8 +197,12 @@ class Hamiltonian:
         averaging.
 
         Source: Hoffman and Gelman 2014, section 3.2, with t_0 = 10, kappa = 0.75 and gamma = 0.1.
-        `anchor` is their mu, `error` their H, and `averaged` the mean of the log step, which is the
-        step at the end.
+
+            H_t = H_(t-1) + (0.9 - acceptance - H_(t-1)) / (t + t_0)
+            log step = mu - H_t t^(1/2) / gamma
+
+        `anchor` is their mu, `error` their H, and `averaged` a mean of the log steps in which the
+        latest one has the share t^-kappa. It gives the step at the end.
         """
         # The source has 10 steps here, for a first step that is a rough guess.
         anchor = np.log(2.0 * self.step)
@@ -205,6 +215,7 @@ class Hamiltonian:
             self._x = np.round(self._x, _WARM_UP_DECIMALS)
             self._value, self._gradient = self._density(self._x)
             draws.append(self._x)
+
             shortfall = 0.9 - float(summary(acceptance))
             error += (shortfall - error) / (t + 10.0)
             log_step = np.round(anchor - error * np.sqrt(t) / 0.1, _WARM_UP_DECIMALS)
@@ -226,13 +237,14 @@ class Hamiltonian:
         n_steps = min(most_steps, max(1, round(length / self.step)))
         # Few steps end early: a step never grows so that the trajectory gets its length.
         step = factor * min(length / n_steps, self.step)
+
         metric = self._metric
         momentum = self._rng.standard_normal(self._x.shape)
         x = self._x  # (chains, coordinates)
         value = self._value
         gradient = self._gradient
-        first_energy = _kinetic(momentum) - value
-        push = 0.5 * step * metric.to_momentum(gradient)
+        first_energy = _kinetic(momentum) - value  # (chains,)
+        push = 0.5 * step * metric.to_momentum(gradient)  # of half a step
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
             # A leapfrog step. A NaN is not below the limit, so that it diverges, too. A chain that
@@ -247,6 +259,7 @@ class Hamiltonian:
             energy_gain = _kinetic(momentum) - value - first_energy
             is_divergent |= ~(energy_gain < _LARGEST)
 
+        # Metropolis: a trajectory is accepted with the probability exp(-gain of energy).
         log_acceptance = np.where(is_divergent, -np.inf, -energy_gain)
         acceptance = np.exp(np.minimum(log_acceptance, 0.0))
         is_accepted = self._rng.uniform(size=len(x)) < acceptance
@@ -322,7 +335,8 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     start = posterior.start(N_CHAINS, rng)
     sampler = Hamiltonian(posterior, start, metric, rng)
     sampler.warm_up()
-    n_first = math.ceil(n_draws / N_CHAINS)
+
+    n_first = math.ceil(n_draws / N_CHAINS)  # of each chain
     # The second half takes no memory before it is written.
     outputs = [  # mean, sd, effects and subjects
         np.empty((N_CHAINS, 2 * n_first, *values.shape[1:])) for values in posterior.points(start)
@@ -332,12 +346,13 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     # A matrix product may round otherwise where memory has gaps, as it has in the half of an array.
     # The subjects, by far the largest array, are in no such product.
     *of_group, subjects = first_half
-    first_half = [*map(np.copy, of_group), subjects]
-    draws = GroupDraws(*first_half, n_divergent=n_divergent)
+    first_draws = [*map(np.copy, of_group), subjects]
+    draws = GroupDraws(*first_draws, n_divergent=n_divergent)
     if not draws.shortfall:
         return draws
+
     if n_divergent:
-        sampler.step *= 0.4
+        sampler.step *= 0.4  # shorter steps follow the density where it bends
         n_first = 0  # the draws so far are written over
     n_divergent = sampler.advance([output[:, n_first:] for output in outputs], posterior.points)
     return GroupDraws(*outputs, n_divergent=n_divergent)

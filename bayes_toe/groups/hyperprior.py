@@ -30,9 +30,9 @@ class HyperpriorNumbers(NamedTuple):
     @classmethod
     def from_rows(cls, rows: list[ParameterHyperprior]) -> HyperpriorNumbers:
         """The numbers of some rows, as arrays."""
-        # The columns of a table with a row for each coefficient.
-        mean, mean_scale, sd_scale, tails = np.array([astuple(row) for row in rows]).T
-        return cls(mean, mean_scale, sd_scale, tails.astype(np.bool_))
+        # The columns of a table with a row for each coefficient, in which True is 1.
+        mean, mean_scale, sd_scale, has_heavy_tails = np.array([astuple(row) for row in rows]).T
+        return cls(mean, mean_scale, sd_scale, has_heavy_tails.astype(np.bool_))
 
     def prior_of_mean(self, mean: FloatArray) -> ArrayPair:
         """Log prior density of each mean, (..., coefficients), and its derivative."""
@@ -55,9 +55,9 @@ class HyperpriorNumbers(NamedTuple):
         # From 2 Phi(u) - 1 = Phi(score): du/dscore = phi(score) / (2 phi(u)). The density of the
         # score is that of u times this derivative.
         rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
-        log_density, slope = self._density(u)
+        log_density, slope_in_u = self._density(u)
         log_prior = log_normal(score) + log_density - log_normal(u)
-        slope = (slope + u) * rise - score
+        slope = (slope_in_u + u) * rise - score  # of `log_prior`, by the chain rule
         return self.sd_scale * u, self.sd_scale * rise, log_prior, slope
 
     def prior_of_effect(self, effect: FloatArray) -> ArrayPair:

@@ -118,7 +118,8 @@ def study_scales(study: Study) -> StimulusScales:
     scales = common_scales(*study)
     if scales is None:
         raise InputError("no pair has two different stimuli, so no order effect can be seen")
-    offsets = []  # first stimuli from their mean in the subject
+    # First stimuli from their mean in the subject, and trials, for each unit.
+    offsets = []
     n_trials = []
     for units in units_by_subject(study).values():
         mean = _mean_first(units)
@@ -222,14 +223,16 @@ class PopulationResult:
             with np.errstate(over="ignore"):  # an infinite JND is printed as such
                 jnd = JND_OVER_NOISE * self.scales.step * np.exp(coefficients)
             return unit.differences(jnd)
-        return expit(coefficients) if name == PEAK.name else coefficients
+        if name == PEAK.name:
+            return expit(coefficients)
+        return coefficients
 
     def shown_unit(self, name: str) -> StimulusUnit:
         """The unit in which a figure shows a parameter of all subjects and of a new one."""
         j = self.index(name)
         new_subject = self.in_units(name, self.new_subject[..., j])
-        subjects = self.in_units(name, self.draws.subjects[..., j])
-        # The intervals that the figure has, in per cent.
+        subjects = self.in_units(name, self.draws.subjects[..., j])  # (chains, draws, subjects)
+        # The unit depends on how large the values of the figure are: its intervals, in per cent.
         new_interval = np.quantile(new_subject, QUANTILES)
         intervals = np.quantile(subjects, QUANTILES, axis=(0, 1))
         return self.study.unit.for_percent(np.append(new_interval, intervals))
@@ -314,22 +317,22 @@ class PopulationResult:
         """The rows of population.csv."""
         rows = []
         for name, values in self.quantities(self.draws.mean).items():
-            zero_factor = None
-            if name in EFFECTS:  # whether another mean is 0 is no question
+            if name in EFFECTS:
                 j = self.index(name)
                 zero_factor = zero_mean(self.draws, self.numbers, self.regressors.x, j)
+            else:  # whether another mean is 0 is no question
+                zero_factor = None
             rows.append(summary_row(name, "mean", values, zero_factor=zero_factor))
         for j, name in enumerate(self.names):
             rows.append(summary_row(name, "sd", self.draws.sd[..., j]))
         for name, values in self.quantities(self.new_subject).items():
             rows.append(summary_row(name, "new_subject", values))
+
         for i, label in enumerate(self.regressors.labels):
             for j, name in enumerate(self.names):
                 zero_factor = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
                 values = self.draws.effects[..., i, j]
-                rows.append(
-                    summary_row(name, "effect", values, level=label, zero_factor=zero_factor)
-                )
+                rows.append(summary_row(name, "effect", values, label, zero_factor))
         for levels in self.comparisons:
             level = " - ".join(levels)
             for name in DIFFERING:
@@ -349,14 +352,13 @@ class PopulationResult:
         for i, subject in enumerate(self.subjects):
             draws = self.draws.subjects[:, :, i]  # (chains, draws, parameters)
             values = self.quantities(draws)
-            # The parameters that the group does not share follow, in units of their prior.
+            # The parameters that the group does not share follow, as coordinates of their priors.
             for j, name in enumerate(self.unshared_names, start=n_coefficients):
                 u = draws[..., j]
-                # The lapse rate has a beta prior, and the slopes have normal ones with a scale.
-                if name == LAPSE_RATE.name:
+                if name == LAPSE_RATE.name:  # u is its normal score
                     log_rate, _ = lapse_logs(u, PLAIN_UNITS.lapse_rate_b)
                     values[name] = np.exp(log_rate)
-                else:
+                else:  # u is a slope in units of its scale, which is over R
                     scale = getattr(PLAIN_UNITS, f"{name}_scale")
                     values[name] = scale / self.scales.spread * u
             rows += [(subject, name, *summary(column)) for name, column in values.items()]
@@ -382,13 +384,13 @@ class PopulationResult:
             coefficients += [f"difference {i + 1} of {name}" for i in range(n_columns)]
         regressors = self.regressors
         # The names along each axis, first of the axes that both datasets have.
-        names = {"subject": list(self.subjects), "covariate": regressors.labels}
+        common_axes = {"subject": list(self.subjects), "covariate": regressors.labels}
         parameters = [*coefficients, *self.unshared_names]
-        coordinates = {**names, "coefficient": coefficients, "parameter": parameters}
+        axes = {**common_axes, "coefficient": coefficients, "parameter": parameters}
         draws = {name: (dims, getattr(self.draws, name)) for name, dims in _DRAWS.items()}
         groups = {
-            "posterior": xr.Dataset(draws, coordinates),
-            COVARIATES: xr.Dataset({"x": (_COVARIATES["x"], regressors.x)}, names),
+            "posterior": xr.Dataset(draws, axes),
+            COVARIATES: xr.Dataset({"x": (_COVARIATES["x"], regressors.x)}, common_axes),
         }
         settings = {
             "n_draws": self.settings.draws,
@@ -457,19 +459,19 @@ def population(
         )
     if covariates is None:
         covariates = {}
-    elif not isinstance(covariates, Mapping):
+    elif not isinstance(covariates, Mapping):  # the path of a file
         covariates = read_covariates(covariates)
-    chosen = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
-    if covariates:
-        study = study.select(chosen.subjects)
-    if len(chosen.subjects) < 2:
+    columns = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
+    if covariates:  # without the subjects that lack one
+        study = study.select(columns.subjects)
+    if len(columns.subjects) < 2:
         raise InputError(
-            f"population: {join_names(chosen.subjects)} is one subject; allowed: 2 and more"
+            f"population: {join_names(columns.subjects)} is one subject; allowed: 2 and more"
         )
 
-    posterior = group_posterior(study, settings.hyperprior, chosen.x)
+    posterior = group_posterior(study, settings.hyperprior, columns.x)
     group_draws = sample_group(posterior, draws, generator(settings.seed, "population"))
-    result = PopulationResult(study, settings, chosen, group_draws)
+    result = PopulationResult(study, settings, columns, group_draws)
     for problem in result.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return result
@@ -493,10 +495,12 @@ def subject_rows(study: Study) -> SubjectRows:
     for subject_units in units_by_subject(study).values():
         first_row.append(len(units))
         units += subject_units
+        # Each subject has its own sbar, and all have the D and R of the study.
         unit_scales += [scales._replace(sbar=_mean_first(subject_units))] * len(subject_units)
-    differences = {}
-    if study.conditions is not None:
-        # The design of the conditions has a row for each level.
+
+    if study.conditions is None:
+        differences = {}
+    else:  # the design of the conditions has a row for each level
         levels = [study.conditions.levels.index(unit.condition) for unit in units]
         differences = dict.fromkeys(DIFFERING, study.conditions.design()[levels])
     return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), differences)

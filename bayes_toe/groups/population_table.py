@@ -97,7 +97,7 @@ def summary_row(
     row = PopulationRow(parameter, quantity, level, *summary(draws))
     if zero_factor is None:
         return row
-    p_positive = float((draws > 0.0).mean())
+    p_positive = float((draws > 0.0).mean())  # the share of draws above 0
     return row._replace(
         p_direction=max(p_positive, 1.0 - p_positive),
         ln_bf_zero=zero_factor.log_bf,
@@ -118,12 +118,13 @@ class PopulationTable(Table[PopulationRow]):
         A percentage that is too large for a number is NaN.
         """
         columns = list(PopulationRow._fields)
-        # All columns behind the level are numbers, also those in which every entry is None.
+        # All columns behind the level, the third one, are numbers, also those in which every entry
+        # is None.
         frame = pd.DataFrame(self.rows, columns=columns).astype(dict.fromkeys(columns[3:], float))
         return frame.replace([np.inf, -np.inf], np.nan)
 
     def select(self, quantity: str, parameter: str | None = None) -> tuple[PopulationRow, ...]:
-        """The rows of one quantity, or of one quantity and parameter."""
+        """The rows of one quantity; only those of a parameter, if it is given."""
         return tuple(
             row
             for row in self.rows

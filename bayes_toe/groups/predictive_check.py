@@ -137,6 +137,7 @@ def _differences(
     # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
     signs = np.zeros(n_trials.shape)
     for i, unit in enumerate(islice(units, len(signs))):
+        # The indices of each pair in both orders, (pairs, 2), the weak-first one before the other.
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
     n_compared = by_subject((signs > 0.0).sum(axis=1))  # pairs of different stimuli
     is_compared = n_compared > 0
@@ -168,7 +169,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         "spread": spread,
         "skewness": (scores**3).mean(axis=0),
         "farthest": np.abs(scores).max(axis=0),
-    }
+    }  # (groups,) each
     for kind in kinds:
         # Two subjects always have the same skewness, and the same distance from their mean in SDs.
         if kind != "spread" and len(values) < 3:

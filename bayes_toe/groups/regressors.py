@@ -107,7 +107,8 @@ def regressors(
     incomplete = _incomplete_subjects(covariates, subjects)
     left_out = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
     complete = tuple(name for name in subjects if name not in incomplete)
-    # The columns cannot be made without subjects. Each covariate has a column or more.
+    # The columns cannot be made without subjects. Each covariate has a column or more, and the
+    # number of columns is known only below.
     _require_subjects(complete, len(covariates), left_out)
 
     columns = []
@@ -159,11 +160,11 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
     # The square of a number beyond 1e154 is beyond the largest float, so that the mean and the SD
     # are computed with the largest number as unit.
     unit = np.abs(values).max()
-    values = values / unit
-    mean = values.mean()
-    sd = values.std(ddof=1)
+    scaled = values / unit
+    mean = scaled.mean()
+    sd = scaled.std(ddof=1)
     words = f"{display_name(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
-    column = (values - mean) / sd
+    column = (scaled - mean) / sd
     return [Regressor(name, level="", meaning=words)], column[:, None]
 
 
@@ -180,6 +181,7 @@ def _columns_of_category(
     for level in other_levels:
         words = f"{display_name(name)} {display_name(level)} against {display_name(reference)}"
         columns.append(Regressor(name, level, words, reference))
+    # Whether each subject has each level, (subjects, columns).
     is_level = np.array(level_words(values))[:, None] == np.array(other_levels)
     return columns, is_level.astype(np.float64)
 
@@ -211,9 +213,9 @@ def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
     with_intercept = np.column_stack([np.ones(len(x)), x])
     diagonal = np.diagonal(np.linalg.qr(with_intercept, mode="r"))
     remainders = np.abs(diagonal[1:])  # without the intercept
-    sizes = np.linalg.norm(x - x.mean(axis=0), axis=0)
+    lengths = np.linalg.norm(x - x.mean(axis=0), axis=0)  # of what the intercept alone leaves
     for i, column in enumerate(columns):
-        if remainders[i] < _ROUNDING * sizes[i]:
+        if remainders[i] < _ROUNDING * lengths[i]:
             earlier = join_names(earlier_column.label for earlier_column in columns[:i])
             raise InputError(
                 f"covariates: {column.label} follows from {earlier}, "

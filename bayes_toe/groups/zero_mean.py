@@ -96,7 +96,7 @@ def approximate_zero_mean(
     # Quantiles of the prior of tau: the upper half of a symmetric density.
     probability = 0.5 + 0.5 * _SD_PROBABILITIES
     score = stdtrit(3.0, probability) if numbers.has_heavy_tails else ndtri(probability)
-    tau_squared = np.square(numbers.sd_scale * score)[:, None]
+    tau_squared = np.square(numbers.sd_scale * score)[:, None]  # (taus, 1)
     variance = tau_squared + np.square(standard_errors)[:, None]  # (groups, taus, subjects)
 
     # Given tau, the mean's likelihood is exp(log_mass) Normal(centre; m, 1 / precision).
@@ -119,11 +119,14 @@ def _log_marginal_density(
     """
     mean = numbers.mean[j]
     scale = numbers.mean_scale[j]
-    if not numbers.has_heavy_tails[j]:  # both densities are normal
+    if not numbers.has_heavy_tails[j]:  # both densities are normal, and their variances add up
         return _log_normal(centre - mean, np.square(width) + scale**2)
+
+    # The nodes are on a further axis, the last one.
     score = (centre[..., None] + width[..., None] * _NORMAL_NODES - mean) / scale
     log_prior = StandardStudent().log_density(score) - np.log(scale)
     at_normal_nodes = logsumexp(log_prior + _LOG_NORMAL_SHARES, axis=-1)
+
     distance = centre[..., None] - mean - scale * _STUDENT_NODES
     log_likelihood = _log_normal(distance, np.square(width)[..., None])
     at_student_nodes = logsumexp(log_likelihood + _LOG_STUDENT_SHARES, axis=-1)
@@ -139,15 +142,17 @@ def zero_effect(
     """
     # What the mean and the other covariates leave, (chains, draws, subjects).
     other_covariates = np.delete(np.arange(x.shape[1]), i)
-    residual = draws.subjects[..., j] - draws.mean[..., j, None]
-    residual = residual - draws.effects[..., other_covariates, j] @ x[:, other_covariates].T
+    deviation = draws.subjects[..., j] - draws.mean[..., j, None]
+    residual = deviation - draws.effects[..., other_covariates, j] @ x[:, other_covariates].T
+    # The estimate x'r / x'x and its variance tau^2 / x'x, (chains, draws).
     squares = np.square(x[:, i]).sum()
     centre = residual @ x[:, i] / squares
     variance = np.square(draws.sd[..., j]) / squares
+
+    # The prior of the effect is Normal(0, sd_scale^2), so that the estimate has both variances.
     prior_variance = np.square(numbers.sd_scale[j])
-    return _zero_bayes_factor(
-        _log_normal(centre, variance) - _log_normal(centre, variance + prior_variance)
-    )
+    log_marginal = _log_normal(centre, variance + prior_variance)
+    return _zero_bayes_factor(_log_normal(centre, variance) - log_marginal)
 
 
 def zero_difference(
@@ -157,7 +162,7 @@ def zero_difference(
 
     These means have no effects of covariates, so that the mean of the subjects estimates them.
     """
-    centre = draws.subjects[..., columns].mean(axis=2)
+    centre = draws.subjects[..., columns].mean(axis=2)  # (chains, draws, columns)
     variance = np.square(draws.sd[..., columns]) / draws.subjects.shape[2]
     prior_variance = np.square(numbers.mean_scale[columns])
     # Given the coefficients, a mean is Normal(share * centre, share * variance).
@@ -165,7 +170,8 @@ def zero_difference(
     squares = np.square(weights)
     # The posterior density of the sum at 0, given a draw, over its prior density there.
     at_zero = _log_normal((share * centre) @ weights, (share * variance) @ squares)
-    return _zero_bayes_factor(at_zero - _log_normal(np.zeros(1), squares @ prior_variance))
+    prior_at_zero = _log_normal(np.zeros(1), squares @ prior_variance)
+    return _zero_bayes_factor(at_zero - prior_at_zero)
 
 
 def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:

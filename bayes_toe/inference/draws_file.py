@@ -221,14 +221,16 @@ def stored_study(tree: xr.DataTree) -> Study:
         )
         subjects.append(subject)
 
-    conditions = record["conditions"]
-    if conditions is not None:  # JSON has made a list of the levels
-        conditions = Conditions(**{**conditions, "levels": tuple(conditions["levels"])})
+    fields = record["conditions"]
+    if fields is None:
+        conditions = None
+    else:  # JSON has made a list of the levels
+        conditions = Conditions(**{**fields, "levels": tuple(fields["levels"])})
     return Study(
         tuple(subjects),
-        record["source"],
-        record["synthetic"],
-        tuple(record["notes"]),
+        source=record["source"],
+        synthetic=record["synthetic"],
+        notes=tuple(record["notes"]),
         changes=tuple(record["changes"]),
         conditions=conditions,
     )
@@ -365,9 +367,10 @@ def reading(path: StrPath) -> Iterator[None]:
     except InputError as error:
         raise InputError(f"{name}: {error}; {_AGAIN}") from error
     except Exception as error:  # The libraries raise nearly anything for a damaged file.
-        problem = "not a file of draws that can be read"
         if "filter" in str(error) or "checksum" in str(error):  # the words of HDF5
             problem = "damaged: its numbers do not fit their checksums"
+        else:
+            problem = "not a file of draws that can be read"
         raise InputError(f"{name}: {problem}; {_AGAIN}") from error
 
 

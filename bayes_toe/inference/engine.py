@@ -118,7 +118,7 @@ class PriorMixture:
         """The core, and the cover with a tenth of the whole."""
         if self.cover is None:
             return self.core
-        return self.core.joined(self.cover, 0.1)
+        return self.core.joined(self.cover, share=0.1)
 
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at points, (n, d) -> (n,): (1 - share) student + share prior."""
@@ -146,6 +146,7 @@ class PriorMixture:
         flat_log_weights = 0.3 * draws.log_posterior - draws.log_proposal
         flat_weights = tempered(flat_log_weights, precision.tempered)
         cover = self.cover or _components(points, flat_weights, n=6, df=core.df)
+        # Two steps, because it need not fit well; with a high floor no component disappears.
         for _ in range(2):
             cover = cover.em_step(points, flat_weights, floor=0.4, inertia=inertia)
         return replace(self, core=core, cover=cover)
@@ -193,8 +194,9 @@ def mixture_of_clouds(
 ) -> PriorMixture:
     """About twelve components in clouds of points about every maximum, (n, d) each.
 
-    Six more components with half of the weight are at draws from the prior. A flattened likelihood
-    chooses these draws. They find what lies far from every maximum, such as a ridge.
+    Six more components with half of the weight are at draws from the prior, chosen from 2,000 by a
+    likelihood that is flattened to 200 effective draws. They find what lies far from every maximum,
+    such as a ridge.
 
     The array has one posterior.
     """
@@ -253,6 +255,7 @@ def _degrees_of_freedom(is_free: BoolArray) -> int:
     `StudentMixture` needs an even sum. A posterior with all coordinates has 4 or 5 degrees of
     freedom, and each coordinate that is held adds 1.
     """
+    # The even sum is the number of all coordinates and 4, or 5.
     return 2 * ((len(is_free) + 5) // 2) - int(is_free.sum())
 
 
@@ -289,13 +292,13 @@ def fitted_draws(
     # Adapt each mixture to the pool of its draws.
     active = list(range(len(array)))
     for _ in range(precision.pool_rounds):
-        for state, draws in zip(states, _round(array, states, active, precision), strict=True):
+        for state, draws in zip(states, _draw_round(array, states, active, precision), strict=True):
             state.add_to_pool(draws)
             state.mixture = state.mixture.updated(state.pool, precision)
 
     # Draw from the fixed mixtures, until every posterior has enough draws.
     while active:
-        for i, draws in zip(active, _round(array, states, active, precision), strict=True):
+        for i, draws in zip(active, _draw_round(array, states, active, precision), strict=True):
             states[i].fresh = states[i].fresh.joined(draws)
         active = _unfinished(active, states, families, precision)
     return [state.mixture for state in states], [state.fresh for state in states]
@@ -376,7 +379,7 @@ class _State:
         self.rounds.append((self.mixture, len(draws.x)))
 
 
-def _round(
+def _draw_round(
     array: PosteriorArray, states: Sequence[_State], active: Sequence[int], precision: Precision
 ) -> list[WeightedDraws]:
     """Draws of some posteriors, each from its own mixture."""

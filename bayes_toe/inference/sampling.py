@@ -193,6 +193,7 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
         draws = self._unused_draws.part(slice(n_walkers))
         self._unused_draws = self._unused_draws.part(slice(n_walkers, None))
 
+        # An independence move accepts with the ratio of importance weights, new over old.
         log_proposal = state.blobs  # of the mixture where the walkers stand: see compute_log_prob
         log_weights = state.log_prob - log_proposal
         log_ratio = draws.log_weights - log_weights
@@ -229,7 +230,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
             len(target.coordinates),
             self.compute_log_prob,
             vectorize=True,
-            moves=[
+            moves=[  # each with its probability
                 (GlobalMove(fitted, first_draws), 1.0 - share_local),
                 (emcee.moves.DEMove(), 0.8 * share_local),
                 (emcee.moves.StretchMove(), 0.2 * share_local),

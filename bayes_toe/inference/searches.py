@@ -137,12 +137,11 @@ def paper_maxima(array: PosteriorArray) -> Ascent:
     else:  # any value: without different stimuli the width is not determined
         step = 0.3
 
-    share_logits: tuple[float, ...]
     if row.task.lapses == "q0":  # the largest share of 'equal' of a pair, by Laplace's estimator
         largest_q0 = ((n_yes + 1.0) / (n_trials + 2.0))[has_trials].max()
-        share_logits = (logit(largest_q0),)
+        share_logits = [logit(largest_q0)]
     else:
-        share_logits = (-3.0, -0.5)  # lapse rates of 5 and 38 %
+        share_logits = [-3.0, -0.5]  # lapse rates of 5 and 38 %
 
     # At a round offset the distance of a pair may be 0, and its slope too.
     offsets = (-0.93, 0.07, 1.01)

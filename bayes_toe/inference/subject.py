@@ -146,10 +146,11 @@ def subject_draws(
         **{column: getattr(fit, column) for column in FIT_COLUMNS},
     }
 
-    summary: tuple[SummaryRow, ...] = ()
     if summarised:
         reported = {name: quantities[name] for name in target.names.reported}
         summary = summary_rows(target, reported, chains.diagnostics)
+    else:
+        summary = ()
 
     natural["lp"] = chains.log_posterior
     return SubjectDraws(natural, chains.acceptance, statistics, fit, summary)

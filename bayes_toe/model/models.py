@@ -186,6 +186,7 @@ class ObserverPosterior(SubjectPosterior):
 
 #: The names to type.
 MODEL_NAMES = (*(name.replace(" ", "-") for name in ORDER_MODELS), "paper")
+_ALLOWED_NAMES = ", ".join(MODEL_NAMES)
 
 
 def require_model(name: str) -> str:
@@ -201,13 +202,13 @@ def require_model(name: str) -> str:
     >>> require_model("constant-error"), require_model("paper")
     ('constant error', 'predictive update')
     """
-    require_kind("model", name, str, f"one of: {', '.join(MODEL_NAMES)}")
+    require_kind("model", name, str, f"one of: {_ALLOWED_NAMES}")
     if name in ("paper", PAPER_MODEL):
         return PAPER_MODEL
     spaced = name.replace("-", " ")
     if spaced in ORDER_MODELS:
         return spaced
-    raise InputError(f"model {name!r}: no such model; allowed: {', '.join(MODEL_NAMES)}")
+    raise InputError(f"model {name!r}: no such model; allowed: {_ALLOWED_NAMES}")
 
 
 def model_title(name: str) -> str:

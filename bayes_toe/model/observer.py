@@ -168,12 +168,13 @@ class ObserverRows(AnswerRows):
         shift = contraction - values["constant_error"][..., None]
         z = over_scale(self.difference + shift, log_scale)
 
-        k = None
         if self.task.has_criterion:
             values["criterion"] = criterion(values["logit_q0"])
             log_k = np.log(values["criterion"])[..., None]
             with np.errstate(over="ignore"):  # k may be infinite: every answer is 'equal'
                 k = np.exp(log_k + values["criterion_slope"][..., None] * self.middle)
+        else:
+            k = None
 
         logs = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
         log_lapse, log_attend = (log_share[..., None] for log_share in logs)
@@ -253,8 +254,11 @@ class ObserverRows(AnswerRows):
         """
         curve = self.curve_at(u)
         probabilities = self.plain_answers_at(curve)
-        # The slope n / P of n ln P in P, for each answer.
-        by_answer = list(map(_per_answer, self.answer_counts, probabilities))
+        # The slope n / P of n ln P in P, for each answer; 0 for an answer that was never given.
+        by_answer = []
+        for counts, probability in zip(self.answer_counts, probabilities, strict=True):
+            zeros = np.zeros(probability.shape)
+            by_answer.append(np.divide(counts, probability, out=zeros, where=counts > 0.0))
         terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, by_answer))
         sums = [term.sum(axis=-1) for term in terms]
         gradient = np.stack(sums, axis=-1) * self._slope_units(curve.values)
@@ -296,8 +300,8 @@ class ObserverRows(AnswerRows):
         if k is not None and self.task.has_three_answers:
             equal, second, first = probabilities
             by_equal, by_second, by_first = by_answer
-            # The criteria k and -k each part two answers: 'equal' from 'second', and from 'first'.
-            # A criterion that moves takes from one of them what it gives to the other.
+            # P(second) has Phi(z - k), and P(first) has Phi(-z - k); the rest is 'equal'. So each
+            # of the criteria k and -k parts two answers: it gives to one what the other one loses.
             upper = attend * _density(z - k) * (by_second - by_equal)
             lower = attend * _density(z + k) * (by_first - by_equal)
             in_lapses = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
@@ -310,9 +314,11 @@ class ObserverRows(AnswerRows):
 
         # What is added to P is taken from the probability of the other answer.
         by_yes = by_answer[0] - by_answer[1]
-        if k is None:
+        if k is None:  # P(second) has Phi(z), and is 1/2 in a lapse
             return attend * by_yes * _density(z), None, by_yes * (0.5 - probabilities[0])
-        # The density at the far edge is phi(|z| + k) = phi(|z| - k) exp(-2 |z| k).
+        # P(equal) has Phi(k - z) - Phi(-k - z), with the slopes phi(k + z) - phi(k - z) in z and
+        # phi(k - z) + phi(k + z) in k. The nearer edge has phi(|z| - k), and the far one
+        # phi(|z| + k) = phi(|z| - k) exp(-2 |z| k). In a lapse P(equal) is 2 Phi(k) - 1.
         edge = attend * by_yes * _density(np.abs(z) - k)
         far_ratio = np.exp(-2.0 * np.abs(z) * k)
         in_z = edge * np.sign(z) * np.expm1(-2.0 * np.abs(z) * k)
@@ -413,12 +419,6 @@ def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatAr
     if is_narrow.any():
         inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)
     return inside, ndtr(-near), ndtr(far)
-
-
-def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
-    """Counts over probabilities; 0 for an answer that was never given."""
-    zeros = np.zeros(probability.shape)
-    return np.divide(counts, probability, out=zeros, where=counts > 0.0)
 
 
 def _density(x: FloatArray) -> FloatArray:

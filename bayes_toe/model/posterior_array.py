@@ -50,11 +50,6 @@ class LinearLikelihood:
         """The number of rows of every posterior."""
         return np.diff(np.append(self.first_row, len(self.loading)))
 
-    @cached_property
-    def posterior_of_row(self) -> IndexArray:
-        """The posterior of every row."""
-        return np.repeat(np.arange(len(self.first_row)), self.sizes)
-
     def part(self, index: IndexArray) -> LinearLikelihood:
         """The likelihood of some posteriors, in this order; one may come more than once."""
         sizes = self.sizes[index]
@@ -68,8 +63,9 @@ class LinearLikelihood:
         )
 
     def row_points(self, w: FloatArray) -> FloatArray:
-        """Coordinates of the rows, (posteriors, points, d) -> (rows, points, k)."""
-        return w[self.posterior_of_row] @ self.loading.swapaxes(1, 2)
+        """Coordinates u = L w of the rows, (posteriors, points, d) -> (rows, points, k)."""
+        of_rows = np.repeat(w, self.sizes, axis=0)  # each row has the points of its posterior
+        return of_rows @ self.loading.swapaxes(1, 2)
 
     def plain_value(self, w: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (posteriors, points).

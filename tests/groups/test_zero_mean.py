@@ -21,6 +21,7 @@ NO_EFFECTS = np.zeros((0, 2))
 def known_draws(y, effects=NO_EFFECTS, mean=(0.0, 0.0)):
     """Two chains of 50 equal draws: subjects' coefficients y, (N, 2), and all else are known."""
     parts = map(np.asarray, (mean, TAU, effects, y))
+    # Axes for chains and draws come before those of the values, which stay as they are.
     return GroupDraws(*(np.tile(values, (2, 50) + (1,) * values.ndim) for values in parts))
 
 

@@ -32,10 +32,11 @@ def test_the_deviance_agrees_with_fifty_digits(count, power, is_near):
     The probability q is anywhere, or so near to the share k/n that the deviance is almost 0.
     """
     k, n = count
-    q = 0.999 * 10.0**power
     if is_near:
         # At most a thousandth from a share that is neither 0 nor 1.
         q = min((k + 0.5) / (n + 1) * (1 + 10.0 ** (power - 3)), 1 - 1e-12)
+    else:
+        q = 0.999 * 10.0**power
     with mpmath.workdps(50):
         p = mpmath.mpf(q)
         expected = mpmath.mpf(0)

@@ -65,7 +65,9 @@ def loop_log_likelihood(subject, values, kappa, rho):
     answers = subject.answers
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
     begins = np.diff(answers.place, prepend=-2) > 1  # a session: a position was left out
-    total, expectation, response = mp.mpf(0), mp.mpf(0), 0
+    total = mp.mpf(0)
+    expectation = mp.mpf(0)
+    response = 0
     with mp.workdps(40):
         values = {name: mp.mpf(float(value)) for name, value in values.items()}
         p = values["contraction"]
@@ -73,10 +75,12 @@ def loop_log_likelihood(subject, values, kappa, rho):
         for t, (first, second) in enumerate(answers.keys.tolist()):
             s1, s2 = mp.mpf(first), mp.mpf(second)
             if begins[t]:
-                expectation, response = mp.mpf(0), 0
+                expectation = mp.mpf(0)
+                response = 0
             trial_before = {"expectation": expectation, "response": kappa * response}
             p_responses = definitions.observer_answers(values, bare_k, sbar, s1, s2, **trial_before)
-            is_answered, is_yes = answers.n_trials[t], answers.n_yes[t]
+            is_answered = answers.n_trials[t]  # 0 or 1, as the other one
+            is_yes = answers.n_yes[t]
             if is_answered:
                 yes, no = p_responses
                 total += mp.log(yes if is_yes else no)
