@@ -370,17 +370,21 @@ def write_files(folder, **texts):
     return [folder / f"{name}.csv" for name in texts]
 
 
-def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
-    # The file other has the same trials of subject b, and longer has one more trial of a.
-    text = TRIALS + "a,0,0.3,same\na,0.3,0,different\n" * 10
-    other = text.replace("a,", "b,")
-    first, other, copy, longer = write_files(
-        tmp_path, first=text, other=other, copy=text, longer=text + "a,0,0,same\n"
+def test_subjects_with_the_same_trials_are_told(tmp_path):
+    # Both subjects of the second file have the trials of a in the first one. The trials of c and d
+    # are the same, too, but with one answer to the pair, as easy ones have.
+    text = TRIALS + "a,0,0.3,same\na,0,0.3,different\n" * 12
+    easy = "c,0,0.3,same\n" * 40
+    files = write_files(
+        tmp_path,
+        first=text,
+        two=text + text.replace(TRIALS, "").replace("a,", "b,"),
+        easy=TRIALS + easy + easy.replace("c", "d"),
     )
-    (doubt,) = bt.read_study([first, other, copy, longer]).reading.doubts
-    identical = "copy.csv has the same 20 trials of subject a as first.csv: repeated trials make"
-    assert doubt.startswith(identical)
-    assert bt.read_study([first, other, longer]).reading.doubts == ()
+    finding = " has the same trials and answers as first.csv: subject a: repeated trials make"
+    doubts = [doubt.partition(finding)[0] for doubt in bt.read_study(files).reading.doubts]
+    assert doubts == ["two.csv: subject a", "two.csv: subject b"]
+    assert len(bt.read_study(files[1]).reading.doubts) == 1
 
 
 def test_of_several_files_the_first_problems_are_told(tmp_path):
