@@ -12,8 +12,7 @@ import math
 import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
-from typing import NamedTuple
+from itertools import compress, pairwise
 
 import numpy as np
 
@@ -132,19 +131,23 @@ def _two_scales(study: Study) -> Findings:
         levels = np.unique(subject.stimuli)
         if len(levels) == 1:
             continue
-        gap = _widest_gap(levels)
+        # Levels are natural logs, so a gap between them is the log of a ratio of stimuli.
+        gaps = np.diff(levels)
+        widest = gaps.argmax()
+        gap = gaps[widest]
+        other_gaps = np.delete(gaps, widest).sum()
+        below, above = np.split(levels, [widest + 1])
         # A trial with a stimulus in each group counts in both.
-        is_below = np.stack([subject.s1, subject.s2]) <= gap.below[-1]  # (2, pairs)
+        is_below = np.stack([subject.s1, subject.s2]) <= below[-1]  # (2, pairs)
         n_below = subject.n_trials[is_below.any(axis=0)].sum()
         n_above = subject.n_trials[~is_below.all(axis=0)].sum()
         n_in_smaller_group = min(n_below, n_above)
 
         # The ratio of the stimuli at the gap, with two digits. No float is as large as exp(710).
-        rounded_ratio = float(f"{math.exp(min(gap.size, 700.0)):.2g}")
+        rounded_ratio = float(f"{math.exp(min(gap, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
-        # The stimuli of the lower group, and of the upper one, in words.
-        ranges = [_range_of(group, subject.unit, study.reading) for group in (gap.below, gap.above)]
-        if gap.separates_scales:
+        ranges = [_range_of(group, subject.unit, study.reading) for group in (below, above)]
+        if gap > max(math.log(100.0), 2.0 * other_gaps):
             yield Finding(
                 subject.name,
                 "two_scales",
@@ -152,7 +155,7 @@ def _two_scales(study: Study) -> Findings:
                 "in another unit or without a decimal point.",
                 f"--exclude {cli_argument(subject.name)}",
             )
-        elif gap.size > gap.others > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
+        elif gap > other_gaps > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
             trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
             smaller, larger = ranges if n_below < n_above else ranges[::-1]
             yield Finding(
@@ -164,50 +167,25 @@ def _two_scales(study: Study) -> Findings:
 
 
 def _scales_of_subjects(study: Study) -> Findings:
-    """Stimuli of some subjects that are a factor of 100 or more from those of all others.
+    """Subjects whose median stimulus is a factor of 10, or of more than 100, from that of most.
 
     Conditions may have stimuli of their own, so a study with conditions has no such finding.
     """
-    levels = np.unique(np.concatenate([subject.stimuli for subject in study]))
-    if study.conditions is not None or len(levels) == 1:
-        return
-    gap = _widest_gap(levels)
-    weak = [subject.name for subject in study if subject.stimuli.max() <= gap.below[-1]]
-    strong = [subject.name for subject in study if subject.stimuli.min() >= gap.above[0]]
-    # Each subject has stimuli on one side of the gap only.
-    if gap.separates_scales and len(weak) + len(strong) == len(study):
-        ranges = [_range_of(group, study.unit, study.reading) for group in (gap.below, gap.above)]
+    medians = np.array([np.median(subject.stimuli) for subject in study])
+    decades = np.abs(medians - np.sort(medians)[len(study) // 2]) / math.log(10.0)
+    is_odd = (decades > 2.0) | (np.abs(decades - 1.0) < 1e-3)  # logs in a file may be rounded
+    if study.conditions is None and is_odd.any():
+        ranges = []
+        for rows in (is_odd, ~is_odd):
+            levels = np.unique(np.concatenate([one.stimuli for one in compress(study, rows)]))
+            ranges.append(_range_of(levels, study.unit, study.reading))
+        names = join_names(map(display_name, compress(study.names, is_odd)))
         yield Finding(
             _WHOLE_STUDY,
             "two_scales",
-            f"The stimuli of {join_names(map(display_name, weak))} are {ranges[0]}, those of other "
-            f"subjects {ranges[1]}. Correct them if they are in another unit.",
+            f"The stimuli of {names} are {ranges[0]}, those of other subjects {ranges[1]}. "
+            "Correct them if they are in another unit.",
         )
-
-
-class _Gap(NamedTuple):
-    """The widest gap between levels of the stimuli: the levels on both sides, and widths.
-
-    Levels are natural logs, so a width is the log of a ratio of stimuli.
-    """
-
-    below: FloatArray
-    above: FloatArray
-    size: float
-    others: float  # all other gaps together
-
-    @property
-    def separates_scales(self) -> bool:
-        """Whether it is wider than a factor of 100, and than twice all other gaps together."""
-        return self.size > max(math.log(100.0), 2.0 * self.others)
-
-
-def _widest_gap(levels: FloatArray) -> _Gap:
-    """The widest gap between sorted levels, of which there are at least two."""
-    gaps = np.diff(levels)
-    widest = gaps.argmax()
-    below, above = np.split(levels, [widest + 1])
-    return _Gap(below, above, size=gaps[widest], others=np.delete(gaps, widest).sum())
 
 
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:

@@ -25,6 +25,8 @@ Texts: TypeAlias = Sequence[str]
 MAX_LINES = 10
 
 _LONGEST_SHOWN = 40
+#: Why repeated trials matter.
+TWICE = "repeated trials make intervals too narrow"
 
 
 def visible(text: str) -> str:

@@ -19,11 +19,13 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.special import binom
 
 from bayes_toe.arrays import Record, StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import (
     MAX_LINES,
+    TWICE,
     Note,
     display_name,
     fixed_texts,
@@ -265,9 +267,12 @@ def together(studies: Sequence[Study]) -> Study:
     InputError
         If the studies are of two tasks.
     """
-    if len(studies) == 1:
-        return studies[0]
     first = studies[0]
+    copies = list(_copies(studies))
+    if len(studies) == 1:
+        return replace(
+            first, reading=replace(first.reading, doubts=(*first.reading.doubts, *copies))
+        )
     # By the name of a subject, the files that have it, each with the answers in it.
     files_of_subjects = defaultdict[str, list[tuple[str, Subject]]](list)
     for study in studies:
@@ -279,7 +284,7 @@ def together(studies: Sequence[Study]) -> Study:
                 "allowed: files of one task; contrast compares tasks with --condition task"
             )
     reading = reading_of_all(studies)
-    doubts = _one_line_each(reading.doubts)
+    doubts = [*_one_line_each(reading.doubts), *copies]
     subjects = []
     n_files = {}
     for name, files in files_of_subjects.items():
@@ -350,6 +355,29 @@ def _subject_of_files(files: Sequence[tuple[str, Subject]]) -> Subject:
             return pooled([subject for _, subject in files])
         answers.append((source, subject.answers))
     return Subject.from_answers(first.name, _joined(answers), first.task, first.unit)
+
+
+def _copies(studies: Sequence[Study]) -> Iterator[str]:
+    """Doubts about subjects, in one file or in several, who have the same answers, trial by trial.
+
+    All may have one list of stimuli, and sure answers to easy pairs. What counts is in how many
+    ways the answers to each pair may fall on its trials, since all of these are as likely. A sound
+    study has such a doubt with a probability below 2 %, whatever its size.
+    """
+    name_by_trials: dict[bytes, str] = {}
+    for study in studies:
+        for subject in study:
+            answers = subject.answers
+            log_ways = np.log(binom(subject.n_trials, subject.n_yes)).sum()
+            # Any two subjects may be the same by chance.
+            has_few_ways = log_ways < np.log(50 * sum(map(len, studies)) ** 2)
+            if answers is None or not answers.has_trial_rows or has_few_ways:
+                continue
+            name = f"{study.source}: subject {display_name(subject.name)}"
+            trials = answers.keys.tobytes() + answers.counts.tobytes()
+            original = name_by_trials.setdefault(trials, name)
+            if original != name:
+                yield f"{name} has the same trials and answers as {original}: {TWICE}, remove one"
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Counts
-from bayes_toe.data.messages import Note, Texts, display_name, named_counts, plural
+from bayes_toe.data.messages import TWICE, Note, Texts, display_name, named_counts, plural
 from bayes_toe.data.tasks import are_trials
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
@@ -198,6 +198,5 @@ def _repeat_doubts(
     name = display_name(columns["subject"].text(later))
     return [
         f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row, first "
-        f"row {table.rows[later]} (subject {name}): repeated trials make intervals too narrow, "
-        "remove them"
+        f"row {table.rows[later]} (subject {name}): {TWICE}, remove them"
     ]

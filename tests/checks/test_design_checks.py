@@ -108,10 +108,12 @@ def test_stimuli_on_two_scales_are_named():
 
 
 def test_subjects_whose_stimuli_have_another_unit_are_named():
-    # A gap of 6 between S0 and S1 and S7 is a factor of 400 in intensity; a gap of 1 is one of 3.
-    subjects = [subject_of_pairs([(shift, shift + 0.1)], name=f"S{shift}") for shift in (0, 1, 7)]
+    # From S1.1, which is the median, S7 is a factor of 365 in intensity, S3.4026 one of 10, and S4
+    # one of 18.
+    shifts = (0.8, 0.9, 1, 1.1, 3.4026, 4, 7)
+    subjects = [subject_of_pairs([(shift, shift + 0.1)], name=f"S{shift}") for shift in shifts]
     (finding,) = two_scales(subjects)
-    ranges = "The stimuli of S0, S1 are 0 to 1.1, those of other subjects 7 to 7.1."
+    ranges = "The stimuli of S3.4026, S7 are 3.403 to 7.1, those of other subjects 0.8 to 4.1."
     assert finding.message.startswith(ranges)
     assert two_scales(subjects[:2]) == []
 

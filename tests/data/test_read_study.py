@@ -370,6 +370,23 @@ def write_files(folder, **texts):
     return [folder / f"{name}.csv" for name in texts]
 
 
+def test_subjects_with_the_same_trials_are_told(tmp_path):
+    # Both subjects of the second file have the trials of a in the first one. The trials of c and d
+    # are the same, too, but with one answer to the pair, as easy ones have.
+    text = TRIALS + "a,0,0.3,same\na,0,0.3,different\n" * 12
+    easy = "c,0,0.3,same\n" * 40
+    files = write_files(
+        tmp_path,
+        first=text,
+        two=text + text.replace(TRIALS, "").replace("a,", "b,"),
+        easy=TRIALS + easy + easy.replace("c", "d"),
+    )
+    finding = " has the same trials and answers as first.csv: subject a: repeated trials make"
+    doubts = [doubt.partition(finding)[0] for doubt in bt.read_study(files).reading.doubts]
+    assert doubts == ["two.csv: subject a", "two.csv: subject b"]
+    assert len(bt.read_study(files[1]).reading.doubts) == 1
+
+
 def test_of_several_files_the_first_problems_are_told(tmp_path):
     # The file a has twelve problems, more than are listed. The files b and c share a problem in
     # three rows, and d has another one.
