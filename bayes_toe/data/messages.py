@@ -67,6 +67,11 @@ def join_names(names: Iterable[str], max_items: int = MAX_LINES) -> str:
     return ", ".join(items)
 
 
+def join_quoted(texts: Iterable[str]) -> str:
+    """The first cells as messages show them, and how many there are beyond them."""
+    return join_names(map(quoted, texts))
+
+
 def named_counts(counts: Mapping[str, int]) -> Texts:
     """Names with their counts, without those that have none.
 

@@ -306,11 +306,11 @@ def together(studies: Sequence[Study]) -> Study:
         )
     reading = replace(reading, doubts=tuple(doubts))
     return Study(
-        tuple(subjects),
-        f"{len(studies)} files, {first.source} to {studies[-1].source}",
-        all(study.synthetic for study in studies),
-        tuple(notes),
-        reading,
+        subjects=tuple(subjects),
+        source=f"{len(studies)} files, {first.source} to {studies[-1].source}",
+        synthetic=all(study.synthetic for study in studies),
+        notes=tuple(notes),
+        reading=reading,
     )
 
 

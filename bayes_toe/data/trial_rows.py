@@ -23,14 +23,7 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     taken_out_texts,
 )
-from bayes_toe.data.messages import (
-    Note,
-    Texts,
-    join_names,
-    named_counts,
-    plural,
-    quoted,
-)
+from bayes_toe.data.messages import Note, Texts, join_quoted, named_counts, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import THREE_ANSWERS, tasks_named
 from bayes_toe.data.text_table import Column, TextTable
@@ -95,7 +88,7 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
         column = table.columns[name]
         if text not in column.texts:
             raise InputError(
-                f"{table.source}: {column}: found {join_names(map(quoted, column.texts))}, "
+                f"{table.source}: {column}: found {join_quoted(column.texts)}, "
                 f"allowed: {quoted(text)}, as --where has it, in some row"
             )
         is_chosen_row &= column.matches([text])
@@ -208,7 +201,7 @@ def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) 
         if not len(subjects_with_both):
             continue
 
-        marks = join_names(map(quoted, practice))
+        marks = join_quoted(practice)
         reason = (
             f" left out as practice or catch trials ({column}: {marks}); --ignore practice reads "
             "them"
@@ -365,7 +358,7 @@ def taken_out_doubts(
             continue
 
         rows = plural(column.matches(texts).sum(), "row")
-        doubt = f"{rows} with {join_names(map(quoted, texts))} in {column} are counted"
+        doubt = f"{rows} with {join_quoted(texts)} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
             doubt += f"; {remedy.typed} leaves them out{guess}"

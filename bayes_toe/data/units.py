@@ -235,11 +235,11 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     joined = list(by_level.values())
     conditions = Conditions(options.condition, tuple(order))
     return Study(
-        with_shared_scales(units),  # which also brings the units of a subject together
-        " and ".join(dict.fromkeys(study.source for study in joined)),
-        all(study.synthetic for study in joined),
-        (*common_notes(joined), f"condition {conditions.about}"),
-        reading_of_all(joined),
+        subjects=with_shared_scales(units),  # which also brings the units of a subject together
+        source=" and ".join(dict.fromkeys(study.source for study in joined)),
+        synthetic=all(study.synthetic for study in joined),
+        notes=(*common_notes(joined), f"condition {conditions.about}"),
+        reading=reading_of_all(joined),
         conditions=conditions,
     )
 

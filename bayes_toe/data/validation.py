@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
-from bayes_toe.data.messages import Texts, display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable, repeated_columns
 
@@ -233,7 +233,7 @@ def read_numbers(
     if not names and table.columns.keys() <= {key}:
         table.require(
             [
-                f"found {join_names(map(quoted, table.names))}, allowed: {', '.join(required)} and "
+                f"found {join_quoted(table.names)}, allowed: {', '.join(required)} and "
                 f"some of {', '.join(optional)}"
             ]
         )
@@ -271,7 +271,7 @@ def _with_columns(source: StrPath | TextTable, required: Texts, optional: Texts)
     names = (*required, *optional)
     table = source if isinstance(source, TextTable) else read_table(source, lambda _: set(names))
     problems = repeated_columns(table.names, names)
-    other_names = join_names(map(quoted, table.names))
+    other_names = join_quoted(table.names)
     for name in required:
         if name not in table.names:
             problems.append(
