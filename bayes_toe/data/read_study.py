@@ -284,7 +284,7 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     """
     beginning, parameters = _example(task)
     names, columns = read_numbers(f"{beginning}_truth.csv", parameters, key="subject")
-    rows = np.column_stack(list(columns.values())).tolist()
+    rows = np.column_stack(list(columns.values())).tolist()  # the parameters of each subject
     return {
         name: dict(zip(columns, row, strict=True)) for name, row in zip(names, rows, strict=True)
     }

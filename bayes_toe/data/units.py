@@ -153,10 +153,13 @@ def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> lis
             raise InputError(error.problems, remedies) from None
 
     column = table.columns.get(options.condition)
+    # All rows that are read are of one task.
     if options.condition in options.where or (column is None and options.condition == TASK):
         return [read(options.without_condition)]
+    # The texts name tasks.
     if column is not None and len(set(tasks_named(column.texts).values())) > 1:
         return list(_studies_by_group(column, options, read).values())
+    # The condition is another one, unless the answers of groups of rows are of different tasks.
     try:
         replace(options, condition=None)  # an InputError if the codes are of two tasks
         return [read(options)]
