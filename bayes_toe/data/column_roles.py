@@ -549,8 +549,8 @@ def columns_to_read(
         )
         return roles_read, problems, list(_order_remedies(_interval_names(columns)))
 
-    # The names that must be there once: those of roles in the order of `COLUMNS`, and those that
-    # options name.
+    # The names that must be there once: those of --where, those of roles in the order of `COLUMNS`,
+    # and those that options give and the file lacks.
     roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
     required = dict.fromkeys(
         [
@@ -774,7 +774,7 @@ def suggested_unit(name: str, lowest: float) -> str:
         return unit
     if lowest > 100.0:  # no levels of sounds are all as loud
         return ""
-    for word in sorted(named_places(name).other_words):
+    for word in sorted(named_places(name).other_words):  # a set has no order of its own
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
             if word.startswith(tuple(beginnings)):
                 return unit
@@ -1083,7 +1083,7 @@ def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = (
     """
     stimuli = (*pair, *options.stimulus_names)
     values = [column.map(number, float) for column in columns if column.name in stimuli]
-    if len(values) != 2 or len(values[0]) < _MANY:
+    if len(values) != 2 or len(values[0]) < _MANY:  # in few rows, answers may follow by chance
         return
     difference = np.subtract(*values)
     rows = ~np.isnan(difference)
@@ -1091,8 +1091,11 @@ def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = (
     sides = [np.sign(difference[rows])]
     sides += [column.codes[rows] for column in columns if column.name == options.interval_column]
     n_sides = len(combination_counts(*sides))
+    if n_sides < 2:  # or no cell holds a number
+        return
     for column in columns:
-        has_codes = 1 < len(column.texts) < 5  # three answers and an empty cell at most
+        if not 1 < len(column.texts) < 5:  # three answers and an empty cell at most
+            continue
         # If each side has one text, the texts make no more combinations.
-        if has_codes and 1 < n_sides == len(combination_counts(*sides, column.codes[rows])):
+        if len(combination_counts(*sides, column.codes[rows])) == n_sides:
             yield column.name

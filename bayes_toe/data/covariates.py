@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import join_names, quoted
+from bayes_toe.data.messages import join_quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.validation import (
     MISSING_WORDS,
@@ -66,7 +66,7 @@ def read_covariates(path: StrPath) -> Covariates:
     table = read_table(path, set)
     has_unique_names = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_unique_names:
-        names = join_names(map(quoted, table.names))
+        names = join_quoted(table.names)
         table.require(
             [
                 f"found columns {names}, allowed: subject and at least one covariate, each with "

@@ -25,7 +25,6 @@ from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     VOCABULARY,
-    NamedPlaces,
     intensity_remedies,
     is_flag,
     is_no_response,
@@ -37,7 +36,7 @@ from bayes_toe.data.column_roles import (
     unordered_stimuli,
     with_likely_columns,
 )
-from bayes_toe.data.messages import Texts, display_name, join_names, join_words, quoted
+from bayes_toe.data.messages import Texts, display_name, join_names, join_quoted, join_words, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
@@ -49,15 +48,8 @@ ALLOWED_INTERVALS = (
     "1 or 2, the interval of the standard (also first or second, standard_first or "
     "comparison_first, SC or CS); other codes by --standard-first-code"
 )
-
-
 #: Whether the standard came first, by the texts of a column; None where a text does not say it.
 OrderByText: TypeAlias = Mapping[str, bool | None]
-#: What :func:`named_places` finds in a cell that names one stimulus and nothing else.
-_STANDARD = named_places("standard")
-_COMPARISON = named_places("comparison")
-#: Words in the name of a column that may say which stimulus came first.
-_WORDS_OF_ORDER = VOCABULARY["words"]["of_order"]
 #: Parts of names that may mean something else: the interval of the right answer, the order of
 #: blocks of a test, or a stimulus such as `std1`.
 _UNCLEAR = re.compile("target|signal|probe|1|(comp|cmp|test|var).*order|order.*(comp|cmp|test|var)")
@@ -93,14 +85,17 @@ class StandardOrder:
             return
 
         order_by_text = _standard_first_by_text(table, column, options)
-        texts = join_names(map(quoted, filter(order_by_text.get, order_by_text)))
+        texts = join_quoted(filter(order_by_text.get, order_by_text))
         self.notes += [f"{column} read as the order: standard first at {texts or 'none'}"]
         # An empty cell is no key, so that it is unknown, too. In an array of bool, None is False.
         self.is_first = column.map(order_by_text.get)
         self.is_unknown = column.map(lambda text: order_by_text.get(text) is None)
 
     def in_order(self, stimuli: FloatArray) -> FloatArray:
-        """First and second stimulus of every row, from the standard and the comparison."""
+        """First and second stimulus of every row, from the standard and the comparison.
+
+        `stimuli` and the result have the shape (rows, 2).
+        """
         return np.where(self.is_first[:, None], stimuli, stimuli[:, ::-1])
 
     def answers_by_interval(self, table: TextTable, column: Column, options: ReadOptions) -> Column:
@@ -124,25 +119,30 @@ class StandardOrder:
 
         responses = column.map(str, object)
         for text in texts:
-            meaning = _stimulus_meant(text, options)
-            if meaning in (_STANDARD, _COMPARISON):
+            stimulus = _stimulus_meant(text, options)
+            if stimulus:
                 # Where the standard was first, the comparison was second, and the other way round.
-                is_second = self.is_first == (meaning == _COMPARISON)
+                is_second = self.is_first == (stimulus == "comparison")
                 answers = np.where(is_second, "second", "first")
                 responses = np.where(column.matches([text]), answers, responses)
-                stimulus = f"{meaning.stimuli[0]}, first or second by the order"
-                self.notes.append(f"response {quoted(text)} read as the {stimulus}")
+                reading = f"the {stimulus}, first or second by the order"
+                self.notes.append(f"response {quoted(text)} read as {reading}")
         return Column.from_texts(column.name, responses)
 
 
-def _stimulus_meant(text: str, options: ReadOptions) -> NamedPlaces:
-    """The stimulus that a response names: by its code, by a column, or by its words."""
+def _stimulus_meant(text: str, options: ReadOptions) -> str:
+    """The stimulus that a response names, 'standard' or 'comparison'; empty if none.
+
+    The options say that the stimuli are these two.
+    """
     if options.comparison_code is not None:
-        return _COMPARISON if text == options.comparison_code else _STANDARD
-    for role in options.stimuli:  # 'B' and 'stim2' name the columns 'B_ms' and 'stim2'
-        if options.name(role).split("_")[0] == text:
-            return named_places(role)
-    return named_places(text)
+        return "comparison" if text == options.comparison_code else "standard"
+    for stimulus in options.stimuli:
+        # 'B' names the column 'B_ms', and 'test' is a word for the comparison.
+        is_column = options.name(stimulus).split("_")[0] == text
+        if is_column or named_places(text) == named_places(stimulus):
+            return stimulus
+    return ""
 
 
 def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
@@ -179,7 +179,8 @@ def _certain_order(column: Column) -> OrderByText:
     columns: '1' in a column `order`, or in `target_interval`, may be another stimulus.
     """
     stimuli, places, other_words = named_places(column.name)
-    is_unclear = _UNCLEAR.search(column.name.lower()) or other_words.difference(_WORDS_OF_ORDER)
+    words_of_order = VOCABULARY["words"]["of_order"]
+    is_unclear = _UNCLEAR.search(column.name.lower()) or other_words.difference(words_of_order)
     # Without a stimulus or a place in the name, the cells alone say the order, as 'SC' does.
     if is_unclear and (stimuli or places):
         return {}

@@ -60,11 +60,16 @@ def format_path(path: Path) -> str:
 
 
 def join_names(names: Iterable[str], max_items: int = MAX_LINES) -> str:
-    """The first names, and how many there are beyond them."""
+    """The first names with commas between them, and how many there are beyond `max_items`."""
     items = list(names)
     if len(items) > max_items:
         items[max_items:] = [f"... and {len(items) - max_items:,} more"]
     return ", ".join(items)
+
+
+def join_quoted(texts: Iterable[str]) -> str:
+    """The first cells as messages show them, and how many there are beyond them."""
+    return join_names(map(quoted, texts))
 
 
 def named_counts(counts: Mapping[str, int]) -> Texts:
@@ -104,12 +109,14 @@ class Note(str):
 
 
 def fixed_texts(note: str) -> Texts:
-    """The texts of a note that are no counts and no names; all of it if it is no :class:`Note`."""
+    """The parts of a note that are no counts and no names; the whole text if it is no Note."""
     return [part for part in getattr(note, "parts", [note]) if isinstance(part, str)]
 
 
 def sum_of_notes(notes: Texts) -> str | None:
     """One note in the place of several that differ in counts and names only; else None.
+
+    Its counts are the sums, and its lists have the names of all notes.
 
     Examples
     --------
@@ -121,7 +128,7 @@ def sum_of_notes(notes: Texts) -> str | None:
     parts_of_notes = [getattr(note, "parts", [note]) for note in notes]
     parts = []
     for part, *others in zip(*parts_of_notes, strict=True):  # at the same place in each note
-        if isinstance(part, tuple):
+        if isinstance(part, tuple):  # a number with its noun
             n_first, noun = part
             part = (n_first + sum(n for n, _ in others), noun)
         elif not isinstance(part, str):
@@ -182,8 +189,8 @@ def format_p_value(value: float) -> str:
     """
     if value < 0.001:
         return "< .001"
-    # From 0.095 on, which rounds to .10, two decimals show two digits. A smaller number needs a
-    # third decimal, and one below 0.0095 a fourth.
+    # Two digits are two decimals from 0.095 on, which rounds to .10. A smaller number needs a third
+    # decimal, and one below 0.0095 a fourth.
     n_decimals = 2 + (value < 0.095) + (value < 0.0095)
     return f"{value:.{n_decimals}f}".removeprefix("0")
 

@@ -420,9 +420,9 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
             for unit in units:
                 all_blocks = blocks_by_unit.get(unit, []) + blocks
                 has_duplicates = len(set(all_blocks)) < len(all_blocks)
-                # All blocks of a subject are named, now or earlier, and some of them besides.
-                is_whole_twice = unit in blocks_by_unit and not (blocks and blocks_by_unit[unit])
-                if has_duplicates or is_whole_twice:
+                # The unit is named again, and now or earlier with all its blocks.
+                has_more_than_all = unit in blocks_by_unit and not (blocks and blocks_by_unit[unit])
+                if has_duplicates or has_more_than_all:
                     raise InputError(
                         f"{option} {text}: named twice; name each subject or block once"
                     )
@@ -433,9 +433,9 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
 
 
 def _units_and_blocks(text: str, study: Study, option: str) -> tuple[list[str], list[str]]:
-    """The units and the blocks that SUBJECT:BLOCK,BLOCK names; SUBJECT alone has no blocks.
+    """The names of the units and blocks in a text SUBJECT:BLOCK,BLOCK; SUBJECT alone has no blocks.
 
-    SUBJECT may be a unit, which is a subject in one condition.
+    SUBJECT may be a unit, which is a subject in one condition. `option` is for messages.
     """
     units_by_name = units_by_subject(study) | {unit.name: (unit,) for unit in study}
     names = [name for name in units_by_name if f"{text}:".startswith(f"{name}:")]

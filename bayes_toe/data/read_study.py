@@ -284,7 +284,7 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     """
     beginning, parameters = _example(task)
     names, columns = read_numbers(f"{beginning}_truth.csv", parameters, key="subject")
-    rows = np.column_stack(list(columns.values())).tolist()
+    rows = np.column_stack(list(columns.values())).tolist()  # the parameters of each subject
     return {
         name: dict(zip(columns, row, strict=True)) for name, row in zip(names, rows, strict=True)
     }
@@ -499,7 +499,6 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         if n_all_merged:
             notes.append(Note((n_all_merged, "repeated row"), " merged: ", named_counts(n_merged)))
     notes += order_notes
-
     marks = rows.columns["synthetic"].texts if "synthetic" in rows.columns else [""]
     is_marked = [text.lower() in TRUE_WORDS for text in marks]
     if all(is_marked):
@@ -518,13 +517,15 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
 
     source = rows.table.source
     reading = Reading(
-        tuple(rows.columns),
-        tuple(rows.names_not_read),
-        tuple(f"{source}: {doubt}" for doubt in doubts),
-        tuple(pooled),
-        tuple(codes),
+        read=tuple(rows.columns),
+        ignored=tuple(rows.names_not_read),
+        doubts=tuple(f"{source}: {doubt}" for doubt in doubts),
+        pooled=tuple(pooled),
+        codes=tuple(codes),
     )
-    return Study(tuple(subjects), source, all(is_marked), tuple(notes), reading)
+    return Study(
+        tuple(subjects), source, synthetic=all(is_marked), notes=tuple(notes), reading=reading
+    )
 
 
 def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:

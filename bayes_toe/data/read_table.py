@@ -258,12 +258,15 @@ def _table_of_frame(frame: Frame, choice: Choice) -> TextTable:
 
 
 def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> TextTable:
-    """The table in the sheet that is named, or in the one with most of our columns."""
+    """The table in the sheet that is named, or in the one with most of our columns.
+
+    Several sheets with most of our columns are refused, with a question.
+    """
     sheets = _excel_sheets(source, data, sheet)
     if sheet is not None and not sheets:
         raise _no_such_sheet(source, _excel_sheets(source, data))
     tables = _tables_of_sheets(source, sheets, choice)
-    title = max(tables, key=lambda title: len(sheets[title]))
+    title = max(tables, key=lambda title: len(sheets[title]))  # with most rows
     head_index, header = tables[title]
     if len(tables) > 1 and n_chosen(header, choice):
         remedies = [
@@ -276,10 +279,9 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
 
     rows = sheets[title]
     names = names_or_numbers(header, choice)
-    # Rows count from 1, as in the sheet, and indices from 0. If numbers are the names, the row at
-    # the index is no header, but the first row of the table.
-    rows_below = range(head_index + 1 + (names == header), len(rows) + 1)
-    filled = [row for row in rows_below if _is_filled(rows[row - 1])]
+    has_header = names == header  # else numbers are the names, and the table begins at the head
+    first_row = head_index + 1 + has_header  # rows count from 1, as in the sheet
+    filled = [row for row in range(first_row, len(rows) + 1) if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():
         values[name] = [rows[row - 1][index] for row in filled]
@@ -330,6 +332,7 @@ def _tables_of_sheets(
 
 
 def _no_such_sheet(source: str, titles: Iterable[str]) -> InputError:
+    """The refusal of a title of a sheet that is none of these."""
     names = join_names(map(display_name, titles))
     return InputError(f"{source}: found the sheets {names}, allowed: one of them")
 
@@ -449,7 +452,7 @@ def _parse_json(source: str, text: str) -> object:
                     f"{source}: found the key {quoted(name)} twice in a record, allowed: once"
                 )
             record[name] = value
-        # pandas writes a column in this way.
+        # pandas writes a column as {"0": 7, "1": 8}.
         is_list = list(record) == list(map(str, range(len(record))))
         return list(record.values()) if record and is_list else record
 

@@ -33,6 +33,7 @@ from bayes_toe.data.messages import (
     Texts,
     display_name,
     join_names,
+    join_quoted,
     join_words,
     plural,
     quoted,
@@ -131,6 +132,7 @@ def responses(
     codes = _all_codes(column, options.codes(task))
     answer_index = column.map(lambda text: _answer_index(text, codes, words), np.int64)
 
+    # What the codes mean is asked for, or else which code is missing.
     rise = np.nan_to_num(difference)
     trends = {"equal_code": -abs(rise), "second_code": rise}
     if options.has_standard:
@@ -197,7 +199,7 @@ def _reading_note(column: Column, answer_index: IntArray, names: Texts) -> list[
     for i, name in enumerate(names):
         is_answer = answer_index == i
         texts = column.only(is_answer).texts
-        words = join_names(map(quoted, texts or [name]))
+        words = join_quoted(texts or [name])
         if any(text.lower() != name for text in texts):
             words += f" as {name}"
         note += [f" {words} (", is_answer.sum(), ") /"]
@@ -321,9 +323,10 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
     codes = set(map(_without_decimals, filter(None, given_codes)))
     declared = set(map(_without_decimals, options.missed))
+    frequent = set(map(_without_decimals, _frequent(column, share=_MOST_MISSED, least=1.0)))
+
     missed = []
     answers = set()
-    frequent = set(map(_without_decimals, _frequent(column, _MOST_MISSED, least=1.0)))
     for text in column.texts:
         cell = _without_decimals(text)
         # A code or a frequent text is an answer, even if it is '.' or '999'.
@@ -336,7 +339,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     known_words = set(chain(*words_of_answers))
     words = answers - codes - {"-1"}
     has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
-    n_answers = len((options.task or SAME_DIFFERENT).answers)
+    n_answers = len((options.task or SAME_DIFFERENT).answers)  # two if the task is not known
     if "-1" in answers - codes - frequent and len(answers) > n_answers and has_known_words:
         missed += [text for text in column.texts if _without_decimals(text) == "-1"]
     return missed

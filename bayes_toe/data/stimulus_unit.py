@@ -87,6 +87,7 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     stimuli = np.concatenate([first, second])
     low = stimuli.min()
     high = stimuli.max()
+    # Logarithms are seldom all whole. Numbers from 1 may be those of a list of stimuli.
     if (low > _LARGEST_LOG or high - low > LARGEST_STEP) and (stimuli % 1.0 == 0.0).all():
         kind = "whole numbers, perhaps those of a list," if low == 1.0 else "whole numbers"
         return f"{kind} from {low:g} to {high:g}", None
@@ -113,6 +114,7 @@ def _without_rounding(pairs: FloatArray) -> FloatArray:
     low, high = np.quantile(pairs, (0.05, 0.95))  # without one that was mistyped
     limit = ROUNDED * (high - low)
 
+    # Each value but the first, compared with the one before.
     is_repeated = np.maximum(n_shown[1:], n_shown[:-1]) > _BY_CHANCE
     is_like_previous = (np.diff(values) <= limit) & is_repeated
     group = np.concatenate([[0], np.cumsum(~is_like_previous)])  # of each value
@@ -250,14 +252,15 @@ class StimulusUnit:
         ((['90', '111'], '% of mean'), (['20', '0'], 'ln'))
         """
         logs = np.asarray(logs, float)
-        form = "g"
-        fewest_digits = 4
         if self.of_stimuli:
             values = self.stimuli(logs)
             unit = self.of_stimuli
+            form = "g"
+            fewest_digits = 4
         elif self.for_percent(percent(logs - mean)).of_differences == "ln":
             values = logs
             unit = "ln"
+            form = "g"
             fewest_digits = 3
         else:
             values = self.or_percent_of(mean).stimuli(logs)

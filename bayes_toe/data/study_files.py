@@ -87,12 +87,13 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
     """The tables of a folder, in its first places that have some, and a note on them."""
     folder = Path(path)
     name = display_name(str(path))
-    for pattern in _IN_FOLDER:
+    for pattern in _IN_FOLDER:  # the last one is left if no place has tables
         tables = []
         for file_path in folder.glob(pattern):
             file = file_path.relative_to(folder)
-            # Neither hidden nor a lock of Excel, ~$a.xlsx.
+            # Excel makes a lock such as ~$a.xlsx.
             is_hidden = any(part.startswith((".", "~$")) for part in file.parts)
+            # A pattern such as '*.log' has a suffix of its own.
             is_table = file.suffix.lower() in TABLE_SUFFIXES or "." in pattern
             if is_table and not is_hidden and file_path.is_file():
                 tables.append(file)
@@ -117,7 +118,8 @@ def with_sheets(
 ) -> tuple[list[Any], ReadOptions]:
     """Several sheets in the place of each Excel file, where `sheet` is a pattern.
 
-    The pattern is then no longer among the options. It may have {} where the subject stands.
+    The pattern is then no longer among the options. It may have {} where the subject stands, and
+    becomes the pattern of `subject_from`.
     """
     pattern = options.sheet or ""
     if "*" not in pattern and "{}" not in pattern:
@@ -140,7 +142,8 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     Raises
     ------
     InputError
-        If there is no file, a file is given twice, or a file has problems.
+        If there is no file, a file is given twice, or a file has problems. If only some files lack
+        columns that the options name, these come first.
     """
     if not paths:
         raise InputError("files: found none, allowed: some")
@@ -205,11 +208,11 @@ def _one_line_each(problems: Iterable[str]) -> list[str]:
 
 
 def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
-    """A remedy for each part of the paths by which files differ; the given one without such parts.
+    """A remedy for each pattern that finds several subjects in the paths; else the given remedy.
 
-    For a/x.csv and b/x.csv, '{}/*' is such a part.
+    In a/x.csv and b/x.csv, '{}/*' finds the subjects a and b.
     """
-    by_subjects: dict[tuple[str, ...], Remedy] = {}
+    remedy_by_subjects: dict[tuple[str, ...], Remedy] = {}
     are_sheets = all(isinstance(path, StrPath) and is_excel(Path(path).parent) for path in paths)
     names = list(map(os.path.basename, map(str, paths)))
     # Of toe_A_1.csv and toe_B_1.csv the first pattern is 'toe_{}_*', and of s.A.data.txt and
@@ -217,17 +220,17 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     beginning = re.sub(_COMMON_BEGINNING, r"\1", "\n".join(names))
     patterns = [beginning + ("{}.*" if beginning.endswith(".") else "{}_*")]
     patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
-    if len(set(names)) < len(names):  # a name in several folders is no subject
+    if len(set(names)) < len(names):  # a name in several folders is no subject, so folders go first
         patterns.reverse()
         if not re.search(_SUBJECT_FOLDERS, "\n".join(map(str, paths))):
-            patterns.insert(0, "{}/{}.*")
+            patterns.insert(0, "{}/{}.*")  # folders may be groups
     for pattern in patterns:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len(set(subjects)) > 1:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"
             # Of patterns with the same subjects, the first one is proposed.
-            by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
-    return list(by_subjects.values()) or [remedy]
+            remedy_by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
+    return list(remedy_by_subjects.values()) or [remedy]
 
 
 def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
@@ -245,7 +248,7 @@ def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
 
 
 def _alike(lines: Iterable[Line]) -> list[list[Line]]:
-    """Groups of lines that differ in numbers and names only.
+    """Groups of lines that differ in numbers and names only, or in the order of their letters.
 
     A group has at most one line of a file: second lines of a kind are a group of their own.
     """
@@ -298,18 +301,19 @@ def together(studies: Sequence[Study]) -> Study:
         notes.append(Note(n_subjects, " in several files, put together: ", named_counts(n_files)))
     # All frames are one source.
     if len(subjects) == 1 and len({study.source for study in studies}) > 1:
-        ending = "/*" * first.source.count("/") or ".*"  # of a/x.csv the folder is the subject
+        # Of a/x.csv the folder may be the subject, as in '{}/*', else the name, as in '{}.*'.
+        ending = "/*" * first.source.count("/") or ".*"
         doubts.append(
             f"all {len(studies)} files are of one subject, {display_name(subjects[0].name)}. If "
             f"they are of several, --subject-from '{{}}{ending}' tells them from each other"
         )
     reading = replace(reading, doubts=tuple(doubts))
     return Study(
-        tuple(subjects),
-        f"{len(studies)} files, {first.source} to {studies[-1].source}",
-        all(study.synthetic for study in studies),
-        tuple(notes),
-        reading,
+        subjects=tuple(subjects),
+        source=f"{len(studies)} files, {first.source} to {studies[-1].source}",
+        synthetic=all(study.synthetic for study in studies),
+        notes=tuple(notes),
+        reading=reading,
     )
 
 

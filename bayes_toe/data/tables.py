@@ -199,4 +199,5 @@ def _with_hash(name: str) -> str:
     clean = re.sub(r"[^A-Za-z0-9._-]+", "_", name).lstrip(".")  # a dot in front hides a file
     stem = f"_{clean}" if clean == "" or _RESERVED.fullmatch(clean) else clean
     digits = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
+    # The stem is cut, so that it and the hash have the greatest length, with the hyphen between.
     return f"{stem[: _LONGEST_STEM - _HASH_DIGITS - 1]}-{digits}"

@@ -26,8 +26,8 @@ class _Order(NamedTuple):
     """What orders the rows of a file."""
 
     trial: FloatArray  # numbers of trials, (rows,); NaN without a number
-    # The run of each row, (rows, 1 and kinds of runs): all rows are one, which has blocks and
-    # sessions.
+    # The number of each row's run, (rows, kinds of runs). In the first column all rows are one run;
+    # the next columns are those of blocks and of sessions, as far as the file has them.
     runs: IntArray
     block: IntArray | None  # index in `blocks`, (rows,)
     blocks: tuple[str, ...]
@@ -51,10 +51,11 @@ def answers_in_order(
     """
     is_trials = are_trials(columns)
     unit = columns["subject"]
-    subject = unit
-    if "condition" in columns:  # 'S01@left' is of 'S01'
+    if "condition" in columns:  # 'S01@left' is a unit of 'S01'
         names = [text.partition(CONDITION_SEPARATOR)[0] for text in unit.texts]
         subject = Column.from_texts(unit.name, names, unit.codes)
+    else:
+        subject = unit
     rows_with_pair = subject.rows_by_text(np.flatnonzero(~np.isnan(pairs).any(axis=1)))
     order = _order_of_rows(table, columns)
 
@@ -66,8 +67,9 @@ def answers_in_order(
         place = None
         if is_trials and "trial" in columns:
             subject_name = subject.text(answered_rows[0])
-            # Trials without an answer, and in other conditions, are part of the order. But rows
-            # without an answer may be no trials, and have no order.
+            # Trials without an answer, and in other conditions, are part of the order. But if rows
+            # without an answer are no trials, they may have no order, so that the answered rows are
+            # the second choice.
             ordered = _ordered((rows_with_pair[subject_name], answered_rows), order)
             if ordered is None:
                 unordered.append(display_name(name))
@@ -98,11 +100,12 @@ def answers_in_order(
 def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
     """The columns that order rows; numbers of trials are NaN if the file has none."""
     n_rows = len(table.rows)
-    trial = np.full(n_rows, np.nan)
     if "trial" in columns:
         trial = numbers(table, columns["trial"])
+    else:
+        trial = np.full(n_rows, np.nan)
 
-    runs = [np.zeros(n_rows, np.int64)]  # without sessions and blocks, all rows are one run
+    runs = [np.zeros(n_rows, np.int64)]  # all rows are one run
     blocks: tuple[str, ...] = ()
     block = None
     for name in _RUNS:
@@ -125,11 +128,10 @@ def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
 def _order_notes(
     columns: Columns, unordered: list[str], n_missing: Mapping[str, int]
 ) -> Iterator[str]:
-    """Notes on trials whose order or number is not known."""
+    """Notes on subjects whose trials have no order, and on numbers of trials that are missing."""
     if unordered:
-        text = "does not order all trials, so the order of the file is used: "
         yield Note(
-            f"{columns['trial']} {text}",
+            f"{columns['trial']} does not order all trials, so the order of the file is used: ",
             unordered,
             ". If its numbers begin anew, two persons or sessions may be pooled: --columns "
             "subject=NAME or session=NAME keeps them apart, or --where one of them",

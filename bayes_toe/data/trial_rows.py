@@ -23,14 +23,7 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     taken_out_texts,
 )
-from bayes_toe.data.messages import (
-    Note,
-    Texts,
-    join_names,
-    named_counts,
-    plural,
-    quoted,
-)
+from bayes_toe.data.messages import Note, Texts, join_quoted, named_counts, plural, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import THREE_ANSWERS, tasks_named
 from bayes_toe.data.text_table import Column, TextTable
@@ -56,7 +49,8 @@ _RARE = 0.01
 def with_subjects_below(table: TextTable, name: str) -> TextTable:
     """The table whose column of subjects has each name in all rows of the subject.
 
-    In the file each name stands once, with empty cells below it, as merged cells are saved.
+    In the file each name stands once, with empty cells below it, as merged cells are saved. `name`
+    is the column of subjects; other tables stay as they are.
     """
     column = table.columns.get(name)
     if column is None or column.texts[1:2] != [""]:  # the text after the first name
@@ -94,7 +88,7 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
         column = table.columns[name]
         if text not in column.texts:
             raise InputError(
-                f"{table.source}: {column}: found {join_names(map(quoted, column.texts))}, "
+                f"{table.source}: {column}: found {join_quoted(column.texts)}, "
                 f"allowed: {quoted(text)}, as --where has it, in some row"
             )
         is_chosen_row &= column.matches([text])
@@ -135,7 +129,8 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
-        # A row may stand for what all columns say, those that are not read included, such as days.
+        # Each row has another combination of the columns that are read, or of all columns, such as
+        # one of days.
         keys = (names_read, list(filter(column.name.__ne__, table.columns)))
         answers = list(map(options.name, answer_roles))
         if has_counts and any(_is_cross_table(table, key, answers) for key in keys):
@@ -154,7 +149,8 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
 def _is_cross_table(table: TextTable, key: Texts, answers: Texts) -> bool:
     """Whether rows differ in the columns of `key`, and a pair has a row for each response.
 
-    A few pairs with several responses may be a chance, but not five, or most rows.
+    `answers` are the columns of responses among them. A few pairs with several responses may be a
+    chance, but not five, or most rows.
     """
     codes = {name: table.columns[name].codes for name in key}
     n_of_pair = combination_counts(*(codes[name] for name in key if name not in answers))
@@ -183,10 +179,10 @@ def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) 
     """The table without rows that a column marks as practice.
 
     `roles_read` are our names of the columns that are read. Columns of subjects, stimuli, responses
-    and conditions mark none. Nor does a column in which no
-    subject has both marked and other trials: it names groups, such as trained subjects.
+    and conditions mark none. Nor does a column in which no subject has both marked and other
+    trials: it names groups, such as trained subjects.
     """
-    # Names of sessions, blocks or trials may say that these are practice.
+    # The texts of sessions, blocks or trials may say that these are practice.
     roles = set(roles_read) - {"session", "block", "trial"}
     names_to_skip = {*options.where, *map(options.name, (*roles, "condition"))}
     for name in table.columns:
@@ -205,7 +201,7 @@ def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) 
         if not len(subjects_with_both):
             continue
 
-        marks = join_names(map(quoted, practice))
+        marks = join_quoted(practice)
         reason = (
             f" left out as practice or catch trials ({column}: {marks}); --ignore practice reads "
             "them"
@@ -218,6 +214,7 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
     """The table without the last rows of a subject that are zero in stimuli and response.
 
     A session that was stopped leaves such rows if a matrix of zeros was made for all its trials.
+    `answer` is 'response' or 'correct'.
     """
     stimuli = [table.columns[name] for name in options.stimulus_names]
     is_zero = np.ones(len(table.rows), bool)
@@ -233,7 +230,7 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
     subject = _subjects(table, options)
     for name, rows in subject.rows_by_text(np.arange(len(is_zero))).items():
         n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
-        # In a matrix of zeros the unfilled rows also have the subject 0.
+        # In a matrix of zeros the unfilled rows may also have the subject 0.
         if number(name) == 0 and is_zero[rows].all() and not is_zero.all():
             n_unfilled = len(rows)
         is_unfilled[rows[len(rows) - n_unfilled :]] = True
@@ -253,13 +250,13 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
 
 
 def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
-    """How many of the last rows of a subject, shape (rows,) and (rows, 2), are zeros but no trials.
+    """How many of the last rows of a subject are zeros but no trials.
 
-    Two stimuli of zero may be a pair like others. Their run at the end is unfilled if it is
-    improbable by how often a pair follows itself in the rows before. Rows that are sorted by pair
-    stay.
+    `is_zero` has the shape (rows,), and the codes in `pair` (rows, 2). Two stimuli of zero may be a
+    pair like others. Their run at the end is unfilled if it is improbable by how often a pair
+    follows itself in the rows before. Rows that are sorted by pair stay.
     """
-    n_filled = int(np.flatnonzero(~is_zero).max(initial=-1)) + 1  # up to the last one with a value
+    n_filled = np.flatnonzero(~is_zero).max(initial=-1) + 1  # up to the last one with a value
     n_zero = len(is_zero) - n_filled
 
     is_repeat = (np.diff(pair[:n_filled], axis=0) == 0).all(axis=1)
@@ -295,7 +292,7 @@ def dropped_notes(
     if not is_dropped.any():
         return
     dropped = subject.only(is_dropped)
-    names = [text or "(no subject)" for text in dropped.texts]
+    names = [text or "(no subject)" for text in dropped.texts]  # empty where the file has none
     counts = dict(zip(names, np.bincount(dropped.codes).tolist(), strict=True))
     # Programs also write rows of screens, which are as many as the answers, or more.
     noun = "trial" if is_dropped.mean() < 0.5 else "row"
@@ -342,10 +339,12 @@ def taken_out_doubts(
         if name not in (*names_not_read, "block", "condition"):
             continue
         texts = taken_out_texts(name, column.texts)
-        if name == "condition":
+        if name == "condition":  # in other columns, such rows are left out
             texts = [*texts, *practice_texts(name, column.texts)]
         guess = ""
         n_runs = len(run_starts(subject.codes, column.codes))
+        # Each subject has a run of rows with the first text, and then one with the other text. The
+        # first one has three rows on average, or more, but a fifth of all rows at most.
         if (
             not texts
             and n_runs == 2 * n_subjects
@@ -359,7 +358,7 @@ def taken_out_doubts(
             continue
 
         rows = plural(column.matches(texts).sum(), "row")
-        doubt = f"{rows} with {join_names(map(quoted, texts))} in {column} are counted"
+        doubt = f"{rows} with {join_quoted(texts)} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
             doubt += f"; {remedy.typed} leaves them out{guess}"
@@ -369,8 +368,8 @@ def taken_out_doubts(
 def rare_answer_doubts(counts: Counts) -> Iterator[str]:
     """A doubt about each of three answers that is as rare as stray words in a study of two."""
     n_equal, n_trials, n_second = (counts[name].sum() for name in THREE_ANSWERS.counts)
-    numbers = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
-    for answer, n_answers in numbers.items():
+    sums = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
+    for answer, n_answers in sums.items():
         if n_answers < _RARE * n_trials:
             yield (
                 f"only {n_answers} of {n_trials} responses are {answer!r}. If participants had two "

@@ -61,16 +61,18 @@ def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column
         value = math.nan if categorical else number(text, table.decimal_comma)
         level_names.append(text if math.isnan(value) else level_words([value])[0])
 
-    unit_names = []
+    unit_names = []  # each subject at each level
     for name in subject.texts:  # a unit without a subject has no name
         unit_names += [name and f"{name}{CONDITION_SEPARATOR}{level}" for level in level_names]
-    unit_of_row = subject.codes * len(level_names) + condition.codes
+    unit_of_row = subject.codes * len(level_names) + condition.codes  # index in `unit_names`
     units = Column.from_texts(subject.name, unit_names, unit_of_row)
-    return units.only(np.arange(len(unit_of_row)))  # not all subjects have all levels
+    return units.only(np.arange(len(unit_of_row)))  # without units that have no rows
 
 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
     """A study of units with their conditions; of subjects, if none has several levels.
+
+    The units of `study` have names such as 'S01@left', if a condition was read.
 
     Raises
     ------
@@ -151,10 +153,13 @@ def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> lis
             raise InputError(error.problems, remedies) from None
 
     column = table.columns.get(options.condition)
+    # All rows that are read are of one task.
     if options.condition in options.where or (column is None and options.condition == TASK):
         return [read(options.without_condition)]
+    # The texts name tasks.
     if column is not None and len(set(tasks_named(column.texts).values())) > 1:
         return list(_studies_by_group(column, options, read).values())
+    # The condition is another one, unless the answers of groups of rows are of different tasks.
     try:
         replace(options, condition=None)  # an InputError if the codes are of two tasks
         return [read(options)]
@@ -214,7 +219,7 @@ def _task_remedies(table: TextTable, options: ReadOptions, read: Reader) -> list
 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
-    """One study of several; its units are the answers of a subject to a task, if tasks differ."""
+    """One study of several; if tasks are the condition, its units are S01@2AFC and so on."""
     tasks = dict.fromkeys(study.task for study in studies)
     has_conditions = any("condition" in study.reading.read for study in studies)
     if options.condition is None or len(tasks) == 1 or has_conditions:
@@ -233,11 +238,11 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     joined = list(by_level.values())
     conditions = Conditions(options.condition, tuple(order))
     return Study(
-        with_shared_scales(units),  # which also brings the units of a subject together
-        " and ".join(dict.fromkeys(study.source for study in joined)),
-        all(study.synthetic for study in joined),
-        (*common_notes(joined), f"condition {conditions.about}"),
-        reading_of_all(joined),
+        subjects=with_shared_scales(units),  # which also brings the units of a subject together
+        source=" and ".join(dict.fromkeys(study.source for study in joined)),
+        synthetic=all(study.synthetic for study in joined),
+        notes=(*common_notes(joined), f"condition {conditions.about}"),
+        reading=reading_of_all(joined),
         conditions=conditions,
     )
 
@@ -318,12 +323,14 @@ def pooled_conditions(
         follows = False
         # An order or an outcome follows from the direction, the name of a pair from the pair.
         for stimuli in (direction, direction if is_task else pairs[answered]):
-            # All rows of a group, with the same subject, answer and stimuli, have the same level.
+            # A group of rows has the same subject, answer and stimuli. If the level follows from
+            # these, each group has one level.
             rows = np.column_stack([subject_codes, is_yes, stimuli])[is_unequal]
             n_groups = len(combination_counts(*rows.T))
             n_group_levels = len(combination_counts(*rows.T, row_levels[is_unequal]))
             n_repeats = len(rows) - n_groups
             follows |= n_repeats >= _REPEATED and n_group_levels == n_groups
+        # Levels have two trials or more on average: as many texts as trials are no levels.
         n_subject_levels = len(combination_counts(subject_codes, row_levels))
         if n_subjects < n_subject_levels <= 0.5 * len(answered) and not follows:
             yield column.name

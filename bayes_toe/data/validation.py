@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
-from bayes_toe.data.messages import Texts, display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable, repeated_columns
 
@@ -51,7 +51,8 @@ def number(text: str, decimal_comma: bool = False) -> float:
     if decimal_comma:
         plain = plain.replace(",", ".")
     value = float(plain) if _NUMBER.fullmatch(plain) else math.nan
-    return value + 0.0 if math.isfinite(value) else math.nan  # + 0.0 turns -0.0 into 0.0
+    # 1e999 is infinite, and -0.0 + 0.0 is 0.0.
+    return value + 0.0 if math.isfinite(value) else math.nan
 
 
 def number_by_sign(text: str, decimal: str) -> float:
@@ -63,10 +64,13 @@ def number_by_sign(text: str, decimal: str) -> float:
     (1050.0, 1.05, nan)
     """
     grouping = re.escape("," if decimal == "." else ".")
-    # Groups of three digits at the beginning, and no further sign behind them.
+    # Groups of three digits at the beginning, and no further sign behind them: '1.050' or '1.050,5'
+    # where the point groups thousands.
     if re.match(rf"[-+−]?\d{{1,3}}(?:{grouping}\d{{3}})+(?!\d)(?!.*{grouping})", text):
         return number(re.sub(grouping, "", text), decimal_comma=True)
-    return math.nan if re.search(grouping, text) else number(text, decimal == ",")
+    if re.search(grouping, text):  # otherwise than between groups of three digits
+        return math.nan
+    return number(text, decimal_comma=decimal == ",")
 
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:
@@ -118,7 +122,7 @@ def column_counts(table: TextTable, column: Column) -> IntArray:
 
 
 def has_shares(table: TextTable, column: Column) -> bool:
-    """Whether a column has numbers from 0 to 1 only and some between them, or signs of per cent."""
+    """Whether a column has numbers from 0 to 1, and not only 0 and 1, or signs of per cent."""
     if "%" in "".join(column.texts):
         return True
     shares = numbers(table, column)
@@ -126,10 +130,10 @@ def has_shares(table: TextTable, column: Column) -> bool:
 
 
 def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
-    """The counts that the shares in a column are of n trials; a share of no count is a problem.
+    """The counts that the shares in a column are of n trials, shape (rows,); 0 where there is none.
 
-    The shares are percentages if one of them is larger than 1 or has a sign of per cent. All are
-    rounded to the decimals of the most precise one.
+    A share of no count is a problem. The shares are percentages if one of them is larger than 1 or
+    has a sign of per cent. All are rounded to the decimals of the most precise one.
     """
     shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), float)
     has_percent_sign = "%" in "".join(column.texts)
@@ -140,6 +144,7 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     while n_decimals < 16 and (finite.round(n_decimals) != finite).any():
         n_decimals += 1
 
+    # Rounding changes a share by half a unit of its last decimal at most.
     largest_error = 0.5 * 10.0**-n_decimals / largest_share * n
     exact_counts = shares / largest_share * n
     counts = np.rint(exact_counts)
@@ -188,7 +193,7 @@ def require_texts(
     """
     is_empty = empty(column)
     rule = "a text that is not empty"
-    if 2 * is_empty.sum() > len(is_empty):  # most cells
+    if 2 * is_empty.sum() > len(is_empty):  # most cells, as where cells are merged
         rule += "; repeat the text of merged cells in each row"
     table.fault(column, is_empty if rows is None else is_empty & rows, rule)
     if once:
@@ -216,11 +221,11 @@ def read_numbers(
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """The texts of the column `key`, and other columns as numbers by name, shape (rows,) each.
 
-    `source` is a path, or a table with these columns that was read before. The texts of `key` are
-    distinct; without `key` there are none. Columns in `optional` are read if the file has them;
-    columns with other names are ignored. Numbers are finite; those of `counts` are whole numbers of
-    at least 1. With `gaps` empty cells are NaN. An InputError has a line per problem of
-    the file, ten at most, with row and column.
+    `source` is a path, or a table with these columns that was read before. The columns `names` must
+    be there, and those in `optional` are read if they are; others are ignored. The texts of `key`
+    are distinct; without `key` there are none. Numbers are finite; those of the columns in `counts`
+    are whole numbers of at least 1. With `gaps` empty cells are NaN. An InputError has a line per
+    problem of the file, ten at most, with row and column.
     """
     required = names if key is None else (key, *names)
     table = _with_columns(source, required, optional)
@@ -228,7 +233,7 @@ def read_numbers(
     if not names and table.columns.keys() <= {key}:
         table.require(
             [
-                f"found {join_names(map(quoted, table.names))}, allowed: {', '.join(required)} and "
+                f"found {join_quoted(table.names)}, allowed: {', '.join(required)} and "
                 f"some of {', '.join(optional)}"
             ]
         )
@@ -241,14 +246,15 @@ def read_numbers(
         if name == key:
             continue
         values = numbers(table, column)
-        bad = np.isnan(values)
-        kind = "a finite number"
         if name in counts:
-            bad = ~((values >= 1) & (values % 1 == 0))
+            is_bad = ~((values >= 1) & (values % 1 == 0))  # also where it is NaN
             kind = "a whole number of at least 1"
+        else:
+            is_bad = np.isnan(values)
+            kind = "a finite number"
         if gaps:
-            bad &= ~empty(column)
-        require_numbers(table, column, bad, kind)
+            is_bad &= ~empty(column)
+        require_numbers(table, column, is_bad, kind)
         columns[name] = values
 
     table.problems.refuse()
@@ -258,11 +264,14 @@ def read_numbers(
 
 
 def _with_columns(source: StrPath | TextTable, required: Texts, optional: Texts) -> TextTable:
-    """The table with columns of these names, each of them once."""
+    """The table of a path, or a table, with columns of these names alone, each of them once.
+
+    A required column that is missing is refused.
+    """
     names = (*required, *optional)
     table = source if isinstance(source, TextTable) else read_table(source, lambda _: set(names))
     problems = repeated_columns(table.names, names)
-    other_names = join_names(map(quoted, table.names))
+    other_names = join_quoted(table.names)
     for name in required:
         if name not in table.names:
             problems.append(

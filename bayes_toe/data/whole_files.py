@@ -42,6 +42,7 @@ def whole_file(path: StrPath, *, overwrite: bool = False) -> Iterator[Path]:
     _refuse_taken(target, overwrite)
     with unfinished(target.parent) as new:
         temporary = new / target.name
+        # An error names the target, and never the hidden folder.
         with reporting(target.parent, hidden=new), reporting(target):
             yield temporary
             _flush(temporary)
@@ -189,10 +190,11 @@ def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or error
-        message = f"{format_path(target)}: cannot be written ({reason}), choose another place"
         if isinstance(error, OutputError):  # it has such a message, as from an inner block
             message = str(error)
+        else:
+            reason = error.strerror or error
+            message = f"{format_path(target)}: cannot be written ({reason}), choose another place"
         if hidden is not None:
             message = message.replace(format_path(hidden), format_path(target))
         raise OutputError(message) from error

@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates, level_words, levels
-from bayes_toe.data.messages import display_name, join_names, plural, quoted
+from bayes_toe.data.messages import display_name, join_names, join_quoted, plural, quoted
 from bayes_toe.errors import InputError
 
 #: A column follows from others if they leave less than this share of it.
@@ -102,7 +102,7 @@ def regressors(
     """
     for name in categorical:
         if name not in covariates:
-            names = join_names(map(quoted, covariates)) or "none, without covariates"
+            names = join_quoted(covariates) or "none, without covariates"
             raise InputError(f"categorical: found {quoted(name)}, allowed: {names}")
     incomplete = _incomplete_subjects(covariates, subjects)
     left_out = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
@@ -128,7 +128,7 @@ def regressors(
     notes = []
     outside = set().union(*covariates.values()).difference(subjects)
     if outside:
-        names = join_names(map(quoted, sorted(outside)))
+        names = join_quoted(sorted(outside))
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
     if left_out:
         notes.append(f"subjects left out: {left_out}")

@@ -142,7 +142,7 @@ def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(levels, n_l
 
 
 def messages_of_check(study):
-    """The messages_of_check of `check` by subject and code, such as ('a', 'missing_condition')."""
+    """The messages of `check` by subject and code, such as ('a', 'missing_condition')."""
     return {(finding.subject, finding.code): finding.message for finding in bt.check(study)}
 
 
@@ -312,7 +312,7 @@ def test_a_word_of_another_task_is_named_with_its_row():
     ],
 )
 def test_two_tasks_are_refused_where_they_are_no_conditions(text, options, message):
-    # TASKS has the words 'same', 'different', 'first' and 'second', CODES has 0 and 1 in their
+    # TASKS has the words 'equal', 'different', 'first' and 'second', CODES has 0 and 1 in their
     # places, and ROWS has one task alone.
     with pytest.raises(bt.InputError, match=re.escape(message)):
         read(text, options)

@@ -860,6 +860,9 @@ def test_options_take_numbers_as_the_cells_of_a_frame_have_them():
     assert options.equal_code == "1234568"
     assert options.different_code == "1"
     assert options.where == {"session": "1"}
+
+
+def test_an_intensity_is_no_text():
     with pytest.raises(bt.InputError, match="--intensity: found '1', allowed: a positive"):
         bt.ReadOptions(intensity="1")
 

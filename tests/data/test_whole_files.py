@@ -247,9 +247,14 @@ def test_existing_names_are_refused_before_any_work(tmp_path, earlier, names):
 
 
 def test_files_that_are_no_longer_written_go_and_all_others_stay(tmp_path):
-    # The work writes none of its five names. Of these, folder.csv is a folder that nobody expects,
-    # and link/a is a file of the user behind a link.
-    out, names = tmp_path / "out", ("table.csv", "corner", "corner/a.png", "folder.csv", "link/a")
+    out = tmp_path / "out"
+    names = (  # of which the work writes none
+        "table.csv",  # goes
+        "corner",  # stays, since another file is in this folder
+        "corner/a.png",  # goes
+        "folder.csv",  # stays, since it is a folder
+        "link/a",  # stays, since it is a file of the user behind a link
+    )
     create_files(tmp_path, "elsewhere/a=mine")
     create_files(out, "table.csv=1 corner/a.png=1 corner/b.png=1 folder.csv/")
     (out / "link").symlink_to(tmp_path / "elsewhere")
@@ -259,8 +264,11 @@ def test_files_that_are_no_longer_written_go_and_all_others_stay(tmp_path):
     (out / "link").unlink()
     assert files_and_texts(out) == "corner/b.png=1 folder.csv/"
 
-    write_whole_folder(out, "table.csv=2", names=["corner/b.png", "table.csv"], overwrite=True)
-    assert files_and_texts(out) == "folder.csv/ table.csv=2"  # without the empty folder
+
+def test_a_subfolder_goes_with_its_last_file(tmp_path):
+    create_files(tmp_path, "corner/a.png=1")
+    write_whole_folder(tmp_path, "table.csv=2", names=["corner/a.png"], overwrite=True)
+    assert files_and_texts(tmp_path) == "table.csv=2"
 
 
 def test_changes_by_others_during_the_work_are_errors_or_stay(tmp_path):
