@@ -9,7 +9,7 @@ asked after the first answers. `require_kind`, `require_number` and
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral, Real
 from typing import Any, NamedTuple
@@ -37,6 +37,8 @@ class Remedy(NamedTuple):
         How many questions had to be answered before this one came up.
     together : tuple of Remedy
         Options that are typed with this one, and with no other answer.
+    replaces : str
+        The option of an answer to an earlier question that is not typed with this one.
 
     Examples
     --------
@@ -52,6 +54,7 @@ class Remedy(NamedTuple):
     question: int = -1
     step: int = 0
     together: tuple[Any, ...] = ()
+    replaces: str = ""
 
     @property
     def typed(self) -> str:
@@ -154,7 +157,7 @@ class InputError(BayesToeError, ValueError):
         first_answers: dict[int, Remedy] = {}  # by question
         for remedy in self.remedies:
             first_answers.setdefault(remedy.question, remedy)
-        first_choice = list(first_answers.values())
+        first_choice = _without_replaced(first_answers.values())
 
         meanings = [remedy.meaning for remedy in first_choice if remedy.meaning]
         choices = [(first_choice, meanings)]
@@ -162,7 +165,7 @@ class InputError(BayesToeError, ValueError):
             if remedy is first_answers[remedy.question]:
                 continue
             # The first answers, but this one to its question.
-            answers = {**first_answers, remedy.question: remedy}.values()
+            answers = _without_replaced({**first_answers, remedy.question: remedy}.values())
             chosen = [answer for answer in answers if answer.step <= remedy.step]
             choices.append((chosen, [remedy.meaning]))
 
@@ -176,6 +179,12 @@ class InputError(BayesToeError, ValueError):
         # Errors cross process borders when subjects run in parallel. By default, they would carry
         # the message alone, and lose the remedies.
         return type(self), (self.problems, self.remedies)
+
+
+def _without_replaced(answers: Collection[Remedy]) -> list[Remedy]:
+    """The answers without those that another one replaces, maybe by the same option."""
+    replaced = {answer.replaces for answer in answers}
+    return [answer for answer in answers if answer.replaces or answer.option not in replaced]
 
 
 def with_next_questions(

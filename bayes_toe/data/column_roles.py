@@ -251,6 +251,20 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     return [text for text in texts if {text.lower(), plain_name(text)} & words]
 
 
+def from_left_to_right(keys: Iterable[str]) -> list[str]:
+    """Keys in the order in which they stand for the first and for the second stimulus.
+
+    Letters have the order of the keyboard, and other texts that of the alphabet.
+
+    Examples
+    --------
+    >>> from_left_to_right(["m", "z"]), from_left_to_right(["right", "left"])
+    (['z', 'm'], ['left', 'right'])
+    """
+    letters = "qazwsxedcrfvtgbyhnujmikolp"
+    return sorted(keys, key=lambda key: (letters.find(key.lower()), key))
+
+
 def is_flag(texts: Iterable[str]) -> bool:
     """Whether the cells of a column say yes or no."""
     return set(map(str.lower, texts)) <= TRUE_WORDS | FALSE_WORDS

@@ -25,6 +25,7 @@ from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     VOCABULARY,
+    from_left_to_right,
     intensity_remedies,
     is_flag,
     is_no_response,
@@ -86,7 +87,10 @@ class StandardOrder:
 
         order_by_text = _standard_first_by_text(table, column, options)
         texts = join_quoted(filter(order_by_text.get, order_by_text))
-        self.notes += [f"{column} read as the order: standard first at {texts or 'none'}"]
+        note = f"{column} read as the order: standard first at {texts or 'none'}"
+        if options.standard_first_code is not None:
+            note += "; otherwise constant errors have the opposite sign"
+        self.notes += [note]
         # An empty cell is no key, so that it is unknown, too. In an array of bool, None is False.
         self.is_first = column.map(order_by_text.get)
         self.is_unknown = column.map(lambda text: order_by_text.get(text) is None)
@@ -227,7 +231,8 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     if None in order_by_text.values() and len(order_by_text) <= 2:
         counts = join_names(column.counts(order_by_text))
         problem = f"the codes are {counts}. Which of them means that the standard was first?"
-        _ask_order(table, column, problem, list(order_by_text))
+        texts = _likeliest_first(list(order_by_text), table, column, options)
+        _ask_order(table, column, problem, texts)
 
     # Texts such as '1' or 'first' say the interval, but not of which stimulus.
     first_intervals = [text for text in order_by_text if named_places(text)[:2] == ([], ["first"])]
@@ -250,13 +255,37 @@ def _ask_order(
     if owner == "comparison":
         meaning = "if it says the interval of the comparison"
         remedies.append(Remedy("comparison_interval", column.name, meaning))
-    # The likeliest text first: 'AB' before 'BA', but '1' before '0' in 'left_first' or 'A_first'.
-    is_named_after_a = re.match("(?i)(is_?)?(left|a)_?first", column.name) is not None
-    for text in sorted(texts, reverse=is_named_after_a and is_flag(texts)):
+    for text in texts:
         meaning = f"if {text} means that the standard was first"
         remedies.append(Remedy("standard_first_code", text, meaning))
     table.problems.ask(f"{column}: {problem}", remedies)
     table.problems.refuse()
+
+
+def _likeliest_first(texts: Texts, table: TextTable, column: Column, options: ReadOptions) -> Texts:
+    """One or two codes that may mean that the standard was first, the likeliest first.
+
+    With the right code, a larger s2 - s1 goes with the second of two keys. If the responses do not
+    show it, 'AB' stands before 'BA', and 'S' before 'C', but '1' before '0' in 'left_first' or
+    'A_first'.
+    """
+    is_named_after_a = re.match("(?i)(is_?)?(left|a)_?first", column.name) is not None
+    texts = sorted(texts, reverse=is_named_after_a and is_flag(texts))
+    texts.sort(key=lambda text: not "standard".startswith(text.lower()))
+
+    response = table.columns.get(options.name("response"))
+    if response is None:
+        return texts
+    keys = from_left_to_right(filterfalse(is_no_response, response.texts))
+    standard, comparison = (
+        table.columns[name].map(number, np.float64) for name in options.stimulus_names
+    )
+    # Whether s2 is larger than s1, if the first code is the right one.
+    is_larger = (comparison > standard) == column.matches(texts[:1])
+    agreement = np.mean(response.matches(keys[1:]) == is_larger)
+    if agreement < 0.5 - 1.5 / len(is_larger) ** 0.5:  # by more than three SDs of guesses
+        texts.reverse()
+    return texts
 
 
 def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | None:

@@ -22,6 +22,7 @@ from bayes_toe.data.column_roles import (
     OTHER_COUNTS,
     TRUE_WORDS,
     VOCABULARY,
+    from_left_to_right,
     is_flag,
     is_missed_flag,
     is_no_response,
@@ -145,6 +146,8 @@ def responses(
         problem, remedies = _unknown_texts(column, answer_index, codes, names)
     if _UNKNOWN in answer_index:
         remedies = _proposals(table, column, answer_index, names, options, trends, remedies)
+        if order.column is not None and remedies:
+            remedies = _with_mirrored(remedies, column, order.column, options)
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
@@ -601,8 +604,6 @@ def _proposals(
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
         remedies = _three_answers(column, frequent, given, trends) + remedies
-    if remedies and _joined(frequent) == "1,2":
-        remedies = _interval_remedies(options.standard_interval, remedies[0]) + remedies
 
     missed = _missed_remedy(column, unknown, len(names))
     if missed is None:
@@ -615,22 +616,41 @@ def _proposals(
     return remedies
 
 
-def _interval_remedies(interval: str | None, likeliest: Remedy) -> list[Remedy]:
-    """The column of the interval read as that of the comparison, if '1' would be 'second'.
+def _with_mirrored(
+    remedies: list[Remedy], column: Column, order: Column, options: ReadOptions
+) -> list[Remedy]:
+    """The remedies with the opposite order and the other response as 'second', if both are codes.
 
-    `interval` is the column that the options give for the standard. A name such as `std_position`
-    says itself that it is the standard's.
+    Responses fit this and the likeliest remedy alike, but constant errors have opposite signs. If
+    no option gives a code of the order, the reading comes first in which the right key is 'second'.
     """
-    if not interval or named_places(interval).stimuli or likeliest.typed != "--second-code 1":
-        return []
-    return [
-        Remedy(
+    likeliest = remedies[0]
+    codes = from_left_to_right(_frequent(column))
+    orders = [text for text in order.texts if text not in ("", options.standard_first_code)]
+    if likeliest.option != "second_code" or len(codes) != 2:
+        return remedies
+    code = codes[likeliest.value == codes[0]]  # the other one
+    together = (Remedy("second_code", code),)
+    fit = f"and {code} is 'second': responses fit this, too, and constant errors change their sign"
+
+    if options.standard_first_code is not None and len(orders) == 1:
+        option = "standard_first_code"
+        meaning = f"if {orders[0]} means that the standard was first, {fit}"
+        mirrored = Remedy(option, orders[0], meaning, together=together, replaces=option)
+        return [likeliest, mirrored, *remedies[1:]]
+    # A name such as `std_position` says itself whose interval it has.
+    if options.standard_interval and not named_places(order.name).stimuli:
+        meaning = f"if it is rather that of the comparison, {fit}"
+        mirrored = Remedy(
             "comparison_interval",
-            interval,
-            "or rather that of the comparison, since 2 is then 'second', and 1 is 'first'",
-            together=(Remedy("second_code", "2"),),
+            order.name,
+            meaning,
+            together=together,
+            replaces="standard_interval",
         )
-    ]
+        index = codes.index(code)  # 1 if it is the right key
+        return [*remedies[: 1 - index], mirrored, *remedies[1 - index :]]
+    return remedies
 
 
 def _three_answers(
