@@ -163,8 +163,8 @@ def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(study_folde
 def test_fit_writes_its_table_and_states_its_level(study_folder):
     # Then it refuses to replace the table, and replaces it in silence if it is told to.
     command = "fit study.csv -o fit.csv"
-    screen = run_ok(f"{command} --replicates 50 --level 0.8 --seed 1", cwd=study_folder)
-    assert "[80 % interval of 50 bootstrap replicates]" in screen
+    screen = run_ok(f"{command} --replicates 20 --level 0.8 --seed 1", cwd=study_folder)
+    assert "[80 % interval of 20 bootstrap replicates]" in screen
     frame = pd.read_csv(study_folder / "fit.csv", keep_default_na=False)
     assert set(frame.level) == {0.8}
     assert list(frame.subject) == ["A", "B"]
@@ -248,7 +248,7 @@ def test_a_prior_file_is_used_shown_and_stored(study_folder, blank_pictures):
     assert words in text_of(results)
     assert words in text_of(results, "evidence.csv")
     # The fit has the prior of mu1 alone, as a penalty.
-    line = "fit one.csv -o narrow_fit.csv --replicates 20 --prior narrow.toml --seed 1"
+    line = "fit one.csv -o narrow_fit.csv --replicates 5 --prior narrow.toml --seed 1"
     assert "Prior: narrow.toml" in run_ok(line, cwd=study_folder)
     assert set(pd.read_csv(study_folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
 

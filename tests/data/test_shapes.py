@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import on_one_line, refusal_of, run_command
-from conftest import text_table, typed_options
+from conftest import read, text_table, typed_options
 from numpy.random import default_rng
 from scipy.io import savemat
 
@@ -1105,16 +1105,14 @@ TAKEN_OUT = """
 
 
 @pytest.mark.parametrize("column, mark, other", text_table(TAKEN_OUT))
-def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(
-    column, mark, other, tmp_path
-):
+def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(column, mark, other):
     # Such as a column exclude with 1 in every fifth row, 16 of 80, and 0 in the others.
     table = IN_LOGS.assign(**{column: [mark, *[other] * 4] * 16})
-    result = result_of_check(tmp_path, "study.csv", table)
-    option = f"--where {shlex.quote(f'{column}={other}')}"
-    remark = f"16 rows with '{mark}' in column {column} are counted; {option} leaves them out"
-    assert remark in on_one_line(result.stdout)
-    assert " 64 trials" in run_command(f"check study.csv {option}", cwd=tmp_path).stdout
+    remark = f"study.csv: 16 rows with '{mark}' in column {column} are counted; --where "
+    remark += f"{shlex.quote(f'{column}={other}')} leaves them out"
+    assert read(csv_bytes(table)).reading.doubts == (remark,)
+    counted = bt.read_study(table, bt.ReadOptions(where={column: other}))
+    assert counted.frame()["n_trials"].sum() == 64
 
 
 def test_a_remark_that_several_files_share_is_one_line(tmp_path):

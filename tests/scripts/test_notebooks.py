@@ -23,7 +23,7 @@ get_ipython().run_line_magic("config", "InlineBackend.print_figure_kwargs = {'bb
 """
 #: Patterns of numbers in the stored cells, and the smaller numbers that run here.
 SMALLER_NUMBERS = {
-    r"replicates=\d+": "replicates=100",
+    r"replicates=\d+": "replicates=20",
     r"draws=[\d_]{4,}": "draws=2_000",
     r"0\.6, 60\)": "0.6, 12)",
 }
