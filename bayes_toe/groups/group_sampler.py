@@ -149,7 +149,7 @@ class Hamiltonian:
         While chains settle, and in the first round, trajectories have few steps: without a metric
         they would be long. While chains settle, the step follows the worst chain.
         """
-        self._adapt_step(40, np.min, most_steps=8)
+        self._adapt_step(40, summary=np.min, most_steps=8)
         most_steps = 32
         for n_draws in _ROUNDS:
             draws = self._adapt_step(n_draws, most_steps=most_steps)
@@ -235,7 +235,7 @@ class Hamiltonian:
         # The length is between a quarter of pi and 5/4 of it.
         length = 0.75 * np.pi * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
-        # Few steps end early: a step never grows so that the trajectory gets its length.
+        # With the most steps a trajectory may end early: none is longer than the common step.
         step = factor * min(length / n_steps, self.step)
 
         metric = self._metric

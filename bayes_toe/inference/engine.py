@@ -454,7 +454,7 @@ def _refit(state: _State, precision: Precision) -> None:
     mixture = state.mixture
     draws = state.fresh
     state.add_to_pool(draws)
-    state.fresh = draws.part(slice(0))
+    state.fresh = draws.part(slice(0))  # no draw
 
     # The shape of a new component comes from the 120 draws about it.
     n_near = 120

@@ -52,9 +52,9 @@ class Predictor:
         tested = self.target.subject
         subject = Subject.from_answers(tested.name, Answers(pairs, counts, counts), tested.task)
 
-        # (answers, draws, pairs), in the order of the answers; back from the sorted pairs.
-        probabilities = answer_probabilities(self.target.for_subject(subject), self.x)
-        probabilities = probabilities[..., index.ravel()]
+        # (answers, draws, pairs), in the order of the answers, for the sorted pairs.
+        of_sorted = answer_probabilities(self.target.for_subject(subject), self.x)
+        probabilities = of_sorted[..., index.ravel()]
         answers = tested.task.answers
         if len(probabilities) < len(answers):  # the paper's model, without 'second' and 'first'
             return {tested.task.yes: probabilities[0]}

@@ -130,7 +130,6 @@ def subject_draws(
     chains = sample_chains(fitted, settings, seed)
     fit = summarise_fit(target, chains.x.reshape(-1, chains.x.shape[-1]), fitted.maximum)
     quantities = target.quantities(chains.x)
-    natural = {name: quantities[name] for name in target.names.natural}
 
     (_, ess), (_, r_hat) = worst(chains.diagnostics)
     statistics: dict[str, float | int | str] = {
@@ -152,8 +151,9 @@ def subject_draws(
     else:
         summary = ()
 
-    natural["lp"] = chains.log_posterior
-    return SubjectDraws(natural, chains.acceptance, statistics, fit, summary)
+    stored = {name: quantities[name] for name in target.names.natural}
+    stored["lp"] = chains.log_posterior
+    return SubjectDraws(stored, chains.acceptance, statistics, fit, summary)
 
 
 def summary_rows(
@@ -186,5 +186,4 @@ def summary_rows(
             *errors[name],
         )
         rows.append(row)
-
     return tuple(rows)

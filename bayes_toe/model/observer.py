@@ -106,9 +106,7 @@ class ObserverRows(AnswerRows):
         """A row for each subject; all of one task. `scales` default to the subjects' own."""
         if scales is None:
             scales = [subject.scales for subject in subjects]
-        pairs = pair_arrays(
-            subjects, [scale.sbar for scale in scales], [scale.step for scale in scales]
-        )
+        pairs = pair_arrays(subjects, [row.sbar for row in scales], [row.step for row in scales])
         task = subjects[0].task
         if task.has_three_answers:
             # The answers to the second question stand behind those to the first one.
@@ -122,10 +120,8 @@ class ObserverRows(AnswerRows):
             **pairs,
             task=task,
             prior=prior,
-            slope_unit=np.array([[scale.step / scale.spread] for scale in scales]),
-            contraction_sd=np.array(
-                [[prior.contraction_sd * scale.roving_share] for scale in scales]
-            ),
+            slope_unit=np.array([[row.step / row.spread] for row in scales]),  # D / R
+            contraction_sd=np.array([[prior.contraction_sd * row.roving_share] for row in scales]),
         )
 
     @property
