@@ -25,6 +25,7 @@ from bayes_toe.data.messages import (
     capitalized,
     cli_argument,
     display_name,
+    join_display_names,
     join_names,
     join_words,
     plural,
@@ -179,7 +180,7 @@ def _scales_of_subjects(study: Study) -> Findings:
         yield Finding(
             _WHOLE_STUDY,
             "two_scales",
-            f"The stimuli of {join_names(map(display_name, weak))} are {ranges[0]}, those of other "
+            f"The stimuli of {join_display_names(weak)} are {ranges[0]}, those of other "
             f"subjects {ranges[1]}. Correct them if they are in another unit.",
         )
 
@@ -229,7 +230,7 @@ def _columns(reading: Reading) -> Findings:
             Remedy("condition", name).typed,
         )
     if reading.ignored:
-        names = join_names(map(display_name, reading.ignored))
+        names = join_display_names(reading.ignored)
         yield Finding(_WHOLE_STUDY, "columns_ignored", f"Ignored columns: {names}.")
 
 

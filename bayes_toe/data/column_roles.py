@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, combination_counts, run_starts
-from bayes_toe.data.messages import Texts, display_name, join_names, join_words
+from bayes_toe.data.messages import Texts, display_name, join_display_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
 from bayes_toe.data.text_table import Column, repeated_columns
@@ -570,7 +570,7 @@ def columns_to_read(
 
 def _missing_columns(names: Texts, missing: Texts) -> str:
     """What is missing, what the file has instead, and what may help."""
-    columns = join_names(map(display_name, filter(None, names)))
+    columns = join_display_names(filter(None, names))
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     absent = absent.replace("n_equal", "n_equal or n_second")  # either may be meant
     problem = f"there is {absent}. The columns are {columns}."

@@ -235,7 +235,7 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     is_true_or_false = places and is_flag(order_by_text)  # '1' in 'test_first' is no interval
     if first_intervals and len(stimuli) == 1 and owner not in stimuli and not is_true_or_false:
         problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
-        _ask_order(table, column, problem, first_intervals[:1], stimuli[0])
+        _ask_order(table, column, problem, first_intervals[:1], owner=stimuli[0])
     return order_by_text
 
 

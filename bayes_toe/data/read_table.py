@@ -28,6 +28,7 @@ from bayes_toe.data.matlab_file import SAVED, matlab_values
 from bayes_toe.data.messages import (
     Texts,
     display_name,
+    join_display_names,
     join_names,
     join_words,
     one_line,
@@ -333,7 +334,7 @@ def _tables_of_sheets(
 
 def _no_such_sheet(source: str, titles: Iterable[str]) -> InputError:
     """The refusal of a title of a sheet that is none of these."""
-    names = join_names(map(display_name, titles))
+    names = join_display_names(titles)
     return InputError(f"{source}: found the sheets {names}, allowed: one of them")
 
 
@@ -539,7 +540,7 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     # Variables that are no columns are left as they are, in a single record.
     unread = [name for name, value in records[0].items() if isinstance(value, _NESTED)]
     if len(records) == 1 and (unread or not records[0]):
-        finding = join_names(map(display_name, unread)) or "nothing"
+        finding = join_display_names(unread) or "nothing"
         raise InputError(
             f"{source}: found {finding}, no columns of one length, allowed: {SAVED}; or, in "
             "Python, a pandas data frame that has the columns"

@@ -380,7 +380,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     if not head:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
     if isinstance(head, csv.Error):
-        raise InputError(f"{source}: {_broken(first_row, head, 0)}")
+        raise InputError(f"{source}: {_broken(first_row, head, width=0)}")
     require_size(source, len(head), len(head))
     header = _names(head)
     names = names_or_numbers(header, choice)
