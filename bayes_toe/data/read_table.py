@@ -176,6 +176,7 @@ def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
     An OSError if it is larger than `largest` bytes, or a pipe or a device, which may have no end.
     """
     status = os.stat(path)
+    # The system itself refuses to read a folder.
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EINVAL, "a pipe or device, not a file")
     if status.st_size > largest:

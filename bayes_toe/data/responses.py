@@ -616,10 +616,10 @@ def _proposals(
 
 
 def _interval_remedies(interval: str | None, likeliest: Remedy) -> list[Remedy]:
-    """The column of the interval read as that of the comparison, if '1' would be 'second'.
+    """Options that read the column of the interval as that of the comparison, if 1 were 'second'.
 
-    `interval` is the column that the options give for the standard. A name such as `std_position`
-    says itself that it is the standard's.
+    `interval` is the column that the options give for the standard. There are none if its name says
+    the stimulus itself, as `std_position` does.
     """
     if not interval or named_places(interval).stimuli or likeliest.typed != "--second-code 1":
         return []
@@ -824,7 +824,7 @@ def direction(study: Study) -> int:
             covariances.append(covariance)
             variances.append(variance)
     z = np.array(covariances) / np.sqrt(variances)
-    z_of_study = sum(covariances) / np.sqrt(sum(variances) or 1.0)
+    z_of_study = sum(covariances) / np.sqrt(sum(variances) or 1.0)  # 0 without subjects
     sign = int(np.sign(z_of_study))
     is_shared = np.count_nonzero(sign * z > 1.0) > 0.5 * len(z)
     is_clear = abs(z_of_study) > 5.0 and is_shared and (sign * z > -3.0).all()

@@ -320,7 +320,8 @@ def pooled_conditions(
             continue
         row_levels = column.codes[answered]
         follows = False
-        # An order or an outcome follows from the direction, the name of a pair from the pair.
+        # An order or an outcome follows from the direction, the name of a pair from the pair. Tasks
+        # may have pairs of their own.
         for stimuli in (direction, direction if is_task else pairs[answered]):
             # A group of rows has the same subject, answer and stimuli. If the level follows from
             # these, each group has one level.
