@@ -367,7 +367,7 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     options = _with_intensities(names, options)
     roles = ["standard", "comparison"] if options.has_standard else list(_STIMULI)
     if options.subject_from is None:
-        roles.insert(0, "subject")
+        roles.insert(0, "subject")  # which notes name first
     likely = _likely(names, options, [*roles, "session", "block", "trial"])
     options = replace(options, columns={**likely, **options.columns})  # given names win
     options = _with_unit_in_names(names, options)
@@ -1021,12 +1021,9 @@ def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
     (['second_was'], ['Rat'])
     """
     by_cells = [column.name for column in columns if _role_by_cells(column) == role]
-    # A name such as 'second_longer' says more than the cells.
-    by_cells.sort(
-        key=lambda name: named_places(name).other_words.isdisjoint(
-            VOCABULARY["words"]["of_answers"]
-        )
-    )
+    # A name such as 'second_longer' says more than the cells, so that it comes first.
+    words_of_answers = VOCABULARY["words"]["of_answers"]
+    by_cells.sort(key=lambda name: named_places(name).other_words.isdisjoint(words_of_answers))
     names = [column.name for column in columns]
     likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
     return list(dict.fromkeys(likely))[:3] or ["NAME"]

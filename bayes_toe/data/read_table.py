@@ -321,7 +321,7 @@ def _tables_of_sheets(
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
     heads = {}
     for title, rows in sheets.items():
-        records = []
+        records = []  # the first rows as names
         for cells in rows[:MOST_RECORDS]:
             names = []
             for text in map(value_text, cells):
@@ -330,7 +330,8 @@ def _tables_of_sheets(
         index = header_place(records, choice)
         heads[title] = index, records[index]
     counts = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
-    return {title: heads[title] for title in heads if counts[title] == max(counts.values())}
+    highest_count = max(counts.values())
+    return {title: head for title, head in heads.items() if counts[title] == highest_count}
 
 
 def _no_such_sheet(source: str, titles: Iterable[str]) -> InputError:

@@ -283,9 +283,11 @@ class Subject:
         >>> Subject("S01", [0.0, 0.3], [0.3, 0.599], [4, 2], [5, 5]).steps.round(4).tolist()
         [0.2995, 0.2995]
         """
-        values, index = np.unique(self.s2 - self.s1, return_inverse=True)
+        values, index = np.unique(self.s2 - self.s1, return_inverse=True)  # in ascending order
         rounding = _ROUNDING * np.abs(values[values != 0.0]).min(initial=np.inf)
-        group = np.zeros(len(values), np.int64)  # of each value; the values of a group are equal
+        # The number of each value's group. Values that differ by rounding from the first value of a
+        # group are in it, and become its mean.
+        group = np.zeros(len(values), np.int64)
         first_of_group = values[0]
         for i in range(1, len(values)):
             is_new_group = values[i] - first_of_group > rounding

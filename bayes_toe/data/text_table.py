@@ -126,7 +126,8 @@ class Column:
         """The column of these rows, without the texts that only others have."""
         codes = self.codes[rows]
         is_used = np.bincount(codes, minlength=len(self.texts)) > 0
-        new_codes = np.cumsum(is_used) - 1  # by old code
+        # By old code: how many texts before it are used.
+        new_codes = np.cumsum(is_used) - 1
         return Column(self.name, list(itertools.compress(self.texts, is_used)), new_codes[codes])
 
     def rows_by_text(self, rows: IndexArray) -> dict[str, IndexArray]:

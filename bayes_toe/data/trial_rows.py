@@ -58,7 +58,7 @@ def with_subjects_below(table: TextTable, name: str) -> TextTable:
     # Codes are in the order of the first rows of their texts, so that 1 is the empty one.
     is_name = column.codes != 1
     n_names = len(column.texts) - 1
-    # Each name stands once, and most cells are empty.
+    # The table stays unless each name stands once, and most cells are empty.
     if is_name.sum() > n_names or n_names >= 0.5 * len(is_name):
         return table
     # As later names have larger codes, the largest code so far is that of the name above, if the
