@@ -184,7 +184,8 @@ def _certain_order(column: Column) -> OrderByText:
     # Without a stimulus or a place in the name, the cells alone say the order, as 'SC' does.
     if is_unclear and (stimuli or places):
         return {}
-    # '1' and '2' in a column `std_stim` may be two stimuli, and '1' alone may be a level.
+    # Such numbers are intervals of one stimulus in `std_interval`. But '1' and '2' in a column
+    # `std_stim` may be two stimuli, and '1' alone may be a level.
     has_interval = not other_words.isdisjoint(VOCABULARY["words"]["of_interval"])
     owner = ""
     if has_interval and not places and len(stimuli) == 1 and len(column.texts) > 1:

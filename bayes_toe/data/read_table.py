@@ -459,6 +459,7 @@ def _parse_json(source: str, text: str) -> object:
         is_list = list(record) == list(map(str, range(len(record))))
         return list(record.values()) if record and is_list else record
 
+    # Numbers keep their text, so that 0.10 stays '0.10' and 1008 stays '1008'.
     load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=record_of)
     try:
         try:
@@ -512,12 +513,13 @@ def _json_records(
 
     fields = {**shared, **value}
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
-    nested = [key for key, item in fields.items() if _has_records(item)]
     lengths = set(map(len, lists.values()))
+    # Fields that have trials, such as 'trials' of {"id": 7, "trials": [{...}, {...}]}.
+    nested = [key for key, item in fields.items() if _has_records(item)]
     if len(nested) == 1:  # a participant with trials
         single_values = {key: item for key, item in fields.items() if not isinstance(item, _NESTED)}
         yield from _json_records(source, fields[nested[0]], single_values)
-    elif len(lists) > 1 and len(lengths) == 1:  # columns
+    elif len(lists) > 1 and len(lengths) == 1:  # columns, as {"s1": [0, 1], "s2": [1, 0]}
         for cells in zip(*lists.values(), strict=True):
             yield {**fields, **dict(zip(lists, cells, strict=True))}
     else:  # a trial

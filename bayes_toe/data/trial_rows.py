@@ -125,6 +125,7 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
 
     names_read = [options.name(role) for role in roles_read if role != "n_trials"]
     candidates = names_like(table.names, "frequency")
+    # A column of very many texts, which is not read, is none of the table's columns.
     column = table.columns.get(candidates[0]) if len(candidates) == 1 else None
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
