@@ -37,7 +37,7 @@ from bayes_toe.answers.words import Word
 from bayes_toe.arrays import NamedArrays, StrPath, Texts
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import Conditions, StimulusScales
-from bayes_toe.data.messages import capitalized, display_name, join_names, plural
+from bayes_toe.data.messages import capitalized, display_name, join_display_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of, write_table
@@ -352,7 +352,7 @@ def _compared_subjects(
         if any(map(set(levels).issuperset, conditions.comparisons)):
             compared[name] = units
         else:
-            left_out[name] = f"at {join_names(map(display_name, levels))} only"
+            left_out[name] = f"at {join_display_names(levels)} only"
     if not compared:
         pairs = [" and ".join(map(display_name, pair)) for pair in conditions.comparisons]
         raise InputError(

@@ -24,6 +24,7 @@ from bayes_toe.data.messages import (
     capitalized,
     cli_argument,
     display_name,
+    join_display_names,
     join_names,
     join_words,
     plural,
@@ -179,7 +180,7 @@ def _scales_of_subjects(study: Study) -> Findings:
         for rows in (is_odd, ~is_odd):
             levels = np.unique(np.concatenate([one.stimuli for one in compress(study, rows)]))
             ranges.append(_range_of(levels, study.unit, study.reading))
-        names = join_names(map(display_name, compress(study.names, is_odd)))
+        names = join_display_names(compress(study.names, is_odd))
         yield Finding(
             _WHOLE_STUDY,
             "two_scales",
@@ -208,7 +209,7 @@ def _columns(reading: Reading) -> Findings:
             Remedy("condition", name).typed,
         )
     if reading.ignored:
-        names = join_names(map(display_name, reading.ignored))
+        names = join_display_names(reading.ignored)
         yield Finding(_WHOLE_STUDY, "columns_ignored", f"Ignored columns: {names}.")
 
 

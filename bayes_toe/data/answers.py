@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, Record, run_starts
-from bayes_toe.data.messages import Texts, display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, join_display_names, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
 
@@ -129,7 +129,7 @@ class Answers:
             )
         unknown = [quoted(block) for block in blocks if block not in self.blocks]
         if unknown:
-            names = join_names(map(display_name, self.blocks))
+            names = join_display_names(self.blocks)
             raise InputError(f"found no block {join_names(unknown)}, allowed: {names}")
         return np.isin(self.block, [self.blocks.index(block) for block in blocks])
 

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, combination_counts, run_starts
-from bayes_toe.data.messages import Texts, display_name, join_names, join_words
+from bayes_toe.data.messages import Texts, display_name, join_display_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
 from bayes_toe.data.text_table import Column, repeated_columns
@@ -381,7 +381,7 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     options = _with_intensities(names, options)
     roles = ["standard", "comparison"] if options.has_standard else list(_STIMULI)
     if options.subject_from is None:
-        roles.insert(0, "subject")
+        roles.insert(0, "subject")  # which notes name first
     likely = _likely(names, options, [*roles, "session", "block", "trial"])
     options = replace(options, columns={**likely, **options.columns})  # given names win
     options = _with_unit_in_names(names, options)
@@ -584,7 +584,7 @@ def columns_to_read(
 
 def _missing_columns(names: Texts, missing: Texts) -> str:
     """What is missing, what the file has instead, and what may help."""
-    columns = join_names(map(display_name, filter(None, names)))
+    columns = join_display_names(filter(None, names))
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     absent = absent.replace("n_equal", "n_equal or n_second")  # either may be meant
     problem = f"there is {absent}. The columns are {columns}."
@@ -1035,12 +1035,9 @@ def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
     (['second_was'], ['Rat'])
     """
     by_cells = [column.name for column in columns if _role_by_cells(column) == role]
-    # A name such as 'second_longer' says more than the cells.
-    by_cells.sort(
-        key=lambda name: named_places(name).other_words.isdisjoint(
-            VOCABULARY["words"]["of_answers"]
-        )
-    )
+    # A name such as 'second_longer' says more than the cells, so that it comes first.
+    words_of_answers = VOCABULARY["words"]["of_answers"]
+    by_cells.sort(key=lambda name: named_places(name).other_words.isdisjoint(words_of_answers))
     names = [column.name for column in columns]
     likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
     return list(dict.fromkeys(likely))[:3] or ["NAME"]

@@ -60,7 +60,8 @@ class StimulusScales(NamedTuple):
         step = _root_mean_square((s2 - s1)[is_unequal], unequal_share)
         deviations = np.concatenate([s1 - mean, s2 - mean])
         spread = _root_mean_square(deviations, 0.5 * np.concatenate([share, share]))
-        first_spread = 0.0  # exactly, where s1 - sbar would be a rounding error
+        # Of a single s1 exactly 0, since s1 - sbar may be an error of rounding.
+        first_spread = 0.0
         if (s1 != s1[0]).any():
             first_spread = _root_mean_square(s1 - sbar, share)
         return cls(mean, sbar, step, spread, first_spread)
@@ -133,6 +134,8 @@ class Conditions:
             centred = np.array(chosen, float) - x.mean()
             return (centred / np.ptp(x))[:, None]
 
+        # The deviation of each level from the mean of all: any one of these columns follows from
+        # the others, which QR makes orthonormal.
         contrasts = np.eye(len(chosen)) - 1.0 / len(chosen)
         columns = np.linalg.qr(contrasts[:, 1:])[0] / np.sqrt(2.0)
         # QR leaves the signs open: the last level is positive.

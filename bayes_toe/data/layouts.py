@@ -188,7 +188,8 @@ def _certain_order(column: Column) -> OrderByText:
     # Without a stimulus or a place in the name, the cells alone say the order, as 'SC' does.
     if is_unclear and (stimuli or places):
         return {}
-    # '1' and '2' in a column `std_stim` may be two stimuli, and '1' alone may be a level.
+    # Such numbers are intervals of one stimulus in `std_interval`. But '1' and '2' in a column
+    # `std_stim` may be two stimuli, and '1' alone may be a level.
     has_interval = not other_words.isdisjoint(VOCABULARY["words"]["of_interval"])
     owner = ""
     if has_interval and not places and len(stimuli) == 1 and len(column.texts) > 1:
@@ -240,7 +241,7 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     is_true_or_false = places and is_flag(order_by_text)  # '1' in 'test_first' is no interval
     if first_intervals and len(stimuli) == 1 and owner not in stimuli and not is_true_or_false:
         problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
-        _ask_order(table, column, problem, first_intervals[:1], stimuli[0])
+        _ask_order(table, column, problem, first_intervals[:1], owner=stimuli[0])
     return order_by_text
 
 

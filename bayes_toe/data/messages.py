@@ -72,6 +72,11 @@ def join_quoted(texts: Iterable[str]) -> str:
     return join_names(map(quoted, texts))
 
 
+def join_display_names(names: Iterable[str]) -> str:
+    """The first names as messages show them, and how many there are beyond them."""
+    return join_names(map(display_name, names))
+
+
 def named_counts(counts: Mapping[str, int]) -> Texts:
     """Names with their counts, without those that have none.
 
@@ -203,7 +208,7 @@ def describe_p_value(value: float) -> str:
 
 def join_few(names: Texts) -> str:
     """The first four names, quoted, and how many there are beyond them."""
-    return join_names(map(repr, names), 4)
+    return join_names(map(repr, names), max_items=4)
 
 
 def name_from_key(name: object) -> str:

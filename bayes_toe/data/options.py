@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import Texts, display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_display_names, quoted
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task, task_with
@@ -443,7 +443,7 @@ def _units_and_blocks(text: str, study: Study, option: str) -> tuple[list[str], 
         unknown_name = quoted(text.partition(":")[0])
         raise InputError(
             f"{option} {text}: no subject {unknown_name}; the subjects are "
-            f"{join_names(map(display_name, study.names))}"
+            f"{join_display_names(study.names)}"
         )
     name = max(names, key=len)  # 'S:1' before 'S', as names may have colons
     units = units_by_name[name]

@@ -28,6 +28,7 @@ from bayes_toe.data.matlab_file import SAVED, matlab_values
 from bayes_toe.data.messages import (
     Texts,
     display_name,
+    join_display_names,
     join_names,
     join_words,
     one_line,
@@ -175,6 +176,7 @@ def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
     An OSError if it is larger than `largest` bytes, or a pipe or a device, which may have no end.
     """
     status = os.stat(path)
+    # The system itself refuses to read a folder.
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EINVAL, "a pipe or device, not a file")
     if status.st_size > largest:
@@ -319,7 +321,7 @@ def _tables_of_sheets(
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
     heads = {}
     for title, rows in sheets.items():
-        records = []
+        records = []  # the first rows as names
         for cells in rows[:MOST_RECORDS]:
             names = []
             for text in map(value_text, cells):
@@ -328,12 +330,13 @@ def _tables_of_sheets(
         index = header_place(records, choice)
         heads[title] = index, records[index]
     counts = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
-    return {title: heads[title] for title in heads if counts[title] == max(counts.values())}
+    highest_count = max(counts.values())
+    return {title: head for title, head in heads.items() if counts[title] == highest_count}
 
 
 def _no_such_sheet(source: str, titles: Iterable[str]) -> InputError:
     """The refusal of a title of a sheet that is none of these."""
-    names = join_names(map(display_name, titles))
+    names = join_display_names(titles)
     return InputError(f"{source}: found the sheets {names}, allowed: one of them")
 
 
@@ -456,6 +459,7 @@ def _parse_json(source: str, text: str) -> object:
         is_list = list(record) == list(map(str, range(len(record))))
         return list(record.values()) if record and is_list else record
 
+    # Numbers keep their text, so that 0.10 stays '0.10' and 1008 stays '1008'.
     load = partial(json.loads, parse_int=str, parse_float=str, object_pairs_hook=record_of)
     try:
         try:
@@ -509,12 +513,13 @@ def _json_records(
 
     fields = {**shared, **value}
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
-    nested = [key for key, item in fields.items() if _has_records(item)]
     lengths = set(map(len, lists.values()))
+    # Fields that have trials, such as 'trials' of {"id": 7, "trials": [{...}, {...}]}.
+    nested = [key for key, item in fields.items() if _has_records(item)]
     if len(nested) == 1:  # a participant with trials
         single_values = {key: item for key, item in fields.items() if not isinstance(item, _NESTED)}
         yield from _json_records(source, fields[nested[0]], single_values)
-    elif len(lists) > 1 and len(lengths) == 1:  # columns
+    elif len(lists) > 1 and len(lengths) == 1:  # columns, as {"s1": [0, 1], "s2": [1, 0]}
         for cells in zip(*lists.values(), strict=True):
             yield {**fields, **dict(zip(lists, cells, strict=True))}
     else:  # a trial
@@ -539,7 +544,7 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     # Variables that are no columns are left as they are, in a single record.
     unread = [name for name, value in records[0].items() if isinstance(value, _NESTED)]
     if len(records) == 1 and (unread or not records[0]):
-        finding = join_names(map(display_name, unread)) or "nothing"
+        finding = join_display_names(unread) or "nothing"
         raise InputError(
             f"{source}: found {finding}, no columns of one length, allowed: {SAVED}; or, in "
             "Python, a pandas data frame that has the columns"

@@ -449,7 +449,7 @@ def _unknown_meaning(
 
     tasks_by_text = {} if task_column is None else tasks_named(task_column.texts)
     texts = list(filter(None, column.texts))
-    counts_shown = join_names(column.counts(texts), 4)
+    counts_shown = join_names(column.counts(texts), max_items=4)
     if len(set(tasks_by_text.values())) > 1:
         return _two_tasks(
             f"found {counts_shown} of the tasks {join_words(map(quoted, tasks_by_text))}",
@@ -554,7 +554,7 @@ def _unknown_texts(
         return "", []
 
     other = names[codes.index(None)]
-    shares = join_names(unknown.counts(unknown.texts), 4)
+    shares = join_names(unknown.counts(unknown.texts), max_items=4)
     if not n_answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
     if "," in "".join(filter(None, codes)):  # one answer has several codes, such as '1,2'
@@ -844,7 +844,7 @@ def direction(study: Study) -> int:
             covariances.append(covariance)
             variances.append(variance)
     z = np.array(covariances) / np.sqrt(variances)
-    z_of_study = sum(covariances) / np.sqrt(sum(variances) or 1.0)
+    z_of_study = sum(covariances) / np.sqrt(sum(variances) or 1.0)  # 0 without subjects
     sign = int(np.sign(z_of_study))
     is_shared = np.count_nonzero(sign * z > 1.0) > 0.5 * len(z)
     is_clear = abs(z_of_study) > 5.0 and is_shared and (sign * z > -3.0).all()

@@ -124,7 +124,7 @@ class Subject:
 
         if self.answers is not None:
             sums = self.answers.sums
-            has_pairs = np.array_equal(sums.keys, rows.keys[order])
+            has_pairs = np.array_equal(sums.keys, rows.keys[order])  # both are sorted
             # A copy with other counts does not keep the answers.
             if not has_pairs or not np.array_equal(sums.counts, rows.counts[:, order]):
                 object.__setattr__(self, "answers", None)
@@ -200,13 +200,15 @@ class Subject:
         ([2], [3])
         """
         task = task_of(task)
-        is_yes = np.asarray(yes).ravel()
-        n_second = None
-        if task == THREE_ANSWERS:
-            if not np.isin(is_yes, task.answers).all():
+        answers = np.asarray(yes).ravel()
+        if task != THREE_ANSWERS:
+            n_second = None
+            is_yes = answers
+        else:
+            if not np.isin(answers, task.answers).all():
                 raise InputError(f"subject {name!r}: allowed answers are {', '.join(task.answers)}")
-            n_second = (is_yes == "second").astype(np.int64)
-            is_yes = is_yes == "equal"
+            n_second = (answers == "second").astype(np.int64)
+            is_yes = answers == "equal"
 
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
         # was given.
@@ -286,9 +288,11 @@ class Subject:
         >>> Subject("S01", [0.0, 0.3], [0.3, 0.599], [4, 2], [5, 5]).steps.round(4).tolist()
         [0.2995, 0.2995]
         """
-        values, index = np.unique(self.s2 - self.s1, return_inverse=True)
+        values, index = np.unique(self.s2 - self.s1, return_inverse=True)  # in ascending order
         rounding = _ROUNDING * np.abs(values[values != 0.0]).min(initial=np.inf)
-        group = np.zeros(len(values), np.int64)  # of each value; the values of a group are equal
+        # The number of each value's group. Values that differ by rounding from the first value of a
+        # group are in it, and become its mean.
+        group = np.zeros(len(values), np.int64)
         first_of_group = values[0]
         for i in range(1, len(values)):
             is_new_group = values[i] - first_of_group > rounding

@@ -227,7 +227,7 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     for pattern in patterns:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len(set(subjects)) > 1:
-            meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), 3)}"
+            meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), max_items=3)}"
             # Of patterns with the same subjects, the first one is proposed.
             remedy_by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
     return list(remedy_by_subjects.values()) or [remedy]

@@ -126,7 +126,8 @@ class Column:
         """The column of these rows, without the texts that only others have."""
         codes = self.codes[rows]
         is_used = np.bincount(codes, minlength=len(self.texts)) > 0
-        new_codes = np.cumsum(is_used) - 1  # by old code
+        # By old code: how many texts before it are used.
+        new_codes = np.cumsum(is_used) - 1
         return Column(self.name, list(itertools.compress(self.texts, is_used)), new_codes[codes])
 
     def rows_by_text(self, rows: IndexArray) -> dict[str, IndexArray]:
@@ -380,7 +381,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     if not head:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
     if isinstance(head, csv.Error):
-        raise InputError(f"{source}: {_broken(first_row, head, 0)}")
+        raise InputError(f"{source}: {_broken(first_row, head, width=0)}")
     require_size(source, len(head), len(head))
     header = _names(head)
     names = names_or_numbers(header, choice)

@@ -58,7 +58,7 @@ def with_subjects_below(table: TextTable, name: str) -> TextTable:
     # Codes are in the order of the first rows of their texts, so that 1 is the empty one.
     is_name = column.codes != 1
     n_names = len(column.texts) - 1
-    # Each name stands once, and most cells are empty.
+    # The table stays unless each name stands once, and most cells are empty.
     if is_name.sum() > n_names or n_names >= 0.5 * len(is_name):
         return table
     # As later names have larger codes, the largest code so far is that of the name above, if the
@@ -125,6 +125,7 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
 
     names_read = [options.name(role) for role in roles_read if role != "n_trials"]
     candidates = names_like(table.names, "frequency")
+    # A column of very many texts, which is not read, is none of the table's columns.
     column = table.columns.get(candidates[0]) if len(candidates) == 1 else None
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none

@@ -21,7 +21,7 @@ from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import looks_like, names_like, practice_texts
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
-from bayes_toe.data.messages import Texts, display_name, join_names, quoted
+from bayes_toe.data.messages import Texts, display_name, join_display_names, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, with_shared_scales
 from bayes_toe.data.study_files import common_notes, reading_of_all, together
@@ -271,8 +271,7 @@ def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], b
         )
     if reference not in order:
         raise InputError(
-            f"--reference: found {quoted(reference)}, "
-            f"allowed: {join_names(map(display_name, order))}"
+            f"--reference: found {quoted(reference)}, allowed: {join_display_names(order)}"
         )
     order.sort(key=lambda level: level != reference)
     return order, is_numeric
@@ -321,7 +320,8 @@ def pooled_conditions(
             continue
         row_levels = column.codes[answered]
         follows = False
-        # An order or an outcome follows from the direction, the name of a pair from the pair.
+        # An order or an outcome follows from the direction, the name of a pair from the pair. Tasks
+        # may have pairs of their own.
         for stimuli in (direction, direction if is_task else pairs[answered]):
             # A group of rows has the same subject, answer and stimuli. If the level follows from
             # these, each group has one level.

@@ -175,7 +175,11 @@ def require_numbers(
     def rule(index: int) -> str:
         """What the cell of a row may hold, with advice on commas."""
         text = column.text(index)
-        if table.delimiter == "," and "," in text and not math.isnan(number(text, True)):
+        if (
+            table.delimiter == ","
+            and "," in text
+            and not math.isnan(number(text, decimal_comma=True))
+        ):
             return f"{kind}; decimal commas need ';' or tab between cells"
         if "," in text or text.count(".") > 1:
             return f"{kind}, without thousands separators"

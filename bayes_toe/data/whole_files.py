@@ -150,7 +150,9 @@ def _refuse_taken_folder(target: Path, names: Texts, overwrite: bool) -> None:
         return
     taken = [name for name in names if os.path.lexists(target / name)]
     if taken:
-        raise OutputExistsError(f"{format_path(target)}: already holds {join_names(taken, 3)}")
+        raise OutputExistsError(
+            f"{format_path(target)}: already holds {join_names(taken, max_items=3)}"
+        )
 
 
 def _put_in_place(new: Path, final: Path) -> None:

@@ -75,7 +75,8 @@ def test_the_comparison_may_be_one_of_three_answers(typed):
     # Every fifth trial is answered 'same', the others by the stimulus that was chosen: 'long' is
     # the comparison. The study is that of the words 'second', 'first' and 'same'.
     is_second = (CHOSEN_STIMULI == "comparison") == STANDARD_IS_FIRST
-    words = np.where(np.arange(len(is_second)) % 5, np.where(is_second, "second", "first"), "same")
+    words = np.where(is_second, "second", "first")
+    words[::5] = "same"
     codes = CHOSEN_STIMULI.where(words != "same", "same")
     table = trials_with_order("standard_interval", 1, 2, codes.replace("comparison", "long"))
     study = bt.read_study(table, typed_options(f"--comparison-code long {typed}"))
