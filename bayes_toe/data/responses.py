@@ -585,7 +585,7 @@ def _proposals(
         # Two codes of which no word and no option says what they mean.
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
-        remedies = _three_answers(column, frequent, given, trends) + remedies
+        remedies = _three_answers(table, column, frequent, options, trends) + remedies
     if remedies and _joined(frequent) == "1,2":
         remedies = _interval_remedies(options.standard_interval, remedies[0]) + remedies
 
@@ -617,9 +617,21 @@ def _interval_remedies(interval: str | None, likeliest: Remedy) -> list[Remedy]:
 
 
 def _three_answers(
-    column: Column, texts: Texts, given: Mapping[str, str], trends: Trends
+    table: TextTable, column: Column, texts: Texts, options: ReadOptions, trends: Trends
 ) -> list[Remedy]:
-    """An option to type if these texts may be three answers; none if they are two."""
+    """An option to type if these texts may be three answers; none if they are two.
+
+    Three codes of which no subject has all are refused: their meaning differs between subjects.
+    """
+    subject = table.columns.get(options.name("subject"))
+    if subject and len(texts) == 3 and not _words_by_answer(column):
+        users = {text: subject.only(column.matches([text])).texts for text in texts}
+        if not set.intersection(*map(set, users.values())):
+            codes = "; ".join(f"{text} of {join_names(users[text])}" for text in texts)
+            raise InputError(
+                f"{table.source}: {column}: codes differ between subjects, {codes}. Write the same "
+                "codes for all subjects"
+            )
     # 'second', or 'comparison' if there is a standard: what the responses follow more closely.
     sides = {key: _sides(column, texts, trends[key]) for key in trends if key != "equal_code"}
     option = max(sides, key=sides.__getitem__)
@@ -628,7 +640,7 @@ def _three_answers(
         return []
     answer = option.removesuffix("_code")
     meaning = f"if {equal} is 'equal' and {likelier} is '{answer}' of three answers"
-    if "different" in given:
+    if options.different_code:
         meaning += ", in place of --different-code"
     return [Remedy("equal_code", equal, meaning, together=(Remedy(option, likelier),))]
 

@@ -530,6 +530,10 @@ REFUSED = {
         "column correct: found 9 right and 1 wrong answers to equal stimuli",
         "add a column response and leave --correct out",
     ),
+    "codes_of_two_labs.csv": (
+        "subject,s1,s2,response\na,0,1,1\na,1,0,0\nb,0,1,2\nb,1,0,1\n",
+        "codes differ between subjects, 1 of a, b; 0 of a; 2 of b. Write the same codes for all",
+    ),
     "rare_code.csv": (
         RARE_CODE,
         "type:  --missed -9 --second-code 2\n",
