@@ -268,13 +268,10 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     _, codes = np.unique(rows, axis=0, return_inverse=True)
 
     # For each window of rows, its lag: how many rows before it the first equal window begins, 0 if
-    # it is the first one. Equal windows have equal hashes, and others hardly ever have: a hash is
-    # the sum of the codes with random weights.
+    # it is the first one.
     windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)  # (windows, _WINDOW)
-    hash_weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
-    hashes = windows @ hash_weights
-    _, first_window, group = np.unique(hashes, return_index=True, return_inverse=True)
-    lag = np.arange(len(windows)) - first_window[group]
+    _, first_window, group = np.unique(windows, axis=0, return_index=True, return_inverse=True)
+    lag = np.arange(len(windows)) - first_window[group.ravel()]
 
     # Windows in a run have the same lag, so that the run repeats one earlier sequence. It ends with
     # the last row of its last window.
@@ -301,10 +298,10 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     """
     n = subject.n_trials
     k = subject.n_yes
-    right = subject.task.right(subject.s2 - subject.s1)  # 1: the counted answer, -1: the other one
-    n_right = int(k[right > 0].sum() + (n - k)[right < 0].sum())
-    n_unequal = int(n[right != 0].sum())  # trials that have a right answer
-    agreement = np.maximum(_agreement(k, n), _agreement(n_right, n_unequal))
+    difference = subject.s2 - subject.s1
+    n_wrong = subject.task.wrong(difference, k, n).sum()
+    n_unequal = n[subject.task.right(difference) != 0].sum()  # trials that have a right answer
+    agreement = np.maximum(_agreement(k, n), _agreement(n_wrong, n_unequal))
     return -np.log(agreement)[answers.pair]
 
 

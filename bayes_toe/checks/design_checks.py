@@ -12,7 +12,7 @@ import math
 import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from itertools import compress, pairwise
+from itertools import compress
 
 import numpy as np
 
@@ -110,9 +110,8 @@ def _raw_stimuli(study: Study) -> Findings:
     # A unit, or the column i1 of intensities, says what the stimuli are.
     if study.unit.name or "i1" in study.reading.read:
         return
-    first = np.concatenate([subject.s1 for subject in study])
-    second = np.concatenate([subject.s2 for subject in study])
-    sign, _ = sign_of_intensities(first, second)  # what makes them look so, in words
+    pairs = np.concatenate([subject.pairs for subject in study])
+    sign, _ = sign_of_intensities(*pairs.T)  # what makes them look so, in words
     if sign:
         yield Finding(
             _WHOLE_STUDY,
@@ -135,8 +134,8 @@ def _two_scales(study: Study) -> Findings:
         # Levels are natural logs, so a gap between them is the log of a ratio of stimuli.
         gaps = np.diff(levels)
         widest = gaps.argmax()
-        gap = gaps[widest]
-        other_gaps = np.delete(gaps, widest).sum()
+        gap = gaps.max()
+        other_gaps = np.ptp(levels) - gap
         below, above = np.split(levels, [widest + 1])
         # A trial with a stimulus in each group counts in both.
         is_below = np.stack([subject.s1, subject.s2]) <= below[-1]  # (2, pairs)
@@ -178,8 +177,8 @@ def _scales_of_subjects(study: Study) -> Findings:
     if study.conditions is None and is_odd.any():
         ranges = []
         for rows in (is_odd, ~is_odd):
-            levels = np.unique(np.concatenate([one.stimuli for one in compress(study, rows)]))
-            ranges.append(_range_of(levels, study.unit, study.reading))
+            stimuli = np.concatenate([subject.stimuli for subject in compress(study, rows)])
+            ranges.append(_range_of(np.sort(stimuli), study.unit, study.reading))
         names = join_display_names(compress(study.names, is_odd))
         yield Finding(
             _WHOLE_STUDY,
@@ -370,9 +369,8 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
         if unit.answers is None or unit.answers.span is None:
             return ""
         spans.append((*unit.answers.span, unit.condition))
-    spans.sort()  # by the first trial
-    # The last trial of a condition, and the first trial of the next one.
-    overlaps = [end >= next_start for (_, end, _), (next_start, _, _) in pairwise(spans)]
-    if len(spans) == 1 or any(overlaps):
+    starts, ends, conditions = zip(*sorted(spans), strict=True)
+    # Conditions overlap if one has not ended where the next one starts.
+    if len(spans) == 1 or np.greater_equal(ends[:-1], starts[1:]).any():
         return ""
-    return ", ".join(condition for _, _, condition in spans)
+    return ", ".join(conditions)

@@ -595,7 +595,10 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
     if {"standard", "comparison", *_STIMULI}.isdisjoint(missing):
         return problem
     if names_like(names, "difference"):
-        problem += " Of a base and a difference, add a column of their sum: s2, or the comparison."
+        problem += (
+            " Of a base and a difference, add a column of their sum (of a ratio, their product): "
+            "s2, or the comparison."
+        )
     if re.search(r"(?i)(\b|_|\d)(off|offset|end|stop(ped)?)(\b|_|\d)", " ".join(names)):
         problem += " Of the times of on and off, add columns of their differences: s1 and s2."
     if names_like(names, "comparison") and not names_like(names, "standard"):

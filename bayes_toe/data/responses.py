@@ -603,7 +603,7 @@ def _proposals(
         # Two codes of which no word and no option says what they mean.
         if len(frequent) == 2 and not given and not remedies:
             remedies = _code_remedies(column, frequent, trends)
-        remedies = _three_answers(column, frequent, given, trends) + remedies
+        remedies = _three_answers(table, column, frequent, options, trends) + remedies
 
     missed = _missed_remedy(column, unknown, len(names))
     if missed is None:
@@ -654,12 +654,21 @@ def _with_mirrored(
 
 
 def _three_answers(
-    column: Column, texts: Texts, given: Mapping[str, str], trends: Trends
+    table: TextTable, column: Column, texts: Texts, options: ReadOptions, trends: Trends
 ) -> list[Remedy]:
     """An option to type if these texts may be three answers; none if they are two.
 
-    `given` has the codes that options give, by answer.
+    Three codes of which no subject has all are refused: their meaning differs between subjects.
     """
+    subject = table.columns.get(options.name("subject"))
+    if subject and len(texts) == 3 and not _words_by_answer(column):
+        users = {text: subject.only(column.matches([text])).texts for text in texts}
+        if not set.intersection(*map(set, users.values())):
+            codes = "; ".join(f"{text} of {join_names(users[text])}" for text in texts)
+            raise InputError(
+                f"{table.source}: {column}: codes differ between subjects, {codes}. Write the same "
+                "codes for all subjects"
+            )
     # 'second', or 'comparison' if there is a standard: what the responses follow more closely.
     sides = {key: _sides(column, texts, trends[key]) for key in trends if key != "equal_code"}
     option = max(sides, key=sides.__getitem__)
@@ -668,7 +677,7 @@ def _three_answers(
         return []
     answer = option.removesuffix("_code")
     meaning = f"if {middle_code} is 'equal' and {code} is '{answer}' of three answers"
-    if "different" in given:
+    if options.different_code:
         meaning += ", in place of --different-code"
     return [Remedy("equal_code", middle_code, meaning, together=(Remedy(option, code),))]
 

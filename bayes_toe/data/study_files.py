@@ -287,7 +287,7 @@ def together(studies: Sequence[Study]) -> Study:
                 "allowed: files of one task; contrast compares tasks with --condition task"
             )
     reading = reading_of_all(studies)
-    doubts = [*_one_line_each(reading.doubts), *copies]
+    doubts = _one_line_each(reading.doubts) + copies
     subjects = []
     n_files = {}
     for name, files in files_of_subjects.items():
@@ -320,7 +320,7 @@ def together(studies: Sequence[Study]) -> Study:
 def reading_of_all(studies: Sequence[Study]) -> Reading:
     """The readings of all studies as one, each entry once."""
     entries = {}
-    for key in ("read", "ignored", "doubts", "pooled", "codes"):
+    for key in vars(studies[0].reading):
         entries[key] = tuple(
             dict.fromkeys(chain.from_iterable(getattr(study.reading, key) for study in studies))
         )
@@ -378,8 +378,9 @@ def _copies(studies: Sequence[Study]) -> Iterator[str]:
             if answers is None or not answers.has_trial_rows or has_few_ways:
                 continue
             name = f"{study.source}: subject {display_name(subject.name)}"
-            trials = answers.keys.tobytes() + answers.counts.tobytes()
-            original = name_by_trials.setdefault(trials, name)
+            original = name_by_trials.setdefault(
+                answers.keys.tobytes() + answers.counts.tobytes(), name
+            )
             if original != name:
                 yield f"{name} has the same trials and answers as {original}: {TWICE}, remove one"
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers, Counts
-from bayes_toe.data.messages import TWICE, Note, Texts, display_name, named_counts, plural
+from bayes_toe.data.messages import TWICE, Note, display_name, named_counts, plural
 from bayes_toe.data.tasks import are_trials
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
@@ -94,7 +94,9 @@ def answers_in_order(
         answers[name] = in_order.with_own_blocks()
 
     notes = _order_notes(columns, unordered, n_missing)
-    return answers, list(notes), _repeat_doubts(table, columns, pairs, counts, unordered)
+    # Without a subject of unknown order, no number is there twice.
+    doubts = _repeat_doubts(table, unit, order, pairs, counts) if unordered else []
+    return answers, list(notes), doubts
 
 
 def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
@@ -175,29 +177,25 @@ def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
 
 
 def _repeat_doubts(
-    table: TextTable, columns: Columns, pairs: FloatArray, counts: Counts, unordered: Texts
+    table: TextTable, unit: Column, order: _Order, pairs: FloatArray, counts: Counts
 ) -> list[str]:
     """A doubt about answered trials that repeat the number and all else of an earlier row.
 
     There is none if other rows repeat a number and differ: numbers may begin anew.
     """
-    if not unordered:  # no number is there twice
-        return []
     import pandas as pd  # slow to load, and seldom needed
 
-    numbered_by = [name for name in ("subject", *_RUNS) if name in columns]
-    rows = pd.DataFrame({name: columns[name].codes for name in numbered_by})
-    rows["trial"] = numbers(table, columns["trial"])
-    rows = rows.assign(s1=pairs[:, 0], s2=pairs[:, 1], **counts)
-    rows = rows[rows["n_trials"] > 0].dropna(subset="trial")
+    number_of_trial = [unit.codes, *order.runs.T, order.trial]
+    rows = pd.DataFrame(np.column_stack([*number_of_trial, pairs, *counts.values()]))
+    rows = rows[counts["n_trials"] > 0].dropna()
     is_repeat = rows.duplicated()
-    n_repeats = int(is_repeat.sum())
-    n_repeated_numbers = rows.duplicated([*numbered_by, "trial"]).sum()
-    if not n_repeats or n_repeated_numbers > n_repeats:  # some repeat the number alone
+    n_repeats = sum(is_repeat)
+    repeats_number = rows.duplicated(list(range(len(number_of_trial))))
+    if not n_repeats or repeats_number.sum() > n_repeats:  # some repeat the number alone
         return []
 
     later = rows.index[is_repeat][0]
-    name = display_name(columns["subject"].text(later))
+    name = display_name(unit.text(later))
     return [
         f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row, first "
         f"row {table.rows[later]} (subject {name}): {TWICE}, remove them"

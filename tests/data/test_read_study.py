@@ -384,7 +384,7 @@ def test_subjects_with_the_same_trials_are_told(tmp_path):
     finding = " has the same trials and answers as first.csv: subject a: repeated trials make"
     doubts = [doubt.partition(finding)[0] for doubt in bt.read_study(files).reading.doubts]
     assert doubts == ["two.csv: subject a", "two.csv: subject b"]
-    assert len(bt.read_study(files[1]).reading.doubts) == 1
+    assert bt.read_study(files[1]).reading.doubts
 
 
 def test_of_several_files_the_first_problems_are_told(tmp_path):

@@ -530,6 +530,10 @@ REFUSED = {
         "column correct: found 9 right and 1 wrong answers to equal stimuli",
         "add a column response and leave --correct out",
     ),
+    "codes_of_two_labs.csv": (
+        "subject,s1,s2,response\na,0,1,1\na,1,0,0\nb,0,1,2\nb,1,0,1\n",
+        "codes differ between subjects, 1 of a, b; 0 of a; 2 of b. Write the same codes for all",
+    ),
     "rare_code.csv": (
         RARE_CODE,
         "type:  --missed -9 --second-code 2\n",
@@ -639,7 +643,7 @@ REFUSED = {
     ),
     "base_and_delta.csv": (
         "subject,base,delta_ms,response\na,500,50,second\na,500,-50,first\n",
-        "Of a base and a difference, add a column of their sum: s2, or the comparison.",
+        "Of a base and a difference, add a column of their sum (of a ratio, their product): s2, or",
     ),
     "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
         "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",
@@ -679,7 +683,7 @@ REFUSED = {
         "If one standard was in all trials, add a column standard with its level.",
     ),
     "percent.csv": (
-        labelled(COUNTS, n_second="percent second").drop(columns="n_trials"),
+        labelled(COUNTS, n_second="pct_second").drop(columns="n_trials"),
         "there is no column n_trials",
         "--columns n_trials=NAME",
     ),
