@@ -69,19 +69,20 @@ class StudyPlan:
         """
         from bayes_toe.design.power import name_designs
 
-        names = [file.stem for file in files]
-        for name in names:
-            if names.count(name) > 1:
-                raise bt.InputError(
-                    f"Two design files have the name {quoted(name)}. Names must differ."
-                )
+        if self.unit and not files:
+            raise bt.InputError("--unit: allowed with DESIGN.csv.")
         designs = {}
         questions = self.questions.split(",")
         for question in questions:
-            read = [bt.design.read_study_design(file, question, self.unit) for file in files]
-            # `name_designs` names a single design itself, and takes None for the paper's design.
-            given = read[0] if len(read) == 1 else dict(zip(names, read, strict=True))
-            for name, design in name_designs(given or None, question).items():
+            read = {}
+            for file in files:
+                name = file.stem if len(files) > 1 else "these pairs"
+                if name in read:
+                    raise bt.InputError(
+                        f"Two design files have the name {quoted(name)}. Names must differ."
+                    )
+                read[name] = bt.design.read_study_design(file, question, self.unit)
+            for name, design in name_designs(read or None, question).items():
                 task = f", {design.task.short_name}" if len(questions) > 1 else ""
                 designs[name + task] = design
         return designs
