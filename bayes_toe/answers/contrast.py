@@ -246,7 +246,7 @@ class ContrastTable(Table[Difference]):
     def sentences(self) -> list[str]:
         """Sentences on the conditions, and in how many subjects each quantity differs."""
         lines = [f"Condition {self.conditions.about}."]
-        for quantity in self.quantities:
+        for quantity in QUANTITIES:
             # The word and the Bayes factor are the same in all rows of a subject, so that one of
             # the rows, the last one, stands for them.
             row_of_subject = {row.subject: row for row in self.select(quantity)}
