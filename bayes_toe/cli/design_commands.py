@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -493,12 +492,17 @@ def simulate(
     import pandas as pd
 
     from bayes_toe.data.tables import write_table
-    from bayes_toe.design.simulate import make_design, read_differences, trial_frame
+    from bayes_toe.design.simulate import (
+        POPULATIONS,
+        make_design,
+        read_differences,
+        trial_frame,
+    )
     from bayes_toe.seeds import root_seed
 
     context.require_files(*filter(None, (output, truth_output)))
-    if study.subjects and isfile(study.kind):
-        raise bt.InputError("--subjects and a file of --observers exclude each other.")
+    if study.subjects and study.kind not in POPULATIONS:
+        raise bt.InputError("--subjects: allowed with a kind of --observers, not with a file.")
     seed = root_seed(context.seed)
 
     options = bt.ReadOptions(unit=study.unit)
