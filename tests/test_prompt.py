@@ -94,6 +94,9 @@ REFUSED = """
     bt.read_study(5) | allowed: the path of a file, or a pandas or polars DataFrame
     bt.read_study('x.csv', {}) | options: found dict, allowed: a ReadOptions
     bt.Study('S01') | Study: found 'S', allowed: Subjects, in a list
+    bt.Study(study['A']) | Study: found Subject, allowed: Subjects, in a list
+    bt.explore(bt.sample(study, draws=99), subjects='ZZ') | no subject 'ZZ' among the draws
+    bt.design.optimal_design(['x'], 40) | design: s1 and s2 must be numbers
     bt.Prior('x') | prior: mu1_mean: found 'x', allowed:
     bt.Hyperprior(3) | hyperprior: constant_error: found 3, allowed: a ParameterHyper
     bt.design.power(None, [float('inf')]) | trials: found inf, allowed: a whole number

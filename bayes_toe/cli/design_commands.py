@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,19 +68,20 @@ class StudyPlan:
         """
         from bayes_toe.design.power import name_designs
 
-        names = [file.stem for file in files]
-        for name in names:
-            if names.count(name) > 1:
-                raise bt.InputError(
-                    f"Two design files have the name {quoted(name)}. Names must differ."
-                )
+        if self.unit and not files:
+            raise bt.InputError("--unit: allowed with DESIGN.csv.")
         designs = {}
         questions = self.questions.split(",")
         for question in questions:
-            read = [bt.design.read_study_design(file, question, self.unit) for file in files]
-            # `name_designs` names a single design, and makes the paper's design of None.
-            given = read[0] if len(read) == 1 else dict(zip(names, read, strict=True))
-            for name, design in name_designs(given or None, question).items():
+            read = {}
+            for file in files:
+                name = file.stem if len(files) > 1 else "these pairs"
+                if name in read:
+                    raise bt.InputError(
+                        f"Two design files have the name {quoted(name)}. Names must differ."
+                    )
+                read[name] = bt.design.read_study_design(file, question, self.unit)
+            for name, design in name_designs(read or None, question).items():
                 task = f", {design.task.short_name}" if len(questions) > 1 else ""
                 designs[name + task] = design
         return designs
@@ -492,12 +492,17 @@ def simulate(
     import pandas as pd
 
     from bayes_toe.data.tables import write_table
-    from bayes_toe.design.simulate import make_design, read_differences, trial_frame
+    from bayes_toe.design.simulate import (
+        POPULATIONS,
+        make_design,
+        read_differences,
+        trial_frame,
+    )
     from bayes_toe.seeds import root_seed
 
     context.require_files(*filter(None, (output, truth_output)))
-    if study.subjects and isfile(study.kind):
-        raise bt.InputError("--subjects and a file of --observers exclude each other.")
+    if study.subjects and study.kind not in POPULATIONS:
+        raise bt.InputError("--subjects: allowed with a kind of --observers, not with a file.")
     seed = root_seed(context.seed)
 
     options = bt.ReadOptions(unit=study.unit)

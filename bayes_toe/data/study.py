@@ -383,6 +383,7 @@ class Study:
     conditions: Conditions | None = None
 
     def __post_init__(self) -> None:
+        require_kind("Study", self.subjects, Iterable, "Subjects, in a list")
         subjects = tuple(self.subjects)
         for subject in subjects:
             require_kind("Study", subject, Subject, "Subjects, in a list")
@@ -451,7 +452,7 @@ class Study:
 
     def select(self, names: Names) -> Study:
         """The study of these subjects, or of this one, in the order of the names."""
-        return replace(self, subjects=tuple(self[name] for name in _name_list(names)))
+        return replace(self, subjects=tuple(self[name] for name in name_list(names)))
 
     def swap(self, name: Names, blocks: Names = ()) -> Study:
         """Exchange the two responses of a subject, or of several, in these blocks or in all.
@@ -503,8 +504,8 @@ class Study:
         description, and `changes` have the option.
         """
         study = self
-        block_names = _name_list(blocks)
-        for name in dict.fromkeys(_name_list(names)):  # a second swap would undo the first one
+        block_names = name_list(blocks)
+        for name in dict.fromkeys(name_list(names)):  # a second swap would undo the first one
             subject = study[name]
             typed_option = f"{option} {cli_argument(name, block_names)}"
             rows = _rows(subject)
@@ -653,7 +654,7 @@ def pairs_in_both_orders(subject: Subject) -> IndexArray:
     return np.array(rows, np.intp).reshape(-1, 2)
 
 
-def _name_list(names: Names) -> Texts:
+def name_list(names: Names) -> list[str]:
     """A list of texts from one name or several; 7 becomes '7'."""
     if isinstance(names, str | int | np.integer):
         names = [names]

@@ -288,7 +288,7 @@ def optimal_design(
     goal = goal or DesignGoal()
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
-    levels = np.unique(np.asarray(levels, np.float64))
+    levels = np.unique(levels)
     plane = pairs_to_show(levels, goal)
     # Five observers of each kind are enough for the information, which changes smoothly with their
     # parameters. The power is a share of simulated answers, and needs more.

@@ -19,6 +19,7 @@ from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_names, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.stimulus_unit import StimulusUnit
+from bayes_toe.data.study import name_list
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
@@ -117,8 +118,8 @@ def entries(
     truths = truths or {}
     by_label = _draws_by_label(draws)
     names_by_model = [model_draws.names for model_draws in by_label.values()]
-    all_names = list(dict.fromkeys(chain.from_iterable(names_by_model)))  # each once
-    names = all_names if subjects is None else list(dict.fromkeys(subjects))
+    all_names = dict.fromkeys(chain.from_iterable(names_by_model))  # each once
+    names = all_names if subjects is None else dict.fromkeys(name_list(subjects))
     for name in names:
         if name not in all_names:
             listing = join_names(list(map(repr, all_names)), 20)

@@ -179,6 +179,7 @@ class StudentMixture:
         white = (self._whiteners @ points).reshape(dim, -1, len(x))  # (D, J, N)
         return np.einsum("djn,djn->jn", white, white) + 1.0
 
+    @np.errstate(over="ignore")  # the density of a point that is far away is 0
     def _kernel(self, distances: FloatArray) -> FloatArray:
         """The density over that at the mean, from :meth:`_distances`."""
         return 1.0 / _power(distances, (self.df + self.means.shape[1]) // 2)

@@ -29,8 +29,9 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
-from bayes_toe.data.messages import format_estimate, join_names, name_from_key
+from bayes_toe.data.messages import format_estimate, join_names
 from bayes_toe.data.stimulus_unit import StimulusUnit, percent
+from bayes_toe.data.study import name_list
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import ObserverPosterior, model_posterior, model_title
@@ -171,9 +172,7 @@ def corner(
 
 def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
     """The names of the subjects of a plot; none, more than four and repeated ones are refused."""
-    if isinstance(subject, str | int | np.integer):
-        return [name_from_key(subject)]
-    names = list(map(name_from_key, subject))
+    names = name_list(subject)
     if not 1 <= len(names) <= len(OVERLAID) or len(set(names)) < len(names):
         raise InputError(
             f"subjects in one corner plot: found {join_names([*map(repr, names)])}; "

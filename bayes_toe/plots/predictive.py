@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from bayes_toe.analysis import Analysis
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import presentation_order
-from bayes_toe.data.study import Subject
+from bayes_toe.data.study import Subject, name_list
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.style import (
@@ -59,7 +59,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     InputError
         For an unknown subject, or more than 40 subjects.
     """
-    names = analysis.study.names if subjects is None else subjects
+    names = analysis.study.names if subjects is None else name_list(subjects)
     if not 1 <= len(names) <= MOST_SUBJECTS:
         raise InputError(
             f"subjects: found {len(names)}, allowed: 1 to {MOST_SUBJECTS}; "

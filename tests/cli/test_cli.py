@@ -209,7 +209,7 @@ REFUSED = """
     evidence one.csv --prior study.csv -o study.csv --overwrite | study.csv: this command reads that
     simulate -o one.csv --observers one.csv --overwrite | one.csv: this command reads that file
     simulate -o one.csv --design ./one.csv --overwrite | one.csv: this command reads that file
-    simulate -o new.csv --subjects 3 --observers one.csv | --subjects and a file of --observers ex
+    simulate -o new.csv --subjects 3 --observers one.csv | --subjects: allowed with a kind of 
     simulate -o new.csv --batches 3 --trials 26 | --batches: found beside --trials or n_trials 
     simulate -o new.csv --batches 3 --design one.csv | --batches: found beside --trials or n_trials
     design one.csv --list new.csv -o d.csv | one.csv: a given design needs --list trials.csv

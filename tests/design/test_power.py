@@ -152,6 +152,7 @@ REFUSED = """
     --trials 12 | 12 trials for 13 pairs
     --subjects 1,9 | --subjects is '1,9'. It must be whole numbers from 2
     --observers nobody | --observers: found 'nobody'
+    --unit um | --unit: allowed with DESIGN.csv.
     d.csv other/d.csv | Two design files have the name 'd'.
 """
 
