@@ -238,10 +238,15 @@ class ContrastTable(Table[Difference]):
         """The subjects that have a row."""
         return tuple(dict.fromkeys(row.subject for row in self.rows))
 
+    @property
+    def quantities(self) -> Texts:
+        """The quantities, in order."""
+        return tuple(QUANTITIES)
+
     def sentences(self) -> list[str]:
         """Sentences on the conditions, and in how many subjects each quantity differs."""
         lines = [f"Condition {self.conditions.about}."]
-        for quantity in QUANTITIES:
+        for quantity in self.quantities:
             # The word and the Bayes factor are the same in all rows of a subject, so that one of
             # the rows, the last one, stands for them.
             row_of_subject = {row.subject: row for row in self.select(quantity)}

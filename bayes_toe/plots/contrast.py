@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from bayes_toe.answers.contrast import (
     ORDER_EFFECT,
-    QUANTITIES,
     WORDS,
     ContrastTable,
     Difference,
@@ -57,7 +56,7 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
     synthetic : bool
         Whether the title says so.
     """
-    quantities = [name for name in QUANTITIES if name != ORDER_EFFECT]
+    quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
     n_subjects = len(table.subjects)
     # Inches, 0.16 for a subject.

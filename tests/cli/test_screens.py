@@ -12,7 +12,6 @@ from conftest import WORD_BY_LETTER, leave_pictures_blank, made_subject, order_a
 from populations import independent_draws, two_conditions
 
 import bayes_toe as bt
-from bayes_toe.answers.contrast import QUANTITIES
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
@@ -236,7 +235,7 @@ def test_a_word_that_depends_on_lapses_has_a_mark(contrast_table, capsys):
     )
     print_contrast(Terminal(), doubtful)
     text = capsys.readouterr().out
-    assert text.count(" ?\n") == len(QUANTITIES) - 1
+    assert text.count(" ?\n") == len(contrast_table.quantities) - 1
     assert "? The word changes if the lapse rate" in text
 
 
