@@ -109,13 +109,13 @@ def power(
     from bayes_toe.design.power import group_power
 
     numbers_of_trials = _whole_numbers("--trials", plan.trials)
-    numbers_of_subjects = []
-    observers = plan.observers
-    # Studies of several subjects need observers who differ.
-    if plan.subjects is not None:
+    if plan.subjects is None:
+        numbers_of_subjects = []
+        observers = plan.observers
+    else:
         # One subject alone has no SD between subjects.
         numbers_of_subjects = _whole_numbers("--subjects", plan.subjects, least=2)
-        observers = observers or GROUPS
+        observers = plan.observers or GROUPS  # who differ, as subjects of a study do
 
     context.require_folder(output, _POWER_FILES)
     designs = plan.designs(design or ())
@@ -378,12 +378,16 @@ def _find_design(
 
 
 def _list_trials(
-    file: Path, search: SearchOptions, simulated: Text, lists: ListOptions, context: RunContext
+    file: Path,
+    search: SearchOptions,
+    observers_or_prior: Text,
+    lists: ListOptions,
+    context: RunContext,
 ) -> None:
     """Write the trials of a given design in random order, for the experiment to present.
 
     The table has an empty column of responses. When it is filled, `run` reads the table.
-    `simulated` is what only a search assumes in its simulation, and must be absent.
+    `observers_or_prior` is what a search simulates. A given design is refused with it.
     """
     import pandas as pd
 
@@ -395,7 +399,7 @@ def _list_trials(
     options_of_reading = SearchOptions(
         question=search.question, unit=search.unit, intensity=search.intensity
     )
-    if lists.list_output is None or search != options_of_reading or simulated:
+    if lists.list_output is None or search != options_of_reading or observers_or_prior:
         raise bt.InputError(
             f"{file}: a given design needs --list trials.csv, without options of the search such "
             "as --lowest, --trials and --max-pairs."
@@ -428,9 +432,10 @@ def _describe_list(lists: ListOptions, n_trials_each: int, levels: Texts) -> str
 
     n_trials = n_trials_each * max(1, len(levels))
     suffix = " each" if lists.subjects > 1 else ""
-    by_level = ""
     if levels:
         by_level = f" ({n_trials_each} in each of {join_names(levels)}, mixed within blocks)"
+    else:
+        by_level = ""
     return (
         f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{suffix} in "
         f"{plural(lists.blocks, 'block')}{by_level}. Within each block, both orders of a pair are "

@@ -127,7 +127,7 @@ def sample(
     study, prior = context.read(file)
     _require_fitting(context, study, prior, model)
     context.introduce(study, prior)
-    context.out.findings(identification_findings(study), "-")
+    context.out.findings(identification_findings(study), mark="-")
 
     draws = context.work(
         "sampling",
