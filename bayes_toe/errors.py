@@ -194,7 +194,8 @@ def with_next_questions(
 
     `read` raised the error with `options`; it is called with these and the first remedies.
     """
-    problems, remedies = list(error.problems), list(error.remedies)
+    problems = list(error.problems)
+    remedies = list(error.remedies)
     step = 0
     while error.choices:
         first_choice, _ = error.choices[0]
@@ -203,7 +204,7 @@ def with_next_questions(
         try:
             options = with_remedies(options, first_choice)
         except InputError:
-            break  # the remedies can only replace an option that is given
+            break  # they exclude an option that is given, which only the user can replace
 
         try:
             read(options)

@@ -199,7 +199,7 @@ def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
             return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None
         )
 
-    _parents.add(os.getpid())
+    _parents.add(os.getpid())  # A later copy of this process cannot start workers.
 
     try:
         with _safe_path():

@@ -73,7 +73,8 @@ def test_an_interrupt_cancels_all_jobs(client, delay):
 
     The 500 jobs would need longer, and none is left on the cluster.
     """
-    interrupt_later, reported = Timer(delay, interrupt_main), []
+    interrupt_later = Timer(delay, interrupt_main)
+    reported = []
 
     def progress(name):
         reported.append(name)

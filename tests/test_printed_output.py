@@ -103,7 +103,8 @@ def test_words_and_sizes_of_the_example_agree_with_its_truth(
     n_covered = 0
     for answer in example_analysis.answers:
         true_size = true_effects[effect][answer.subject]
-        size, word = answer.sizes[SIZES[effect]], answer.words[effect]
+        size = answer.sizes[SIZES[effect]]
+        word = answer.words[effect]
         # No word says that an effect is present that is absent, and 'undecided' is never wrong. The
         # sign of the median is the true one where a word says that the effect is present.
         if true_size == 0.0:

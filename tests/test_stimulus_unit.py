@@ -197,7 +197,8 @@ def observers_with_errors(step, level):
     """
     options = {"n": 60, "noise": step, "step": step, "level": level}
     error = 0.9 * step
-    up, down = expected_counts("up", error, **options), expected_counts("down", -error, **options)
+    up = expected_counts("up", error, **options)
+    down = expected_counts("down", -error, **options)
     return bt.Study([up, down])
 
 
@@ -206,7 +207,8 @@ FORBIDDEN = re.compile(r"\b(inf|nan)\b|0\.0+ % \[[+-]?0\.0+,|[1-9]\d{3,}(\.\d+)?
 
 
 #: Steps of a factor of 400, which are shown as logs, and steps of 2e-5 about 20.72.
-WIDE_STEPS, FINE_STEPS = {"step": 6.0, "level": 0.0}, {"step": 2e-5, "level": 20.72}
+WIDE_STEPS = {"step": 6.0, "level": 0.0}
+FINE_STEPS = {"step": 2e-5, "level": 20.72}
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,8 @@ from bayes_toe.inference.draws import load_draws
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
 
-S1, S2 = [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3]
+S1 = [0.0, 0.0, 0.3, 0.3]
+S2 = [0.0, 0.3, 0.0, 0.3]
 TRIALS = "subject,s1,s2,response"
 COUNTS = "subject,s1,s2,n_first,n_equal,n_second"
 
@@ -209,9 +210,11 @@ def test_log_likelihoods_of_pairs_add_up_to_the_trinomial(study):
 
 
 def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_same_answer(study):
-    order, subject = OrderModel("both"), study["B"]
+    order = OrderModel("both")
+    subject = study["B"]
     # A history with carry-over rho and the previous response kappa, of which both are present.
-    with_history = TrialHistoryPosterior(subject, TrialHistory(order, True, True))
+    history = TrialHistory(order, has_previous_response=True, has_carry_over=True)
+    with_history = TrialHistoryPosterior(subject, history)
     x = order.posterior(subject).sample_prior(default_rng(1), 20)
     no_history = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa is 0, and so is rho
     expected = order.posterior(subject).log_likelihood(x)

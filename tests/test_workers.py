@@ -69,7 +69,8 @@ def test_a_caller_that_stops_after_one_result_is_not_warned(recwarn):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(workers):
     # The jobs give 2^0 to 2^3. A job has one name, none or several, such as a batch of subjects.
-    reported, names = [], [("a",), (), ("b", "c"), ("d",)]
+    reported = []
+    names = [("a",), (), ("b", "c"), ("d",)]
     jobs = [partial(pow, 2, k) for k in range(4)]
     assert run_in_order(jobs, workers, reported.append, names) == [1, 2, 4, 8]
     assert sorted(reported) == ["a", "b", "c", "d"]
@@ -105,7 +106,8 @@ if __name__ == "__main__":
 
 
 def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
-    code, data = tmp_path / "code", tmp_path / "data"
+    code = tmp_path / "code"
+    data = tmp_path / "data"
     code.mkdir()
     data.mkdir()
     (code / "script.py").write_text(SCRIPT)

@@ -173,7 +173,7 @@ class Difference(NamedTuple):
         '+1.0 % [-0.1, +1.9]'
         """
         if self.quantity == "contraction":
-            return format_share(self.interval(unit), "+")
+            return format_share(self.interval(unit), sign="+")
         sign = "" if self.p_direction is None else "+"
         # In the unknown unit, differences are per cents, from which this function chooses a unit.
         return format_difference(self.interval(UNKNOWN_UNIT), unit, sign)
@@ -336,7 +336,7 @@ def contrast(
         conditions,
         observer_prior,
         root,
-        # The description of the prior has the criterion if any task has one.
+        # A task with a criterion, if there is one: the description of its prior has all parameters.
         task=max(map(attrgetter("task"), study), key=attrgetter("has_criterion")),
         unit=study.unit,
         left_out=left_out,
@@ -353,7 +353,7 @@ def _compared_subjects(
     left_out = {}
     for name, units in units_by_subject(study).items():
         levels = [unit.condition for unit in units]
-        # A comparison is a pair of levels. The subject must have met both of one pair.
+        # A comparison is a pair of levels. The subject must have met both levels of any pair.
         if any(map(set(levels).issuperset, conditions.comparisons)):
             compared[name] = units
         else:
@@ -410,13 +410,13 @@ def subject_contrast(
 
     rows = []
     for quantity, parameters in QUANTITIES.items():
-        # Whether the quantity differs, for each model.
+        # Whether the quantity differs, for each model, shape (models,).
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
         log_bf = same_lapses.log_bayes_factor(differs)
         error = same_lapses.bayes_factor_error(differs)
         is_robust = word_of(log_bf) == word_of(free_lapses.log_bayes_factor(differs))
         robust = "yes" if is_robust else "no"
-        # Draws of equal weight.
+        # Draws of equal weight from the models in which it differs.
         draws = same_lapses.averaged(differs).resampled(rng, size=4000)
         values = models.quantities(draws)  # (conditions, draws) each
         for level, reference in conditions.comparisons:

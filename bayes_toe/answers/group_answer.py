@@ -53,9 +53,10 @@ def parameter_row(result: PopulationResult, name: str) -> list[str]:
     label = _ROW_LABELS[name]
     if name not in result.identified:
         return [label, "cannot be told: no subject has pairs that can show it"]
-    factor_and_word = ["-", ""]
-    if name in EFFECTS:  # for other parameters, 0 is no question
+    if name in EFFECTS:
         factor_and_word = _factor_and_word(log_factor_of_mean(result, name))
+    else:  # a JND or a peak is never 0
+        factor_and_word = ["-", ""]
     return [label, group_estimate(result, name), _spread(result, name), *factor_and_word]
 
 
@@ -188,16 +189,13 @@ def _comparison_rows(result: PopulationResult, quantity: str) -> list[list[str]]
 def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     """A difference of means with its interval: in PSE, in p, a ratio of JNDs, or in logits."""
     values = row.interval
-    sign = "+"
     if row.parameter == CONSTANT_ERROR.name:
         return format_difference(result.in_units(row.parameter, values), result.study.unit)
     if row.parameter == CONTRACTION.name:
         return format_share(values)
     if row.parameter == NOISE.name:  # a difference of logs is the log of a ratio
-        values = np.exp(values)
-        sign = ""
-    # The format is '{:+.2f}' or '{:.2f}'.
-    return format_estimate(*map(f"{{:{sign}.2f}}".format, values))
+        return format_estimate(*map("{:.2f}".format, np.exp(values)))
+    return format_estimate(*map("{:+.2f}".format, values))
 
 
 def group_tables(result: PopulationResult) -> list[TextTable]:

@@ -304,9 +304,10 @@ class OrderEffect:
             elif word is Word.CANNOT_BE_TOLD:
                 lines[question] = Line(name, str(word), reason=self.reasons.get(question, ""))
             else:
-                size = ""  # the order effect, and an effect that is denied, have none
                 if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
                     size = self.format_size(SIZE_OF[question])
+                else:  # the order effect, or an effect that is denied
+                    size = ""
                 marks = " !" if self.fits is False else ""
                 # The flag of the prior names the questions that depend on it.
                 if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
@@ -479,7 +480,7 @@ def _format_interval(size: ThreeNumbers, unit: str, decimals: int, sign: str = "
 
 
 def decimals_of(value: float) -> int:
-    """Decimals that show two significant digits of a positive number: 0.031 has 3, 110 has 0."""
+    """Decimals that show two significant digits of a positive number: 3 of 0.031, 0 of 110."""
     if not np.isfinite(value) or value <= 0.0:  # these have no digits to count
         return 0
     printed = float(f"{value:.2g}")  # 0.0996 is printed as 0.10, and has two decimals
@@ -666,9 +667,16 @@ def order_effect(
 
     is_interpretable = all(finding.is_interpretable for finding in findings)
     answerable = [question for question in QUESTIONS if question not in identification.reasons]
-    words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
     if is_interpretable:
         words = _words(evidence, models_with_effect, answerable)
+    else:
+        words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
+
+    probabilities = {}
+    log_bayes_factors = {}
+    for question, models in models_with_effect.items():
+        probabilities[question] = evidence.probability(models)
+        log_bayes_factors[question] = evidence.log_bayes_factor(models)
 
     problems = {}  # by their flags; those that forbid an interpretation come first
     for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
@@ -677,20 +685,15 @@ def order_effect(
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
-    # `in_study` adds the flags of p-values. It is called again where there are several subjects.
+    # `in_study` adds the flags of p-values, whose limit is here that of a single subject. A table
+    # of several subjects calls it again.
     return OrderEffect(
         subject=evidence.subject.name,
         words=words,
         direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
         is_interpretable=is_interpretable,
-        probabilities={
-            question: evidence.probability(models)
-            for question, models in models_with_effect.items()
-        },
-        log_bayes_factors={
-            question: evidence.log_bayes_factor(models)
-            for question, models in models_with_effect.items()
-        },
+        probabilities=probabilities,
+        log_bayes_factors=log_bayes_factors,
         sizes=sizes,
         upper_bounds=upper_bounds,
         unit=evidence.subject.unit,
@@ -731,7 +734,7 @@ def _by_model(values: FloatArray) -> _Numbers:
 
 
 def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str]]:
-    """The :data:`SIZES` of a task, upper bounds in JND, and flags of sizes that rest on the prior.
+    """The :data:`SIZES`, upper bounds in JND, and flags of sizes that rest on the prior.
 
     The size of an effect is averaged over the models that have it; JND, zone and upper bounds are
     averaged over all models.
@@ -829,7 +832,7 @@ def _prior_problems(
     In each other prior, one of the two effects has half or twice its scale. Without such a question
     the dictionary is empty.
     """
-    rescaled_words = []  # the width and the words of each of four other priors
+    rescaled_words = []  # the width ('half', 'twice') and the words of each of four other priors
     for effect in (CONSTANT_ERROR, CONTRACTION):
         for width, factor in (("half", 0.5), ("twice", 2.0)):
             models = evidence.with_prior_scale(effect, factor)

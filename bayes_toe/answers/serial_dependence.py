@@ -126,7 +126,10 @@ class SubjectDependence:
         return ModelSet(self.log_evidence, _EQUAL).log_bayes_factor(EFFECT_MODELS[effect])
 
     def word(self, effect: str) -> str:
-        """The word for an effect; of the previous response with its direction."""
+        """The word for an effect; of the previous response with its direction; '' without a result.
+
+        As in 'yes (repetition)'.
+        """
         if not self.has_result:
             return ""
         word = word_for(self.probability(effect), self.log_bayes_factor(effect))
@@ -143,7 +146,7 @@ class SubjectDependence:
 
     def history(self, name: str) -> TrialHistory:
         """The model with one of :data:`HISTORIES` and the model of order that goes with it."""
-        # The name has the effects of the model.
+        # The name has the effects of the model, as in 'carry_over_and_previous_response'.
         has_carry_over = "carry_over" in name
         without_carry_over, with_carry_over = self.order_models
         order = OrderModel(with_carry_over if has_carry_over else without_carry_over)
@@ -257,6 +260,7 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     log_evidence = dict(zip(MODEL_NAMES, evidence.log_evidence.tolist(), strict=True))
     likeliest = max(MODEL_NAMES, key=log_evidence.__getitem__)
     with_contraction = max(("contraction", "both"), key=log_evidence.__getitem__)
+    # `row.history` needs the models of order; the evidences follow below.
     row = SubjectDependence(subject.name, (likeliest, with_contraction), screen=screen)
     # The first of the histories is the model of order itself, whose draws are known.
     static = evidence.draws[MODEL_NAMES.index(likeliest)]
@@ -273,9 +277,10 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     models = ModelSet.from_draws(draws, _EQUAL)
     rng = generator(seed, subject.name, "history draws")
     static_draws = static.resampled(rng, _FIGURE_DRAWS)
-    best_draws = static_draws
     best = np.argmax(models.log_evidence)
-    if best > 0:  # not the model without history
+    if best == 0:  # the model without history
+        best_draws = static_draws
+    else:
         best_draws = draws[best].resampled(rng, _FIGURE_DRAWS)
     return replace(
         row,
@@ -298,7 +303,7 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
     order_points = evidence.draws[order_index].resampled(rng, _CLOUD_POINTS)
     # The coordinates of rho and kappa have standard normal priors, and the posterior is narrower.
     history_points = 0.7 * rng.standard_normal((_CLOUD_POINTS, len(posterior.model.effects)))
-    points = np.concatenate([order_points, history_points], axis=1)
+    points = np.concatenate([order_points, history_points], axis=1)  # (points, coordinates)
     mixture = mixture_of_points(points, posterior.array.is_free[0])
     # More draws than usual, because intervals of rho and kappa come from them too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=6)

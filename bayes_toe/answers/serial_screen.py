@@ -153,19 +153,21 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
     pair_variance = k * (n - k) / np.maximum(n * (n - 1.0), 1.0)
 
     stimuli = np.stack([trials.first, trials.second])
+    # The mean stimulus cancels below. Without it there, less is lost to rounding.
     of_stimuli = slopes[pair] * (stimuli[:, previous] - stimuli.mean())
     regressors = np.vstack([trials.answer[previous], of_stimuli])  # (3, tested trials)
     # Each pair's mean is subtracted; a regressor is a row of the array, which changes.
     for regressor in regressors:
         regressor -= (np.bincount(pair, regressor, n_pairs) / n_safe)[pair]
-    variance = (regressors * pair_variance[pair]) @ regressors.T
+    variance = (regressors * pair_variance[pair]) @ regressors.T  # (3, 3)
 
     answers = trials.answer[None]  # (sequences, trials)
     if np.minimum(k, n - k).sum() < _ENOUGH_RARER_ANSWERS:
         rng = generator(0, subject.name, "previous trial")
         n_orders = _SIMULATED_TRIALS // len(trials.pair)
         answers = np.vstack([answers, _in_random_order(trials.answer, rows, pair, n_orders, rng)])
-    residuals = 0.5 * (answers[:, rows] + 1.0) - (k / n_safe)[pair]
+    # An answer is 1 or -1, of which y is 1 or 0.
+    residuals = 0.5 * (answers[:, rows] + 1.0) - (k / n_safe)[pair]  # (sequences, tested trials)
 
     # Two tested trials of one pair that follow each other are not independent: the mean of their
     # product is -2 k (n - k) / (n^2 (n - 1)), which is subtracted.
@@ -173,7 +175,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
     correction = (2.0 * pair_variance / n_safe)[pair[is_same_pair]].sum()
     of_answer = np.sum(residuals * answers[:, previous], axis=1) + correction
     scores = np.vstack([of_answer, regressors[_FIRST:] @ residuals.T])
-    if len(answers) > 1:
+    if len(answers) > 1:  # V is the mean over the sequences
         variance = scores @ scores.T / len(answers)
     return scores, variance
 
@@ -181,7 +183,10 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
 def _in_random_order(
     values: FloatArray, rows: IndexArray, pair: IndexArray, size: int, rng: Rng
 ) -> FloatArray:
-    """So many sequences of values, with those in rows of the same pair in random order."""
+    """So many sequences of values, each with the values of a pair in random order.
+
+    `rows` has the positions of the values that change places, and `pair` the pair of each.
+    """
     shuffled = np.tile(values, (size, 1))
     for i in np.unique(pair):
         of_pair = rows[pair == i]

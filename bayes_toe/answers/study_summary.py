@@ -63,9 +63,10 @@ def study_lines(
     of_total = f" of {count_all(interpretable, noun, by_condition)}"
     for question in QUESTIONS:
         words = [answer.word(question) for answer in interpretable]
-        text = count_words(words, of_total)
         if set(words) == {Word.CANNOT_BE_TOLD}:  # clearer than a count of all subjects
             text = f"{Word.CANNOT_BE_TOLD} in any subject"
+        else:
+            text = count_words(words, of_total)
         lines.append(f"{capitalized(question.replace('_', ' '))}: {text}.")
         of_total = ""  # only the first line has the total
     return lines + misfit_lines(interpretable)
@@ -143,15 +144,15 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
     counts = Counter(answer.words["order_effect"] for answer in answers)
     n_total = len(answers)
     sentences: list[str] = []
-    # One sentence for 'no' and 'probably not', with the less sure word.
+    # 'No' and 'probably not' have one sentence, with the less sure word.
     if counts[Word.PROBABLY_NOT]:
         counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
     has_effects = counts[Word.YES] + counts[Word.PROBABLY] > 0
-    for word in Word:  # 'yes' and 'probably' come first
+    for word in Word:  # 'yes' and then 'probably' come first
         count = counts[word]
         if not count:
             continue
-        if word is Word.PROBABLY and counts[Word.YES]:  # continues the sentence of 'yes'
+        if word is Word.PROBABLY and counts[Word.YES]:  # continues the first sentence, of 'yes'
             sentences[0] += f", and probably in {count} more"
         elif word.is_positive or not has_effects or count > n_total / 2:
             text = claim(word, "the order", "change", "the response")
@@ -181,10 +182,11 @@ def _direction(answer: OrderEffect, effect: str) -> str:
     """
     if not answer.words[effect].is_positive:
         return ""
-    has_positive_sign = answer.first_is_overestimated  # None if the interval holds 0
-    if effect == CONTRACTION.name:
+    if effect == CONSTANT_ERROR.name:
+        has_positive_sign = answer.first_is_overestimated
+    else:
         has_positive_sign = answer.direction == "contraction"
-    if has_positive_sign is None:
+    if has_positive_sign is None:  # the interval of the PSE shift holds 0
         return ""
     positive, negative = _DIRECTIONS[effect]
     return positive if has_positive_sign else negative

@@ -86,7 +86,7 @@ class Job:
     def store(self, files: Mapping[str, bytes]) -> None:
         """Store the files of a study that is not stored yet, or damaged."""
         with suppress(InputError):
-            self.record()
+            self.record()  # raises if it is not stored, or damaged
             return  # It is stored, with options that may have been chosen since.
 
         record = {
@@ -311,7 +311,8 @@ def require_options(content: bytes) -> Record:
     except (TypeError, ValueError, RecursionError):
         raise InputError("The options are no record") from None
     for name, value in options.items():
-        # Names and values of a dict, and items of a list, must be texts.
+        # Names and values of a dict, and items of a list, must be texts. A text and a flag have no
+        # items.
         texts = [*value, *value.values()] if isinstance(value, dict) else value
         is_valid = type(value) is _KINDS.get(name)
         if isinstance(texts, list):
@@ -332,7 +333,7 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
     words = []
     for name, value in sorted(options.items()):
         option = f"--{name.replace('_', '-')}"
-        if isinstance(value, dict):
+        if isinstance(value, dict):  # of columns, or of conditions for rows
             value = [f"{ours}={theirs}" for ours, theirs in sorted(value.items())]
         if name == "columns":  # All columns are one value; the option is typed once.
             value = ",".join(value)

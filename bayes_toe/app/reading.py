@@ -41,10 +41,11 @@ def read_job(job: Job) -> Record:
     reading: Record = {"table": None, "problems": [], "remedies": [], "study": None}
     try:
         file_options = bt.ReadOptions(sheet=options.get("sheet"), encoding=options.get("encoding"))
+        # `set` chooses all columns.
         sheets, file_options = with_sheets(paths, file_options, set)
         table = read_table(
             sheets[0],  # The page shows the columns of the first file or sheet.
-            set,  # all columns
+            set,
             LARGEST_STUDY,
             sheet=file_options.sheet,
             encoding=file_options.encoding,
@@ -137,9 +138,10 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
     n_trials = all_trials.n_trials.tolist()
     described = []
     for finding in findings:
-        target = ""  # the value of its option: 'A08:2' of '--swap A08:2'
         if finding.option.startswith(("--swap ", "--exclude ")):
-            _, target = shlex.split(finding.option)
+            _, target = shlex.split(finding.option)  # '--swap A08:2' -> 'A08:2'
+        else:
+            target = ""
         described.append({**asdict(finding), "target": target})
     return {
         "answer": study.task.yes,

@@ -183,7 +183,10 @@ class Handler(RequestHandler):
             super().log_exception(kind, error, trace)
 
     def send_error(self, status_code: int = 500, **details: Any) -> None:
-        """Answer with the problem of a bad input (400), of a folder (507), or of an HTTPError."""
+        """Answer with the problem of a bad input (400), of a folder (507), or of an HTTPError.
+
+        Tornado calls it with the exception in `details`.
+        """
         error = details["exc_info"][1]
         self.clear()  # headers and content of the answer so far
         if isinstance(error, InputError):
@@ -291,7 +294,7 @@ class Results(Handler, StaticFileHandler):
 
 
 def application(site: Site) -> Application:
-    """The addresses of the page."""
+    """The application of Tornado: which handler answers requests to which address."""
     job = "([0-9a-f]{16})"
     return Application(
         [

@@ -74,8 +74,9 @@ def _print_problems(
     If there are few subjects and no problems, each has a row. The `limits` of the design
     of all subjects stand in the row of a subject without a problem.
     """
-    names = list(by_subject)
-    if not names and len(study) < MANY_SUBJECTS:
+    if by_subject or len(study) >= MANY_SUBJECTS:
+        names = list(by_subject)
+    else:
         names = list(study.names)
     rows = []
     not_in_rows = []
@@ -87,11 +88,12 @@ def _print_problems(
             continue
 
         subject = study[name]
-        problem = "none"
         if findings:
             # A capital letter follows the end of a sentence, but not that of 'a.u.'.
             sentence = re.split(r"\. (?=[A-Z])", findings[0].message)[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
+        else:
+            problem = "none"
         if name not in by_subject:  # a limit of the design: the answer has the reason, once for all
             problem = problem.partition(", because")[0]
         short = textwrap.shorten(problem, 52, placeholder="...")  # so that the row is one line

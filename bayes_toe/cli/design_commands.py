@@ -110,13 +110,13 @@ def power(
     from bayes_toe.design.power import group_power
 
     numbers_of_trials = _whole_numbers("--trials", plan.trials)
-    numbers_of_subjects = []
-    observers = plan.observers
-    # Studies of several subjects need observers who differ.
-    if plan.subjects is not None:
+    if plan.subjects is None:
+        numbers_of_subjects = []
+        observers = plan.observers
+    else:
         # One subject alone has no SD between subjects.
         numbers_of_subjects = _whole_numbers("--subjects", plan.subjects, least=2)
-        observers = observers or GROUPS
+        observers = plan.observers or GROUPS  # who differ, as subjects of a study do
 
     context.require_folder(output, _POWER_FILES)
     designs = plan.designs(design or ())
@@ -423,9 +423,10 @@ def _describe_list(lists: ListOptions, n_trials_each: int, levels: Sequence[str]
 
     n_trials = n_trials_each * max(1, len(levels))
     suffix = " each" if lists.subjects > 1 else ""
-    by_level = ""
     if levels:
         by_level = f" ({n_trials_each} in each of {join_names(levels)}, mixed within blocks)"
+    else:
+        by_level = ""
     return (
         f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{suffix} in "
         f"{plural(lists.blocks, 'block')}{by_level}. Within each block, both orders of a pair are "

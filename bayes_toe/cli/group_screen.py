@@ -64,7 +64,7 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
         out.line("? The word changes if the lapse rate may differ between conditions.")
     # Failures are problems, which the command prints by itself.
     reasons = {key: text for key, text in table.left_out.items() if key not in table.failed}
-    out.reasons("Not compared", reasons, "-", file=file)
+    out.reasons("Not compared", reasons, mark="-", file=file)
 
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:

@@ -127,7 +127,7 @@ def sample(
     context.require_files(output)
     store = context.partial_folder(output)
     study, prior = context.read_and_describe(file)
-    context.out.findings(identification_findings(study), "-")
+    context.out.findings(identification_findings(study), mark="-")
 
     draws = context.work(
         "sampling",

@@ -112,7 +112,7 @@ def _escaped(text: str) -> str:
 
 
 def _methods(analysis: Analysis) -> Record:
-    """The values of the template by name."""
+    """The values of the template by name: data, changes of the data, limits and words."""
     study = analysis.study
     # The notes on trials that are left out or changed, of all notes of reading.
     words_of_changes = "dropped|excluded|merged|swapped|only rows|only pairs"

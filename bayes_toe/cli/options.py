@@ -200,7 +200,7 @@ class StudyFile:
         else:
             raise InputError(NO_FILE)
 
-        if task not in (None, study.task):
+        if task not in (None, study.task):  # without --task it is None
             raise InputError(
                 f"--task is {question!r}, but the responses in {study.source} are of the task "
                 f"{study.task.name!r}."

@@ -85,12 +85,13 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     """
     names = analysis.study.names
     is_paged = len(names) > MAX_SUBJECTS
-    # To the section of each subject, or to its page.
-    links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
     answers = list(analysis.answers)
-    if is_paged:  # The index begins with the subjects that need action.
+    if is_paged:
+        # The index begins with the subjects that need action, and links to their pages.
         answers.sort(key=lambda answer: answer.subject not in facts["flagged"])
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
+    else:
+        links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}  # sections of the report
 
     findings = check(analysis.study, analysis.settings.prior)
     asymmetry = asymmetry_table(analysis.study)
@@ -236,7 +237,7 @@ def _sections(
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, row) for row in summaries[name].itertuples()],
-            # gamma follows from two of the parameters, and the template shows it with them.
+            # The page names those of these that the prior determines. gamma follows from two.
             "natural": (*analysis.draws.posterior(name).names.natural, "gamma"),
             "remarks": [*remarks, *evidence_row.notes],
         }
@@ -252,7 +253,9 @@ def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
     if row.parameter in ("pse_shift", "jnd"):
         # The unit is natural logs where per cents would be too large.
         unit = analysis.study.unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
-        difference = format_draws(unit.differences(draws), n_effective, 1, unit.of_differences)
+        difference = format_draws(
+            unit.differences(draws), n_effective, most_decimals=1, unit=unit.of_differences
+        )
     else:  # no difference between stimuli
         difference = ""
     return row, format_draws(draws, n_effective, most_decimals=3), difference

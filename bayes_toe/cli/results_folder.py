@@ -99,11 +99,10 @@ def write_results(
 def _write_tables(analysis: Analysis, folder: Path) -> None:
     """Write the tables of subjects, conditions and the group, with figures and draws of these."""
     study = analysis.study
-    seed = analysis.settings.seed
     contrast = analysis.contrast
     group = analysis.group
-    units = study.conditions is not None
-    write_table(analysis.summary(), folder / "summary.csv", seed, units=units)
+    units = study.conditions is not None  # With conditions, a row is a subject in one of them.
+    write_table(analysis.summary(), folder / "summary.csv", analysis.settings.seed, units=units)
     analysis.evidence.save(folder / "evidence.csv", units=units)
     if contrast is not None:
         contrast.save(folder / "contrast.csv")

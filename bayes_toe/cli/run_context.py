@@ -247,7 +247,7 @@ class RunContext:
     def end(self, *problems: object) -> None:
         """End with exit code 3 if there is a problem: True, or a record of subjects with reasons.
 
-        Subjects failed, or their draws did not converge.
+        Problems are that subjects failed, or that their draws did not converge.
         """
         if any(problems):
             raise typer.Exit(3)
@@ -277,19 +277,17 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     @wraps(function)
     def command(**values: Any) -> None:
         """Make the records of the values of options, and call the function with them."""
-        inputs = _input_paths(values)
+        inputs = _input_paths(values)  # files that outputs must not replace
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
             # Each command has its study before the context, which gets the files of the study too.
             for name, (kind, option_names) in records.items():
-                fields_of_record = {key: values.pop(key) for key in option_names}
+                record = {key: values.pop(key) for key in option_names}
                 if kind is RunContext:
-                    fields_of_record["inputs"] = inputs
+                    record["inputs"] = inputs
                 if kind is StudyFile:
-                    fields_of_record["reading"] = {
-                        key: fields_of_record.pop(key) for key in LAYOUT_OPTIONS
-                    }
-                values[name] = kind(**fields_of_record)
+                    record["reading"] = {key: record.pop(key) for key in LAYOUT_OPTIONS}
+                values[name] = kind(**record)
                 if kind is StudyFile:
                     inputs += values[name].data_files()
             with warnings.catch_warnings():
@@ -385,10 +383,11 @@ def _print_choices(choices: Sequence[tuple[str, Sequence[str]]]) -> None:
 def print_labelled(label: str, text: str) -> None:
     """Print a text on standard error behind a label; a terminal gets lines of 80 columns."""
     text = visible(text)
-    lines = [text]
     if sys.stderr.isatty():
         # The label takes 7 columns.
         lines = wrap(text, WIDTH - 7, break_long_words=False, break_on_hyphens=False)
+    else:
+        lines = [text]
     for line in lines:
         typer.echo(f"{label:<7}{line}", err=True)
         label = ""  # of further lines

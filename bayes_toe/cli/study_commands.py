@@ -98,7 +98,7 @@ def fit(
 
 
 def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
-    """The largest asymmetry of each subject, and the counts over subjects."""
+    """Print the largest asymmetry of each subject, and the counts over subjects."""
     rows = []
     for row in table:
         cells = [row.subject, str(len(row.comparisons))]
@@ -124,7 +124,7 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
 
 
 def print_fits(out: Terminal, table: FitTable) -> None:
-    """Maximum-likelihood fits with their bootstrap intervals."""
+    """Print the fit of each subject: estimates [bootstrap interval], likelihood and problems."""
     rows = []
     for row in table:
         cells = [row.subject]

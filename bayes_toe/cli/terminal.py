@@ -113,7 +113,7 @@ class Terminal:
     def notes(self, notes: Iterable[Note], mark: str = "!", *, file: str = OUTPUT) -> None:
         """Print notes after an empty line.
 
-        Notes with the same text and no option become one.
+        Notes with the same text and option become one. `file` has those that are not printed.
         """
         merged = merge_notes(notes)
         if merged:
@@ -143,7 +143,7 @@ class Terminal:
 
     def remarks(self, texts: Iterable[str]) -> None:
         """Print notes on no subject in particular."""
-        self.notes((("", text, "") for text in texts), "-")
+        self.notes((("", text, "") for text in texts), mark="-")
 
 
 def wrap_line(text: str, indent: int = 0) -> list[str]:
@@ -320,10 +320,11 @@ def _table_line(row: Texts, widths: Sequence[int], gap: int, numeric: Collection
     """A row of a table; the last cell of a short row goes across the other columns."""
     line = ""
     for i, cell in enumerate(row):
-        width = widths[i]
         is_spanning = i == len(row) - 1 and len(row) < len(widths)
         if is_spanning:
             width = WIDTH - cell_width(line)
+        else:
+            width = widths[i]
         text = shorten(cell, width)
         padding = " " * (width - cell_width(text))
         if i in numeric and not is_spanning:

@@ -78,7 +78,7 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
         return {}
     # All subjects of a file have the same quantities.
     quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
-    optional = dict.fromkeys(quantities)  # each once: several files of draws may have it
+    optional = dict.fromkeys(quantities)  # each once, because several files of draws may have it
     names, columns = read_numbers(path, (), key="subject", optional=list(optional), gaps=True)
     truth: dict[str, dict[str, float]] = {name: {} for name in names}
     for key, column in columns.items():
@@ -134,7 +134,7 @@ def corner(
         coordinates = [name.strip() for name in parameters.split(",")]
     quantity_names(draws.posterior(names[0]), coordinates)  # raises for an unknown name
 
-    # Subjects that are named share a figure; otherwise each has one.
+    # Subjects that are named share a figure, such as S01+S02.png; otherwise each has one.
     groups = [names] if subject else [(name,) for name in names]
     stems = file_stems(draws.names)
     subjects_by_file = {}
@@ -150,7 +150,7 @@ def corner(
             partial(
                 _save_corner,
                 folder / file,
-                # They are copied to the worker, so that a single subject's are selected.
+                # Draws are copied to the worker. A figure of one subject needs only that subject's.
                 draws[group[0]] if len(group) == 1 else draws,
                 group,
                 coordinates=coordinates,

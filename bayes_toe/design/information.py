@@ -62,6 +62,7 @@ class Information:
         index = np.flatnonzero(n_trials)  # pairs without trials add nothing, and would cost time
         n_observers, _, n_answers, k = self.rows.shape
         rows = self.rows[:, index].reshape(n_observers, -1, k)  # all answers to all pairs
+        # Each row times the trials of its pair.
         weighted = rows * np.repeat(n_trials[index], n_answers)[:, None]
         return self.prior + np.swapaxes(rows, 1, 2) @ weighted
 
@@ -130,7 +131,7 @@ def information(
 
     curvature = posterior.array.prior_slopes(points)[1][0]  # (observers, k)
     is_target = np.isin(posterior.coordinates, AIMS[aim])
-    prior_curvature = curvature[:, :, None] * np.eye(len(is_target))
+    prior_curvature = curvature[:, :, None] * np.eye(len(is_target))  # on the diagonal
     return Information(np.stack(rows, axis=2), prior_curvature, is_target)
 
 

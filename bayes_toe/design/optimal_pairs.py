@@ -357,7 +357,8 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
     # n first stimuli have n equal pairs, and n - 1 pairs of neighbours in each order: 3 n - 2.
     n_first = max(2, min(n_steps + 1, (goal.max_pairs + 2) // 3, len(levels)))
     targets = np.linspace(levels[0], levels[-1], n_first)
-    # Where levels are uneven, two targets may have the same nearest level, which then counts once.
+    # The index of the level nearest to each target. Where levels are uneven, two targets may have
+    # the same nearest level, which then counts once.
     nearest = np.unique(np.abs(levels[:, None] - targets).argmin(axis=0))
     first = levels[nearest]
     i, j = np.indices((len(first), len(first)))

@@ -270,7 +270,7 @@ def answer_trials(
     require_number("--carry-over", carry_over, smallest=0, largest=0.999, kind=Real)
     rng = generator(seed, observer.name, "trials")
     pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // design.n_batches)
-    # A random order of each batch: sorted uniform numbers, (batches, trials of a batch).
+    # A random order of each batch, from sorted uniform numbers, (batches, trials of a batch).
     order = np.argsort(rng.uniform(size=(design.n_batches, len(pairs_of_batch))), axis=1)
     pair = pairs_of_batch[order.ravel()]  # of each trial
     s1 = design.s1[pair]

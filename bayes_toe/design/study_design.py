@@ -250,6 +250,7 @@ def read_stimuli(
     unit for them, and else those of logs. The second value has the stimuli by the names of `logs`,
     and the counts that are `required` or `optional` by theirs.
     """
+    # Other columns are not read, whatever the header of the file.
     table = read_table(path, lambda _: {*logs, *intensities, *required, *optional})
     header = set(table.names)
     names = logs
@@ -269,15 +270,15 @@ def read_stimuli(
 def _to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
     """Natural logs of one or two columns of stimuli in the unit of these options.
 
-    Without a unit, numbers that look like intensities are refused. A single column stands for both
-    s1 and s2 in this check.
+    Without a unit, numbers that look like intensities are refused.
     """
     smallest = min(values.min() for values in stimuli)
     if options.has_intensities and smallest <= 0.0:
         raise InputError(f"{path}: found the intensity {smallest:g}, allowed: positive numbers")
     if options.unit is None and not options.has_intensities:
+        # A single column stands for both s1 and s2.
         sign, _ = sign_of_intensities(stimuli[0], stimuli[-1])
-        if sign:
+        if sign:  # what speaks for intensities, in words
             raise InputError(
                 f"{path}: found {sign}, allowed: natural logs of intensities",
                 intensity_remedies(np.concatenate(stimuli)),

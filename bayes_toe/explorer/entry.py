@@ -166,7 +166,7 @@ class Entry:
 
         Contours, intervals and spans are of all draws.
         """
-        draws = self.x.reshape(-1, self.x.shape[-1])
+        draws = self.x.reshape(-1, self.x.shape[-1])  # of all chains, (draws, k)
         n_rows = min(len(draws), rows)
         # Equally spaced draws; explorer.js inverts this rule to name the draw of a row.
         index = np.arange(n_rows) * len(draws) // n_rows
@@ -175,8 +175,8 @@ class Entry:
         # By quantity, the draws that have it.
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
         names = self.target.names.all
-        truth = {name: value for name, value in self.truth.items() if name in names}
-        truth = all_true_values(truth, self.target)  # with what follows from them
+        known = {name: value for name, value in self.truth.items() if name in names}
+        truth = all_true_values(known, self.target)  # and what follows from them
         spans = axis_limits(present.values(), list(columns), self.target, truth)
 
         # The names by which explorer.js reads them.
@@ -269,7 +269,7 @@ class Entry:
 
         describe = subject.unit.describe
         stimuli = [f"{describe(s1)}, {describe(s2)}".replace("-", "−") for s1, s2 in subject.pairs]
-        plane = stimulus_scale("first stimulus", subject.unit, 0.0, ends)
+        plane = stimulus_scale("first stimulus", subject.unit, mean=0.0, limits=ends)
 
         fitted = Predictor(self.target, x)
         selected, n_slices = _selected_slices(subject)
@@ -455,11 +455,12 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     ends = [low, float(x[-1])]
     fixed_stimuli = np.full_like(x, fixed)
     # The first and the second stimuli of the curve of each order.
-    presented = {-1: (fixed_stimuli, x), 1: (x, fixed_stimuli), 0: (x, x)}
-    scale = stimulus_scale("stronger stimulus", unit, 0.0, ends)
     if is_by_first:
-        presented[0] = fixed_stimuli, fixed_stimuli + x
+        presented = {0: (fixed_stimuli, fixed_stimuli + x)}
         scale = difference_scale(unit, ends)
+    else:
+        presented = {-1: (fixed_stimuli, x), 1: (x, fixed_stimuli), 0: (x, x)}
+        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)
     # P of the counted answer, (rows, POINTS) for each order, becomes (orders, POINTS, rows).
     curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
 

@@ -54,7 +54,8 @@ LETTERS = {
 #: Orders under the names that sources have, with Bokeh's names of markers.
 KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
 #: Colours of text and of the page; explorer.js changes them, and those of LETTERS, on a dark page.
-_INK, _PAGE = "#222222", "#FFFFFF"
+_INK = "#222222"
+_PAGE = "#FFFFFF"
 #: Columns of a source of :func:`_band`: the mean over all draws, and mean and ends of the brushed.
 _BAND = ("x", "all", "kept", "low", "high")
 
@@ -150,9 +151,12 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
     It has the prior, histograms of all draws and of the brushed ones, and the true value.
     """
     plot = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width")
-    x, y = f"x{i}", f"y{i}"
+    # Columns of the sources.
+    x = f"x{i}"
+    y = f"y{i}"
     for letter, look in LETTERS.items():
-        colour, dash = look.colour, look.dash
+        colour = look.colour
+        dash = look.dash
         plot.add_glyph(
             sources.get_source(f"prior-{letter}", x, y),
             Line(x=x, y=y, line_color="#8A8A8A", line_width=2, line_dash=dash),
@@ -189,7 +193,10 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     Later glyphs cover earlier ones: all draws are behind, those that are brushed before them with
     the contours, the true values in front.
     """
-    name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
+    name = f"panel-{i}-{j}"
+    # Columns of the source of true values.
+    x = f"{j}"
+    y = f"{i}"
     plot = _panel(name, ranges[j], ranges[i], "both")
     for letter, look in LETTERS.items():
         draws = sources.get_source(f"all-{letter}-{i}-{j}", "x", "y")
@@ -200,6 +207,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
         brushed = sources.get_source(f"kept-{letter}-{i}-{j}", "x", "y", "row")
         dots = _dots(look, size=4, alpha=0.35)
         selected.append(plot.add_glyph(brushed, dots, name=letter.upper()))
+        # A wide line in the page's colour, so that the contour is seen on the dots.
         lines = sources.get_source(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
         plot.add_glyph(
             lines, MultiLine(xs="xs", ys="ys", line_color=_PAGE, line_width=4, line_alpha=0.7)
@@ -217,7 +225,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
 
     for letter, look in LETTERS.items():
         truth = sources.get_source(f"truth-{letter}", x, y)
-        # A cross with an edge in the page's colour.
+        # A cross with an edge in the page's colour: the wider line first.
         for colour, width in ((_PAGE, 6), (look.colour, 3)):
             plot.add_glyph(
                 truth,

@@ -103,11 +103,12 @@ def _draw_subjects(
     ax: Axes, table: ContrastTable, rows: Sequence[Difference], unit: StimulusUnit
 ) -> None:
     """Draw one quantity of every subject; more subjects than have names are sorted by size."""
-    subjects = list(table.subjects)
-    names = [plain(name, 16) for name in subjects]
-    if len(subjects) > MAX_NAMES:
+    if len(table.subjects) > MAX_NAMES:
         subjects = [row.subject for row in sorted(rows, key=lambda row: row.q50)]
         names = []
+    else:
+        subjects = list(table.subjects)
+        names = [plain(name, 16) for name in subjects]
 
     zero_line(ax)
     # The legend explains each word of the table, which this panel may lack.

@@ -338,10 +338,11 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
                 f"truths: unknown quantity {name!r}; there are: {', '.join(target.names.all)}"
             )
         low, high = support(target, name)
-        rule = f"a finite number from {low:g} to {high:g}"
         if name == "sigma_p":  # gamma = (sigma_l / sigma_p)^2 does not exist at 0
             low = np.nextafter(0.0, 1.0)  # the smallest positive number
             rule = "a positive finite number"
+        else:
+            rule = f"a finite number from {low:g} to {high:g}"
         require_kind(f"truths: {name}", value, Real, rule)
         # A finite log may be an infinite intensity.
         if not (np.isfinite(axis_values(name, value, unit)) and low <= value <= high):

@@ -263,7 +263,8 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
     p_correct = np.where(is_second_stronger, p_second, 1.0 - p_second)
     n_correct = np.where(is_second_stronger, subject.n_yes, subject.n_trials - subject.n_yes)
 
-    # Equal stimuli have no correct answer. Neighbouring middles are a group.
+    # Equal stimuli have no correct answer. Neighbouring middles are a group. If there are fewer
+    # than six, some groups are empty, and not drawn.
     neighbours = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
     groups = np.array([np.isin(middle, middles) for middles in neighbours])  # (groups, pairs)
     for sign in (-1, 1):
@@ -295,7 +296,7 @@ def _draw_pooled(
     n_trials = weights.sum(axis=1)
     if len(n_trials):
         # The means of x and of P over the trials of each group.
-        position = weights @ x / n_trials
+        position = weights @ x / n_trials  # (groups,)
         draw_band(ax, position, expected @ weights.T / n_trials, mark.colour)
         draw_shares(ax, position + shift, (weights > 0) @ n_answers, n_trials, mark)
 

@@ -171,7 +171,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
 
     unit = result.shown_unit(name)
     values = result.in_units(name, x, unit)
-    # p(value) = p(x) / (d value / d x). The prior takes x as the mean of every parameter, and
+    # p(value) = p(x) / (d value / d x). The prior takes x as the mean of every parameter, so that
     # `log_prior` has the shape (x, parameters).
     log_prior, _ = result.numbers.prior_of_mean(x[:, None])
     prior = np.exp(log_prior[:, j]) / np.gradient(values, x)
@@ -211,14 +211,14 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
 
     quantiles = np.quantile(subjects, MARKED, axis=(0, 1))  # shape (3, subjects)
     n_subjects = quantiles.shape[1]
-    names = [plain(subject, 14) for subject in result.subjects]
     style: Style = {"label": "subject, median and 95 % interval"}
-
     if n_subjects > MAX_NAMES_IN_GROUP:
         quantiles = quantiles[:, np.argsort(quantiles[1], kind="stable")]  # by their median
         # The lines of more than 100 subjects would overlap.
         style |= {"ms": 1.6, "line": min(1.6, 160.0 / n_subjects)}
         names = []
+    else:
+        names = [plain(subject, 14) for subject in result.subjects]
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
     name_rows(ax, n_subjects, names)
     ax.set_xlabel(_LABELS[name].format(unit=unit.of_differences))

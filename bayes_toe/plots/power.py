@@ -147,7 +147,7 @@ def design(optimal: OptimalDesign) -> Figure:
     ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
     if optimal.unit.of_stimuli:
         limits = ax.get_xlim()
-        scale = stimulus_scale("stimulus", optimal.unit, 0.0, limits)
+        scale = stimulus_scale("stimulus", optimal.unit, mean=0.0, limits=limits)
         ticks, texts = scale.ticks(*limits)
         ax.set_xticks(ticks, texts)
         ax.set_yticks(ticks, texts)

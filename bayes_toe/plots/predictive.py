@@ -100,7 +100,7 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     # Of three answers, the first columns have 'equal' to each pair, and the others have 'second'.
     p_yes = np.exp(log_yes[:, : subject.n_pairs])  # (draws, pairs)
     rng = generator(seed, subject.name, "posterior predictive interval")
-    # Ten replicated studies for each draw.
+    # Ten replicated studies for each draw, (10 draws, pairs).
     replicated = rng.binomial(subject.n_trials, np.tile(p_yes, (10, 1)))
     # Without the median. Each end is a number of trials, not a mean of two.
     ends = np.quantile(replicated, MARKED[::2], axis=0, method="inverted_cdf")

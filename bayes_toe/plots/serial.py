@@ -75,7 +75,8 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
 
 def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
     """Draw both panels of a subject, of the trials that have a trial before."""
-    static = table.posterior(row, "static")  # the model without history
+    # `row.draws` are those of the model without history, and those of the best of the four.
+    static = table.posterior(row, "static")
     best = table.posterior(row, row.best_history)
     # P of the counted response in each answered trial, without history.
     expected = static.trial_probabilities(row.draws[0]).mean(axis=0)
@@ -144,7 +145,7 @@ def _draw_residuals(
     shape (draws, trials).
     """
     n_trials = groups.sum(axis=1)
-    x = groups @ position / n_trials
+    x = groups @ position / n_trials  # the mean of each group, (groups,)
     ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
     draw_band(ax, x, change @ groups.T / n_trials, POSTERIOR)
     mean = groups @ residual / n_trials

@@ -271,7 +271,8 @@ def test_a_bound_of_a_condition_counts_its_distance_from_the_mean_of_all():
     for unit in two_conditions(1, n_subjects=1):
         answer, evidence = answer_subject(unit, seed=1)
         draws = evidence.averaged()
-        c, p = draws.quantities["constant_error"], draws.quantities["contraction"]
+        c = draws.quantities["constant_error"]
+        p = draws.quantities["contraction"]
         # `sbar` is the mean first stimulus of both conditions. PSE shifts are (draws, pairs).
         shifts = c[:, None] - p[:, None] * (unit.s1 - unit.scales.sbar)
         size = np.sqrt(np.mean(np.square(shifts), axis=1)) / draws.quantities["jnd"]

@@ -167,7 +167,8 @@ def test_a_point_of_the_figure_is_what_the_static_model_leaves_of_a_share(table)
 def test_listeners_carry_over(real_data):
     """Log Bayes factors are those of an earlier analysis, to its Monte Carlo error."""
     study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
-    first, second = "Sub01_Bimodal_l2", "SubA_Bimodal_l2"
+    first = "Sub01_Bimodal_l2"
+    second = "SubA_Bimodal_l2"
     table = bt.serial_dependence(study.select([first, second]), seed=1)
     assert table[first].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)
     static, _, carry_over, _ = table[second].log_evidence

@@ -162,7 +162,9 @@ def group_rows(name, letter):
 
 def answer_of(name, letters):
     """An answer by its letters; a '-' or '0' belongs to the letter before it."""
-    words, signs = [], []  # of the order effect, the constant error and the contraction
+    # Of the order effect, the constant error and the contraction.
+    words = []
+    signs = []
     for letter in letters:
         if letter in WORD_BY_LETTER:
             words.append(WORD_BY_LETTER[letter])

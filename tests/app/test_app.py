@@ -76,7 +76,8 @@ class Server:
         self.process.stdout.readline()
         self.address = self.process.stdout.readline().strip()
         parts = urlsplit(self.address)
-        self.host, self.token = parts.netloc, parts.query.removeprefix("token=")
+        self.host = parts.netloc
+        self.token = parts.query.removeprefix("token=")
         self.cookie = f"bayes_toe_{parts.port}={self.token}"
 
     def ask(self, path, body=None, **headers):
@@ -207,7 +208,8 @@ def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again
 def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
     # The folder of locks, or one of two locks in it, is replaced by a link to a folder or file of
     # the user, who also has a folder of this name elsewhere.
-    home_folder, mine = tmp_path / "home", tmp_path / "mine"
+    home_folder = tmp_path / "home"
+    mine = tmp_path / "mine"
     with home_lock(home_folder), pytest.raises(InputError, match="in use by another bayes-toe app"):
         home_lock(home_folder).__enter__()
     (mine / ".bayes_toe_app").mkdir(parents=True)
@@ -609,8 +611,10 @@ def test_all_four_parts_are_there_in_another_tab_and_other_options_hide_the_resu
 def test_answers_belong_to_their_study_while_another_is_on_its_way_and_a_failure_is_shown(
     browser, server, tmp_path
 ):
-    app_page, sent, held = AppPage(browser, server), [], []
+    app_page = AppPage(browser, server)
     page = app_page.page
+    sent = []  # the options of each request
+    held = []  # the requests
 
     def hold(route):
         # Record the options that the page sends; the first request waits until it is released.
@@ -666,7 +670,9 @@ def test_a_column_is_one_question_with_its_values(app_page, tmp_path):
 
 def test_all_studies_that_are_not_analysed_are_deleted_together(app_page):
     # The page gets a list of three studies, of which a and b were never run.
-    questions, deleted, page = [], [], app_page.page
+    questions = []
+    deleted = []
+    page = app_page.page
     studies = []
     for name, run in (("a.csv", "new"), ("b.csv", "new"), ("c.csv", "changed")):
         studies.append({"id": name[0], "files": [name], "run": run, "created": "2026-01-01"})
@@ -698,7 +704,8 @@ def text_of_trials(header, line, pairs=RATIOS, words=("first", "second")):
     for (a, b), trial in product(pairs, range(20)):
         is_right = trial % 5 > 0
         called_second = (b > a) == is_right
-        answer, other = words[called_second], words[not called_second]
+        answer = words[called_second]
+        other = words[not called_second]
         lines.append(line.format(a=a, b=b, answer=answer, other=other, correct=int(is_right)))
     return "\n".join(lines) + "\n"
 

@@ -46,8 +46,10 @@ def visible_names(page):
 
 
 #: Backgrounds, and colours of letters on them.
-WHITE, BLACK = "rgb(255, 255, 255)", "rgb(23, 24, 27)"
-INK, CHALK = "rgb(28, 28, 28)", "rgb(228, 228, 228)"
+WHITE = "rgb(255, 255, 255)"
+BLACK = "rgb(23, 24, 27)"
+INK = "rgb(28, 28, 28)"
+CHALK = "rgb(228, 228, 228)"
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,8 @@ from bayes_toe.groups.regressors import Regressor, Regressors
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
 NO_FIGURES = {"figures": "none"}
-FIRST, AGAIN = RunContext(), RunContext(overwrite=True)
+FIRST = RunContext()
+AGAIN = RunContext(overwrite=True)
 
 
 def text_of(folder, name="report.html"):
@@ -174,18 +175,43 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
     assert [words for words in words_of_2afc if words not in text] == []
 
 
-def test_each_file_of_a_run_with_conditions_has_them(tmp_path):
-    # One subject with the conditions left and right, whose constant errors differ by 2 D, and 60
-    # trials of each of 10 pairs: 1,200 trials.
-    study = two_conditions(1, n_subjects=1, n_each=60, difference=2.0)
-    out = write_results(bt.run(study, draws=100, seed=1), tmp_path / "out", FIRST, **NO_FIGURES)
-    contrast = pd.read_csv(out / "contrast.csv")
+@pytest.fixture(scope="module")
+def study_with_conditions():
+    """One subject with the conditions left and right, whose constant errors differ by 2 D.
+
+    There are 60 trials of each of 10 pairs in each condition.
+    """
+    return two_conditions(1, n_subjects=1, n_each=60, difference=2.0)
+
+
+@pytest.fixture(scope="module")
+def folder_with_conditions(study_with_conditions, tmp_path_factory):
+    """The results folder of the study with conditions."""
+    analysis = bt.run(study_with_conditions, draws=100, seed=1)
+    return write_results(analysis, tmp_path_factory.mktemp("hands") / "out", FIRST, **NO_FIGURES)
+
+
+def test_tables_of_a_run_with_conditions_have_them(folder_with_conditions):
+    contrast = pd.read_csv(folder_with_conditions / "contrast.csv")
     assert contrast[contrast.quantity == "constant error"].word.tolist() == ["differs"]
     assert contrast.seed.unique().tolist() == [1]
     for name in ("evidence.csv", "summary.csv"):
-        units = pd.read_csv(out / name)[["subject", "condition", "seed"]].drop_duplicates()
+        table = pd.read_csv(folder_with_conditions / name)
+        units = table[["subject", "condition", "seed"]].drop_duplicates()
         assert units.to_numpy().tolist() == [["P000", "left", 1], ["P000", "right", 1]]
-    text, methods = text_of(out), text_of(out, "methods.md")
+
+
+def test_draws_of_a_run_with_conditions_have_its_study(
+    folder_with_conditions, study_with_conditions
+):
+    draws = bt.load(folder_with_conditions / "posterior.nc")
+    assert draws.study.conditions == study_with_conditions.conditions
+    left = study_with_conditions["P000@left"]
+    assert draws.subject("P000@left").shared_scales == left.shared_scales
+
+
+def test_report_and_methods_of_a_run_with_conditions_name_them(folder_with_conditions):
+    report = text_of(folder_with_conditions)
     for words in (
         'id="conditions"',
         "1 subject in 2 conditions, 1,200 trials, which was stronger (2AFC), 10 pairs · seed",
@@ -193,18 +219,16 @@ def test_each_file_of_a_run_with_conditions_has_them(tmp_path):
         "Constant error differs: 1 of 1 subject yes.",
         "Differences (right − left) are medians",
     ):
-        assert words in text, words
+        assert words in report, words
     # The difference with its interval and its word: '>82 % [61, 104] ... differs (BF > 1000)'.
-    assert re.search(r">\d+(\.\d)? % \[.*<span class=\"soft\">differs \(BF ", text)
+    assert re.search(r">\d+(\.\d)? % \[.*<span class=\"soft\">differs \(BF ", report)
+    methods = text_of(folder_with_conditions, "methods.md")
     for words in (
         "An order effect was present in 2 of 2 conditions of 1 participant",
         "joint fits of all conditions of a participant",
         "was stronger (1,200 trials;",
     ):
         assert words in methods, words
-    draws = bt.load(out / "posterior.nc")
-    assert draws.study.conditions == study.conditions
-    assert draws.subject("P000@left").shared_scales == study["P000@left"].shared_scales
 
 
 def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(analysis, tmp_path):

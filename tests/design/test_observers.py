@@ -22,14 +22,16 @@ PARAMETERS = {
     "contraction": 0.27,
 }
 
-PAPER, PAPER_2AFC = paper_study_design(), paper_study_design(task="2afc")
+PAPER = paper_study_design()
+PAPER_2AFC = paper_study_design(task="2afc")
 OF_2AFC = assume_observers("both", 1, 1, [PAPER_2AFC])
 
 
 @BOTH_TASKS
 def test_observers_answer_as_the_model_both_predicts(task):
     """Trials per pair differ, because the mean first stimulus is weighted by them."""
-    s1, s2 = [0.0, 0.0, 0.4, 0.4, 0.7], [0.0, 0.4, 0.0, 0.7, 0.4]
+    s1 = [0.0, 0.0, 0.4, 0.4, 0.7]
+    s2 = [0.0, 0.4, 0.0, 0.7, 0.4]
     design = StudyDesign(s1, s2, [9, 3, 4, 5, 7], task=task)
     posterior = OrderModel("both").posterior(design.unanswered)
     parameters = {name: PARAMETERS[name] for name in posterior.coordinates}

@@ -92,7 +92,8 @@ def test_conditions_differ_by_what_is_asked():
         {"A": OBSERVER}, conditions=("left", "right"), differ=sizes, batches=2, seed=1
     )
     assert study.conditions.levels == ("left", "right")
-    left, right = truth["A@left"], truth["A@right"]
+    left = truth["A@left"]
+    right = truth["A@right"]
     assert (left["contraction"], right["contraction"]) == pytest.approx((0.2, 0.4))
     assert right["noise"] / left["noise"] == pytest.approx(2.0)
     assert left["constant_error"] == right["constant_error"] == 0.1

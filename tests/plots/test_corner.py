@@ -28,7 +28,8 @@ def legend_text(figure):
 
 def true_values_in(ax):
     """Where true values stand in a panel: abscissae of vertical, ordinates of horizontal lines."""
-    abscissae, ordinates = [], []
+    abscissae = []
+    ordinates = []
     for line in ax.lines:
         if line.get_color() == TRUTH and len(line.get_xdata()) == 2:
             (x, other_x), (y, other_y) = line.get_data()

@@ -101,7 +101,8 @@ def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
 def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(stronger):
     figure = bt.plots.curves(stronger.draws, "pulled")
     require_legible(figure)
-    panels, draws = figure.axes, stronger.draws
+    panels = figure.axes
+    draws = stronger.draws
     assert panels[-1].get_xlabel() == "second stimulus,\n% of the first"
     # A panel for each first stimulus. With the offset c, the contraction p and the mean sbar of the
     # first stimuli, second - first = c - p (first - sbar) where both seem equal.

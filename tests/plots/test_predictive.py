@@ -15,7 +15,8 @@ from bayes_toe.plots.predictive import predictive_interval
 def enlarged_analysis(analysis, size):
     """An analysis with `size` subjects: those of an analysis again and again, renamed."""
     evidence = enlarged_table(analysis.evidence, size, "participant number {}")
-    subjects, curves = [], []
+    subjects = []
+    curves = []
     for i, row in enumerate(evidence):
         position = i % len(analysis.study)
         subjects.append(replace(analysis.study.subjects[position], name=row.subject))
