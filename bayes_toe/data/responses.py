@@ -485,8 +485,10 @@ def _complement(table: TextTable, column: Column) -> str:
     Numbers that are the same in all rows have none, since any constant column would be one.
     """
     counts = column.map(whole_number, np.int64)
+    if len(np.unique(counts)) < 2:
+        return ""
     for name, other in table.columns.items():
-        if np.ptp(counts + other.map(whole_number, np.int64)) == 0 < np.ptp(counts):
+        if np.ptp(counts + other.map(whole_number, np.int64)) == 0:
             return name
     return ""
 

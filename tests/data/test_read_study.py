@@ -621,6 +621,9 @@ REFUSED_FILES = {
         "row 1: there is no column s2. The columns are subject, s1, response.\n"
         "row 3: found 2 cells, allowed: 3 cells as in the header"
     ),
+    "subject,s1,s2,n_first,n_equal,n_second\na,0\n": (
+        "row 2: found 2 cells, allowed: 6 cells as in the header"
+    ),
     "": EMPTY,
     "\ufeff": EMPTY,
     TRIALS: HEADER_ONLY,
