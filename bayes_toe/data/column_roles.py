@@ -148,6 +148,7 @@ def named_places(text: str) -> NamedPlaces:
     return NamedPlaces(stimuli, places, set(words) - _MEANINGS.keys())
 
 
+@lru_cache(maxsize=2**16)
 def _counted_answer(name: str) -> str:
     """The answer that a column counts by the words of its name; empty if it names none.
 

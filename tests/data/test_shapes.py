@@ -1112,8 +1112,10 @@ TAKEN_OUT = """
 def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(column, mark, other):
     # Such as a column exclude with 1 in every fifth row, 16 of 80, and 0 in the others.
     table = IN_LOGS.assign(**{column: [mark, *[other] * 4] * 16})
-    remark = f"study.csv: 16 rows with '{mark}' in column {column} are counted; --where "
-    remark += f"{shlex.quote(f'{column}={other}')} leaves them out"
+    remark = (
+        f"study.csv: 16 rows with '{mark}' in column {column} are counted; --where "
+        f"{shlex.quote(f'{column}={other}')} leaves them out"
+    )
     assert read(csv_bytes(table)).reading.doubts == (remark,)
     counted = bt.read_study(table, bt.ReadOptions(where={column: other}))
     assert counted.frame()["n_trials"].sum() == 64
