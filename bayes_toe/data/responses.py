@@ -146,8 +146,7 @@ def responses(
         problem, remedies = _unknown_texts(column, answer_index, codes, names)
     if _UNKNOWN in answer_index:
         remedies = _proposals(table, column, answer_index, names, options, trends, remedies)
-        if order.column is not None and remedies:
-            remedies = _with_mirrored(remedies, column, order.column, options)
+        remedies = _with_mirrored(remedies, column, order.column, options)
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
@@ -619,22 +618,22 @@ def _proposals(
 
 
 def _with_mirrored(
-    remedies: list[Remedy], column: Column, order: Column, options: ReadOptions
+    remedies: list[Remedy], column: Column, order: Column | None, options: ReadOptions
 ) -> list[Remedy]:
     """The remedies with the opposite order and the other response as 'second', if both are codes.
 
     Responses fit this and the likeliest remedy alike, but constant errors have opposite signs. If
     no option gives a code of the order, the reading comes first in which the right key is 'second'.
     """
-    likeliest = remedies[0]
     codes = from_left_to_right(_frequent(column))
-    orders = [text for text in order.texts if text not in ("", options.standard_first_code)]
-    if likeliest.option != "second_code" or len(codes) != 2:
+    if order is None or len(codes) != 2 or not remedies or remedies[0].option != "second_code":
         return remedies
-    code = codes[likeliest.value == codes[0]]  # the other one
+    likeliest = remedies[0]
+    code = codes[1] if likeliest.value == codes[0] else codes[0]  # the other one
     together = (Remedy("second_code", code),)
     fit = f"and {code} is 'second': responses fit this, too, and constant errors change their sign"
 
+    orders = [text for text in order.texts if text not in ("", options.standard_first_code)]
     if options.standard_first_code is not None and len(orders) == 1:
         option = "standard_first_code"
         meaning = f"if {orders[0]} means that the standard was first, {fit}"
@@ -650,8 +649,9 @@ def _with_mirrored(
             together=together,
             replaces="standard_interval",
         )
-        index = codes.index(code)  # 1 if it is the right key
-        return [*remedies[: 1 - index], mirrored, *remedies[1 - index :]]
+        if code == codes[1]:  # the right key
+            return [mirrored, *remedies]
+        return [likeliest, mirrored, *remedies[1:]]
     return remedies
 
 
