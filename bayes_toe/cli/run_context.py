@@ -111,7 +111,9 @@ class RunContext:
         self.out.line(describe_study(study))
         if study.changes:
             self.out.line(f"With {' '.join(study.changes)}")
-        if self.prior is not None:
+        if self.prior == "paper":
+            self.out.line("Prior: paper (of H1 alone; the four models keep their default prior)")
+        elif self.prior is not None:
             self.out.line(f"Prior: {self.prior}")
         for part in study.by_task:
             self.out.findings(urgent_findings(part, prior))

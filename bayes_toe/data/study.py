@@ -313,8 +313,7 @@ class Subject:
         rows = _rows(self).of_direction
         if not rows.n_trials.any():
             return None
-        subject = _with_rows(self, rows, WHICH_STRONGER)
-        return replace(subject, shared_scales=self.shared_scales)
+        return _with_rows(self, rows, WHICH_STRONGER)
 
     @property
     def n_first(self) -> IntArray:
@@ -673,4 +672,9 @@ def _with_rows(subject: Subject, rows: Answers, task: Task) -> Subject:
     """A subject with other rows, which it keeps only if the given one keeps its answers."""
     changed = Subject.from_answers(subject.name, rows, task, subject.unit)
     answers = None if subject.answers is None else rows
-    return replace(changed, condition=subject.condition, answers=answers)
+    return replace(
+        changed,
+        condition=subject.condition,
+        answers=answers,
+        shared_scales=subject.shared_scales,
+    )

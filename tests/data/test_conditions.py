@@ -248,6 +248,7 @@ def test_tasks_are_conditions_by_a_column():
     assert study.names == UNITS
     assert [part.task for part in study.by_task] == [WHICH_STRONGER, SAME_DIFFERENT]
     assert study["a@2AFC"].shared_scales == study["a@same/different"].shared_scales
+    assert study.by_task[0].swap("a@2AFC")["a@2AFC"].scales == study["a@2AFC"].scales
     assert read(CODES, "--condition task --equal-code 1 --second-code 1").names == UNITS
 
 
