@@ -380,26 +380,24 @@ class _Rows:
         `answers` are parts of the first note: 'trial rows, UTF-8, 20 of 40 trials ...'.
         """
         table = self.table
-        options = self.options
         stimulus_texts = "".join(["".join(column.texts) for column in self.stimulus_columns])
         parts = [f"{form} rows", table.form]
         if table.delimiter:
             parts.insert(1, f"{DELIMITERS[table.delimiter]}-separated")
-        if options.decimal != "." and "," in stimulus_texts:
+        if self.options.decimal != "." and "," in stimulus_texts:
             parts.append("decimal comma")
-        unit = options.unit_in_words
+        unit = self.options.unit_in_words
         scale = "" if unit else ", stimuli as natural logs"
-        notes: list[str] = [
-            Note(f"{', '.join(parts)}, ", *answers, scale),
-            *self.order.notes,
-            *table.notes,
-        ]
-        for name, text in options.where.items():
+        low, high = np.nanmin(self.stimuli), np.nanmax(self.stimuli)
+        if scale and low > 0.0:  # they may be intensities
+            scale += f", up to a factor of {np.exp(high - low):.3g} apart; else add --unit"
+        notes = [Note(f"{', '.join(parts)}, ", *answers, scale), *self.order.notes, *table.notes]
+        for name, text in self.options.where.items():
             notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
 
         # By name in the file, what a column is read as: our name, and the unit of stimuli.
         read_as = {}
-        for role, name in options.columns.items():
+        for role, name in self.options.columns.items():
             if name != role and role in self.columns:
                 read_as[name] = [role]
         if unit:
