@@ -639,8 +639,9 @@ def _with_mirrored(
         meaning = f"if {orders[0]} means that the standard was first, {fit}"
         mirrored = Remedy(option, orders[0], meaning, together=together, replaces=option)
         return [likeliest, mirrored, *remedies[1:]]
-    # A name such as `std_position` says itself whose interval it has.
-    if options.standard_interval and not named_places(order.name).stimuli:
+    # A name such as `std_position`, or a text such as 'SC', says itself which stimulus it is about.
+    is_open = "".join(order.texts).isdecimal() and not named_places(order.name).stimuli
+    if options.standard_interval and is_open:
         meaning = f"if it is rather that of the comparison, {fit}"
         mirrored = Remedy(
             "comparison_interval",
