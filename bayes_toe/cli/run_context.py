@@ -82,11 +82,15 @@ class RunContext:
 
     # --- what is read -----------------------------------------------------------------------------
 
-    def read(self, file: StudyFile, *, several_tasks: bool = False) -> tuple[Study, Prior]:
-        """Read the study and the prior; the prior first, because it is the shorter file.
+    def read_and_describe(
+        self, file: StudyFile, *, several_tasks: bool = False
+    ) -> tuple[Study, Prior]:
+        """Read the study and the prior; print what was read, and probable mistakes in the study.
 
+        The prior is read first, because it is the shorter file. It is printed if --prior names it.
         A study with several tasks is refused, unless the command compares them.
         """
+        from bayes_toe.checks.design_checks import urgent_findings
         from bayes_toe.model.prior_file import preset_or_file, prior_for
 
         preset = preset_or_file(self.prior)
@@ -94,20 +98,7 @@ class RunContext:
         if len(study.by_task) > 1 and not several_tasks:
             # Reading without --condition raises an error that says what to type for each task.
             replace(file, reading={**file.reading, "condition": None}).read()
-        return study, prior_for(study, preset)
-
-    def read_and_describe(
-        self, file: StudyFile, *, several_tasks: bool = False
-    ) -> tuple[Study, Prior]:
-        """Read the study and the prior as :meth:`read`, and describe them on the screen."""
-        study, prior = self.read(file, several_tasks=several_tasks)
-        self.introduce(study, prior)
-        return study, prior
-
-    def introduce(self, study: Study, prior: Prior) -> None:
-        """Print what was read, the prior that --prior names, and probable mistakes in the study."""
-        from bayes_toe.checks.design_checks import urgent_findings
-
+        prior = prior_for(study, preset)
         self.out.line(describe_study(study))
         if study.changes:
             self.out.line(f"With {' '.join(study.changes)}")
@@ -117,6 +108,7 @@ class RunContext:
             self.out.line(f"Prior: {self.prior}")
         for part in study.by_task:
             self.out.findings(urgent_findings(part, prior))
+        return study, prior
 
     def print_uninterpretable(self, study: Study) -> None:
         """Print the subjects in use whose responses cannot be interpreted, with the reasons."""

@@ -69,18 +69,16 @@ def fit(
     require_share("level", level)
     outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
     context.require_files(*outputs)
-    study, prior = context.read(file)
+    study, prior = context.read_and_describe(file)
     # A study without pairs in both orders cannot be tested, but its model can be fitted.
     asymmetries = None
-    problem = ""
     try:
         asymmetries = bt.asymmetry(study)
     except bt.InputError as error:
         if asymmetry_output is not None:
             raise
-        problem = str(error)
+        context.out.remarks([f"No test of asymmetry: {error}."])
 
-    context.introduce(study, prior)
     table = context.work(
         "fitting", len(study), bt.fit, study, replicates=replicates, level=level, prior=prior
     )
@@ -88,9 +86,7 @@ def fit(
     save_options = {"overwrite": context.overwrite, "units": study.conditions is not None}
     table.save(output, **save_options)
     print_fits(context.out, table)
-    if asymmetries is None:
-        context.out.remarks([f"No test of asymmetry: {problem}."])
-    else:
+    if asymmetries is not None:
         print_asymmetry(context.out, asymmetries)
         if asymmetry_output is not None:
             asymmetries.save(asymmetry_output, **save_options)

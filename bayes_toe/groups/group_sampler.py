@@ -23,7 +23,7 @@ import numpy as np
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, Rng
 from bayes_toe.groups.group_posterior import GroupPosterior
-from bayes_toe.inference.diagnostics import Convergence, convergence_of, worst
+from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall
 
 Density = Callable[[FloatArray], ArrayPair]
 
@@ -305,24 +305,22 @@ class GroupDraws:
 
     @cached_property
     def convergence(self) -> Mapping[str, Convergence]:
-        """Diagnostics of every mean, standard deviation and effect, by its number: '0', '1', ..."""
+        """Diagnostics of every mean, standard deviation and effect, by its number: 'quantity 1'."""
         effects = self.effects.reshape(*self.mean.shape[:2], -1)
         columns = np.concatenate([self.mean, self.sd, effects], axis=2)
-        return convergence_of({str(i): columns[..., i] for i in range(columns.shape[2])})
+        return convergence_of(
+            {f"quantity {i + 1}": columns[..., i] for i in range(columns.shape[2])}
+        )
 
     @property
     def shortfall(self) -> str:
         """The reasons why the draws are not reliable, in words; empty if they are."""
-        (_, n_effective), (_, r_hat) = worst(self.convergence)
-        problems = []
+        # The name of a quantity is a number, because these draws do not know what it is.
+        problems = [shortfall(self.convergence, MIN_EFFECTIVE_DRAWS, MAX_R_HAT)]
         if self.n_divergent:
             n_trajectories = math.prod(self.mean.shape[:2])
-            problems.append(f"{self.n_divergent} of {n_trajectories} trajectories diverged")
-        if n_effective < MIN_EFFECTIVE_DRAWS:
-            problems.append(f"{n_effective:.0f} effective draws, {MIN_EFFECTIVE_DRAWS} required")
-        if r_hat > MAX_R_HAT:
-            problems.append(f"R-hat {r_hat:.3f}, at most {MAX_R_HAT:g} required")
-        return "; ".join(problems)
+            problems.insert(0, f"{self.n_divergent} of {n_trajectories} trajectories diverged")
+        return "; ".join(filter(None, problems))
 
 
 def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraws:

@@ -256,80 +256,13 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
             if not is_text and variable.size > 0 and variable.ndim > 0:
                 options[str(name)] = {"fletcher32": True}
 
-    with whole_file(path, overwrite=overwrite) as target, _OutputFile(target, "w+") as file:
-        try:
-            with without_cluster():  # xarray would ask a cluster for a lock
-                tree.to_netcdf(file, engine="h5netcdf", encoding=encoding)
-        finally:
-            # HDF5 ends the process at an error of writing, so that the file kept it. It goes before
-            # an error that follows from it.
-            if file.error is not None:
-                raise file.error
+    # HDF5 would end the process at an error of writing, as on a full disk: it writes to memory.
+    content = io.BytesIO()
+    with whole_file(path, overwrite=overwrite) as target:
+        with without_cluster():  # xarray would ask a cluster for a lock
+            tree.to_netcdf(content, engine="h5netcdf", encoding=encoding)
+        target.write_bytes(content.getbuffer())
     return Path(path)
-
-
-class _OutputFile(io.FileIO):
-    """A file that keeps the first error of writing and goes on in memory.
-
-    HDF5 ends the process where a file cannot be written, such as on a full disk, or where it does
-    not read what it wrote.
-
-    Attributes
-    ----------
-    error : OSError or None
-        The first error of writing; the caller raises it.
-    memory : BytesIO or None
-        The content of the file since that error.
-    """
-
-    error: OSError | None = None
-    memory: io.BytesIO | None = None
-
-    def write(self, data: Any, /) -> int:
-        """Write all bytes, to memory if the disk does not take them."""
-        start = self.tell()
-        remaining = memoryview(data)
-        try:
-            while len(remaining) > 0:
-                n_written = self._stream.write(remaining)  # may be fewer than all
-                remaining = remaining[n_written:]
-        except OSError as error:
-            # All of the data again: some of it may not have reached the disk.
-            self._go_on_in_memory(error)
-            self.seek(start)
-            self._stream.write(data)
-        return len(data)
-
-    def truncate(self, size: int | None = None, /) -> int:
-        """Give the file another size, and return it; after an error, the present position."""
-        try:
-            return self._stream.truncate(size)
-        except OSError as error:
-            self._go_on_in_memory(error)
-            return self.tell()
-
-    def readinto(self, buffer: Any, /) -> int:
-        """Read bytes from the present position on."""
-        return self._stream.readinto(buffer)
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        """Move to a position."""
-        return self._stream.seek(offset, whence)
-
-    def tell(self) -> int:
-        """The present position."""
-        return self._stream.tell()
-
-    @property
-    def _stream(self) -> Any:
-        """The methods of the file itself or, after an error, of its content in memory."""
-        return super() if self.memory is None else self.memory
-
-    def _go_on_in_memory(self, error: OSError) -> None:
-        """Keep the error, and copy what the file has to memory."""
-        self.error = error
-        self.seek(0)
-        self.memory = io.BytesIO(self.readall())
 
 
 def read_tree(path: StrPath) -> xr.DataTree:

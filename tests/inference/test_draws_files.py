@@ -136,7 +136,7 @@ def test_a_file_has_the_time_and_the_seed_of_its_run(analysis):
 def test_a_file_has_a_hash_of_its_counts(analysis):
     # The hash of the counts does not depend on the draws or the seed.
     study = analysis.study
-    trees = [study_tree(counts, 1, {}) for counts in (study, study.swap("A"))]
+    trees = [study_tree(counts, 1, {}, {}) for counts in (study, study.swap("A"))]
     hashes = [tree.attrs["counts_hash"] for tree in (analysis.draws.tree, *trees)]
     assert hashes[0] == hashes[1] != hashes[2]
 
@@ -274,4 +274,6 @@ def test_more_draws_than_a_file_holds_are_refused_with_the_way_out(
     monkeypatch.setattr("bayes_toe.inference.draws.LARGEST", 10**6)  # bytes
     monkeypatch.setattr("bayes_toe.analysis.run_stored", None)  # the work must not begin
     message = "allowed in a file: 0.001 GB; fewer --draws, or files of some subjects each"
-    assert message in refusal_of("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
+    assert message in refusal_of(
+        "sample", study_csv, "-o", "posterior.nc", cwd=tmp_path, silent=False
+    )
