@@ -305,7 +305,7 @@ def is_percentage(name: str) -> bool:
     (True, True, False)
     """
     words = VOCABULARY["units"]["percentage"]
-    return "%" in name or any(map(plain_name(name).__contains__, words))
+    return "%" in name or any(map(plain_name(name.replace("resp", "")).__contains__, words))
 
 
 # --- Roles ----------------------------------------------------------------------------------------
@@ -352,6 +352,8 @@ _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
 #: Rows in which correct answers hardly come from participants.
 _MANY = 30
+#: Least correlation of counts with what makes their answer likelier.
+_LEAST_TREND = 0.3
 #: Roles whose names in the file are proposed if the columns are missing.
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
 
@@ -894,30 +896,42 @@ def _remedies(
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
         names_to_skip = (*pair, *solutions(columns, options, pair))
         others = [column for column in unread if column.name not in names_to_skip]
+        yield from _count_remedies(missing, options, columns, pair)
         yield from _columns_remedies(required, stimuli, others)
 
-    if missing == ["n_equal"]:
-        yield from _count_remedies(names, options)
     if "correct" in missing:
         score_names = [*names_like(names, "correct"), "NAME"]  # NAME if there is no other
         yield Remedy("correct", score_names[0], "with the name in your file")
 
 
-def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
-    """Options to type if a table has n_trials, and other names of what it counts.
+def _count_remedies(
+    missing: Texts, options: ReadOptions, columns: Iterable[Column], pair: Texts
+) -> Iterator[Remedy]:
+    """Options to type if the answers are missing, and a column may count them.
 
-    NAME stands for a name that the user has to type.
+    No number in it is larger than that of the trials, and it follows the trend of an answer:
+    'second' is commoner the larger s2 - s1 is, 'equal' the nearer the stimuli are, and right
+    answers the farther they are. `pair` has the names of the stimuli if the options lack them.
     """
-    if options.name("n_trials") not in names:
+    values = {column.name: column.map(number, float) for column in columns}
+    trials = "".join(names_like(values, "n_trials"))  # one, or none that is clear
+    names = (*(pair or options.stimulus_names), trials)
+    if not values.keys() >= set(names) or {"response", "n_equal"}.isdisjoint(missing):
         return
-    meaning = "if it counts 'the second was stronger' (2AFC)"
-    yield Remedy("columns", (("n_second", "NAME"),), meaning)
-    n_correct_names = [*names_like(names, "n_correct"), "NAME"]  # NAME if there is no other
-    meaning = "if it counts right responses (2AFC)"
-    yield Remedy("columns", (("n_correct", n_correct_names[0]),), meaning)
-    if options.has_standard:
-        meaning = "if it counts 'the comparison was stronger' (2AFC)"
-        yield Remedy("columns", (("n_comparison", "NAME"),), meaning)
+    first, second, n = map(values.pop, names)
+    rise = second - first
+    trends = {"n_comparison" if options.has_standard else "n_second": rise, "n_equal": -abs(rise)}
+    if rise.all():  # equal stimuli have no right answer
+        trends["n_correct"] = abs(rise)
+    for name, counts in values.items():
+        if len(set(counts)) > 3 and (is_percentage(name) or (counts <= n).all()):  # no codes
+            shares = counts / np.maximum(n, 1.0) if (counts > 1.0).any() else counts
+            for role, trend in trends.items():
+                with np.errstate(invalid="ignore"):  # of what is constant, r is NaN
+                    r = np.corrcoef(shares, trend)[0, 1]
+                if r > _LEAST_TREND:
+                    roles = (*zip(options.stimuli, pair, strict=False), (role, name))
+                    yield Remedy("columns", (*roles, ("n_trials", trials)))
 
 
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:

@@ -342,6 +342,7 @@ READ = {
     "--standard-first-code AB": BY_LETTER,
     "right_answers.csv --columns n_correct=hits": RIGHT_COUNTS.drop(columns="n_second"),
     "counts_by_a_name.csv --standard-interval order --columns n_comparison=n_chosen": BY_COMPARISON,
+    "shares_by_option.csv --columns n_second=p": labelled(PROPORTIONS, n_second="p", n_trials="m"),
     "percent_and_n.csv": labelled(IN_PERCENT, n_second="% second", n_trials="N"),
     "grams.csv --intensity 1000 --columns i1=w1,i2=w2": IN_GRAMS,
     "grams_by_unit.csv --unit g": labelled(IN_GRAMS, w1="i1", w2="i2"),
@@ -715,11 +716,14 @@ REFUSED = {
         labelled(IN_LOGS, response="x"),
         "no column NAME. The columns are subject, s1, s2, x. In the place of NAME, type one of t",
     ),
+    "shares_under_another_name.csv": (
+        labelled(PROPORTIONS, n_second="p", n_trials="m"),
+        "type:  --columns n_second=p,n_trials=m\n",
+    ),
     "counts_of_what.csv --standard-interval order": (
         BY_COMPARISON,
         "there is no column n_equal",
-        "--columns n_comparison=NAME",
-        "if it counts 'the comparison was stronger' (2AFC)",
+        "type:  --columns n_comparison=n_chosen,n_trials=n_trials\n",
     ),
     "e_prime.txt": (
         "*** Header Start ***\nSubject: 12\n*** Header End ***\n",
@@ -745,7 +749,7 @@ REFUSED = {
     ),
     "right_answers.csv": (
         RIGHT_COUNTS.drop(columns="n_second").rename(columns={"hits": "n_correct"}),
-        "--columns n_correct=n_correct  if it counts right responses (2AFC)",
+        "type:  --columns n_correct=n_correct,n_trials=n_trials\n",
     ),
     "pairs_without_a_pattern.csv": (
         "subject,pair,response\na,4-6,second\na,6-4,first\n",
