@@ -553,7 +553,7 @@ def columns_to_read(
 
     # The names that must be there once: those of --where, those of roles in the order of `COLUMNS`,
     # and those that options give and the file lacks.
-    roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
+    roles = filter(roles_read.__contains__, (*COLUMNS, "correct", "standard_interval"))
     required = dict.fromkeys(
         [
             *options.where,
@@ -878,8 +878,7 @@ def _remedies(
     names = [column.name for column in columns]
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
-    names_read = list(map(options.name, roles_read))
-    unread = [column for column in columns if column.name not in names_read]
+    unread = [column for column in columns if column.name not in map(options.name, roles_read)]
     pairs = _likely_pairs(unread, are_positive=options.has_intensities)
     # If no two columns may be the stimuli, names or cells may be pairs of stimuli.
     if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
@@ -900,8 +899,7 @@ def _remedies(
         yield from _columns_remedies(required, stimuli, others)
 
     if "correct" in missing:
-        score_names = [*names_like(names, "correct"), "NAME"]  # NAME if there is no other
-        yield Remedy("correct", score_names[0], "with the name in your file")
+        yield Remedy("correct", _likely_names(columns, "correct")[0], "with the name in your file")
 
 
 def _count_remedies(
@@ -925,13 +923,15 @@ def _count_remedies(
         trends["n_correct"] = abs(rise)
     for name, counts in values.items():
         if len(set(counts)) > 3 and (is_percentage(name) or (counts <= n).all()):  # no codes
-            shares = counts / np.maximum(n, 1.0) if (counts > 1.0).any() else counts
-            for role, trend in trends.items():
-                with np.errstate(invalid="ignore"):  # of what is constant, r is NaN
-                    r = np.corrcoef(shares, trend)[0, 1]
-                if r > _LEAST_TREND:
-                    roles = (*zip(options.stimuli, pair, strict=False), (role, name))
-                    yield Remedy("columns", (*roles, ("n_trials", trials)))
+            # Shares are divided by the trials too, which are about the same in all rows. Without
+            # trials, and of what is constant, r is NaN.
+            with np.errstate(all="ignore"):
+                correlations = np.corrcoef([counts / n, *trends.values()])[0, 1:]
+            for role, r in zip(trends, correlations, strict=True):
+                # No trend is closer, be it upwards or downwards, as that of 'different'.
+                if r > _LEAST_TREND and r == np.nanmax(abs(correlations)):
+                    stimuli = zip(options.stimuli, pair, strict=False)
+                    yield Remedy("columns", (*stimuli, (role, name), ("n_trials", trials)))
 
 
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
@@ -1016,15 +1016,15 @@ def _columns_remedies(
             else ""
         )
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
-    other_options: list[Remedy] = []
-    for role in names_by_role:
-        other_options += replacements.get(role, [])
+    other_options = list(
+        chain(*map(replacements.__getitem__, filter(replacements.__contains__, names_by_role)))
+    )
     if are_replaceable and blank_roles == roles:  # no column is known
         return other_options + by_name
     return by_name + other_options
 
 
-def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
+def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     """Three columns that may have a role, by their names or by their cells; NAME if there is none.
 
     Examples

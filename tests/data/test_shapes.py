@@ -342,7 +342,6 @@ READ = {
     "--standard-first-code AB": BY_LETTER,
     "right_answers.csv --columns n_correct=hits": RIGHT_COUNTS.drop(columns="n_second"),
     "counts_by_a_name.csv --standard-interval order --columns n_comparison=n_chosen": BY_COMPARISON,
-    "shares_by_option.csv --columns n_second=p": labelled(PROPORTIONS, n_second="p", n_trials="m"),
     "percent_and_n.csv": labelled(IN_PERCENT, n_second="% second", n_trials="N"),
     "grams.csv --intensity 1000 --columns i1=w1,i2=w2": IN_GRAMS,
     "grams_by_unit.csv --unit g": labelled(IN_GRAMS, w1="i1", w2="i2"),
@@ -716,9 +715,9 @@ REFUSED = {
         labelled(IN_LOGS, response="x"),
         "no column NAME. The columns are subject, s1, s2, x. In the place of NAME, type one of t",
     ),
-    "shares_under_another_name.csv": (
-        labelled(PROPORTIONS, n_second="p", n_trials="m"),
-        "type:  --columns n_second=p,n_trials=m\n",
+    "counts_under_other_names.csv": (
+        labelled(COUNTS, n_second="k", n_trials="m"),
+        "type:  --columns n_second=k,n_trials=m\n",
     ),
     "counts_of_what.csv --standard-interval order": (
         BY_COMPARISON,
