@@ -178,6 +178,10 @@ class InputError(BayesToeError, ValueError):
         return type(self), (self.problems, self.remedies)
 
 
+class NoTrialsError(InputError):
+    """A file that is sound but has no trial, as a session that was stopped leaves it."""
+
+
 def with_next_questions(
     error: InputError, options: Any, read: Callable[[Any], object]
 ) -> InputError:

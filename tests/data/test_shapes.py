@@ -1297,11 +1297,14 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
 
 
 def test_a_folder_stands_for_its_tables(tmp_path):
-    # Of five files, two are tables: the others are a lock of Excel, a hidden file and a log.
+    # Of six files, two are tables of trials: the others are a lock of Excel, a hidden file, a log,
+    # and the file of a session that was stopped.
     write_folder(tmp_path, "1.csv", "2.CSV", "~$1.csv", ".3.csv", "1.log")
+    write_file(tmp_path / "data/0.csv", "subject,s1,s2,response\nP99,0,0.3,\n")
     study = bt.read_study(tmp_path / "data")
     assert study.source == "2 files, 1.csv to 2.CSV"
-    assert study.notes[0] == f"folder {display_name(str(tmp_path / 'data'))}: 2 .csv files read"
+    assert study.notes[0] == f"folder {display_name(str(tmp_path / 'data'))}: 3 .csv files read"
+    assert study.notes[1].startswith("left out: 0.csv: column response: found no response in any")
     line = "fit data -o data/1.csv --overwrite --replicates 2"
     assert "this command reads that file and must not replace it" in refusal_of(line, cwd=tmp_path)
 
