@@ -181,6 +181,10 @@ class InputError(BayesToeError, ValueError):
         return type(self), (self.problems, self.remedies)
 
 
+class NoTrialsError(InputError):
+    """A file that is sound but has no trial, as a session that was stopped leaves it."""
+
+
 def _without_replaced(answers: Collection[Remedy]) -> list[Remedy]:
     """The answers without those that another one replaces, maybe by the same option."""
     replaced = {answer.replaces for answer in answers}

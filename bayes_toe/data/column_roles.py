@@ -320,7 +320,7 @@ def is_percentage(name: str) -> bool:
     (True, True, False)
     """
     words = VOCABULARY["units"]["percentage"]
-    return "%" in name or any(map(plain_name(name).__contains__, words))
+    return "%" in name or any(map(plain_name(name.replace("resp", "")).__contains__, words))
 
 
 # --- Roles ----------------------------------------------------------------------------------------
@@ -367,6 +367,8 @@ _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
 #: Rows in which correct answers hardly come from participants.
 _MANY = 30
+#: Least correlation of counts with what makes their answer likelier.
+_LEAST_TREND = 0.3
 #: Roles whose names in the file are proposed if the columns are missing.
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
 
@@ -566,7 +568,7 @@ def columns_to_read(
 
     # The names that must be there once: those of --where, those of roles in the order of `COLUMNS`,
     # and those that options give and the file lacks.
-    roles = [role for role in (*COLUMNS, "correct", "standard_interval") if role in roles_read]
+    roles = filter(roles_read.__contains__, (*COLUMNS, "correct", "standard_interval"))
     required = dict.fromkeys(
         [
             *options.where,
@@ -894,8 +896,7 @@ def _remedies(
     names = [column.name for column in columns]
     roles = dict.fromkeys((*roles_read, *options.columns))
     missing = [role for role in roles if options.name(role) not in names]
-    names_read = list(map(options.name, roles_read))
-    unread = [column for column in columns if column.name not in names_read]
+    unread = [column for column in columns if column.name not in map(options.name, roles_read)]
     pairs = _likely_pairs(unread, are_positive=options.has_intensities)
     # If no two columns may be the stimuli, names or cells may be pairs of stimuli.
     if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
@@ -912,30 +913,43 @@ def _remedies(
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
         names_to_skip = (*pair, *solutions(columns, options, pair))
         others = [column for column in unread if column.name not in names_to_skip]
+        yield from _count_remedies(missing, options, columns, pair)
         yield from _columns_remedies(required, stimuli, others)
 
-    if missing == ["n_equal"]:
-        yield from _count_remedies(names, options)
     if "correct" in missing:
-        score_names = [*names_like(names, "correct"), "NAME"]  # NAME if there is no other
-        yield Remedy("correct", score_names[0], "with the name in your file")
+        yield Remedy("correct", _likely_names(columns, "correct")[0], "with the name in your file")
 
 
-def _count_remedies(names: Texts, options: ReadOptions) -> Iterator[Remedy]:
-    """Options to type if a table has n_trials, and other names of what it counts.
+def _count_remedies(
+    missing: Texts, options: ReadOptions, columns: Iterable[Column], pair: Texts
+) -> Iterator[Remedy]:
+    """Options to type if the answers are missing, and a column may count them.
 
-    NAME stands for a name that the user has to type.
+    No number in it is larger than that of the trials, and it follows the trend of an answer:
+    'second' is commoner the larger s2 - s1 is, 'equal' the nearer the stimuli are, and right
+    answers the farther they are. `pair` has the names of the stimuli if the options lack them.
     """
-    if options.name("n_trials") not in names:
+    values = {column.name: column.map(number, float) for column in columns}
+    trials = "".join(names_like(values, "n_trials"))  # one, or none that is clear
+    names = (*(pair or options.stimulus_names), trials)
+    if not values.keys() >= set(names) or {"response", "n_equal"}.isdisjoint(missing):
         return
-    meaning = "if it counts 'the second was stronger' (2AFC)"
-    yield Remedy("columns", (("n_second", "NAME"),), meaning)
-    n_correct_names = [*names_like(names, "n_correct"), "NAME"]  # NAME if there is no other
-    meaning = "if it counts right responses (2AFC)"
-    yield Remedy("columns", (("n_correct", n_correct_names[0]),), meaning)
-    if options.has_standard:
-        meaning = "if it counts 'the comparison was stronger' (2AFC)"
-        yield Remedy("columns", (("n_comparison", "NAME"),), meaning)
+    first, second, n = map(values.pop, names)
+    rise = second - first
+    trends = {"n_comparison" if options.has_standard else "n_second": rise, "n_equal": -abs(rise)}
+    if rise.all():  # equal stimuli have no right answer
+        trends["n_correct"] = abs(rise)
+    for name, counts in values.items():
+        if len(set(counts)) > 3 and (is_percentage(name) or (counts <= n).all()):  # no codes
+            # Shares are divided by the trials too, which are about the same in all rows. Without
+            # trials, and of what is constant, r is NaN.
+            with np.errstate(all="ignore"):
+                correlations = np.corrcoef([counts / n, *trends.values()])[0, 1:]
+            for role, r in zip(trends, correlations, strict=True):
+                # No trend is closer, be it upwards or downwards, as that of 'different'.
+                if r > _LEAST_TREND and r == np.nanmax(abs(correlations)):
+                    stimuli = zip(options.stimuli, pair, strict=False)
+                    yield Remedy("columns", (*stimuli, (role, name), ("n_trials", trials)))
 
 
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
@@ -1020,15 +1034,15 @@ def _columns_remedies(
             else ""
         )
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
-    other_options: list[Remedy] = []
-    for role in names_by_role:
-        other_options += replacements.get(role, [])
+    other_options = list(
+        chain(*map(replacements.__getitem__, filter(replacements.__contains__, names_by_role)))
+    )
     if are_replaceable and blank_roles == roles:  # no column is known
         return other_options + by_name
     return by_name + other_options
 
 
-def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
+def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     """Three columns that may have a role, by their names or by their cells; NAME if there is none.
 
     Examples

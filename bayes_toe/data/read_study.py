@@ -99,7 +99,7 @@ from bayes_toe.data.validation import (
     require_texts,
     whole_number,
 )
-from bayes_toe.errors import InputError, Remedy, require_kind, with_next_questions
+from bayes_toe.errors import InputError, NoTrialsError, Remedy, require_kind, with_next_questions
 
 #: What made the bundled files: the default example, and the study in the paper's design.
 COMMANDS = (
@@ -149,7 +149,7 @@ def read_study(
         trials by their suffix, .mat, see :mod:`bayes_toe.data.text_table`. Rows of a frame count
         from 0. Several files or frames in a list make one study: the answers of a subject who is in
         more than one of them are put together, file by file a block. A folder stands for the tables
-        in it.
+        in it. Of several files, those without a trial are left out, with a note.
     options : ReadOptions, optional
         For raw intensities, other answer codes or other column names.
 
@@ -185,19 +185,19 @@ def read_study(
         "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})",
     )
     paths = list(path) if isinstance(path, list | tuple) else [path]
-    paths, folder_notes = table_files(paths)
+    paths, notes_on_files = table_files(paths)
 
     def read(with_options: ReadOptions) -> Study:
         choice = partial(known_names, options=with_options)
         sheets, sheet_options = with_sheets(paths, with_options, choice)
-        studies = read_files(sheets, partial(_read, options=sheet_options))
+        studies = read_files(sheets, partial(_read, options=sheet_options), notes_on_files)
         return study_of_tasks(studies, sheet_options)
 
     try:
         study = read(options)
     except InputError as error:
         raise with_next_questions(error, options, read) from None
-    study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
+    study = with_conditions(replace(study, notes=(*notes_on_files, *study.notes)), options)
     # A column that is called condition, and that no option names, may be none.
     is_chosen = options.categorical or options.condition or options.reference
     is_by_name = study.conditions is not None and not is_chosen
@@ -584,7 +584,7 @@ def _trial_study(rows: _Rows) -> Study:
     if not answers.is_answered.any():
         remedy = Remedy("columns", (("response", "NAME"),), "if another column has the responses")
         remedies = [remedy] if options.correct is None else []
-        raise InputError(
+        raise NoTrialsError(
             f"{table.source}: {column}: found no response in any of {len(table.rows)} rows, "
             "allowed: at least one answered trial",
             remedies,

@@ -55,7 +55,7 @@ from bayes_toe.data.text_table import (
     value_text,
     without_headers,
 )
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.errors import InputError, NoTrialsError, Remedy
 
 #: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5
 #: million.
@@ -318,7 +318,7 @@ def _tables_of_sheets(
 ) -> dict[str, tuple[int, list[str]]]:
     """The sheets with most of our columns: the index of the row with the names, and the names."""
     if not sheets:
-        raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
+        raise NoTrialsError(f"{source}: found no table, allowed: a sheet with names and rows")
     heads = {}
     for title, rows in sheets.items():
         records = []  # the first rows as names

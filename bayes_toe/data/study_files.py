@@ -40,7 +40,7 @@ from bayes_toe.data.options import ReadOptions, subject_in
 from bayes_toe.data.read_table import TABLE_SUFFIXES, is_excel, sheet_paths
 from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.data.text_table import Choice
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.errors import InputError, NoTrialsError, Remedy
 
 #: A file, by its name or as a study, and a line about it.
 Line: TypeAlias = tuple[Any, str]
@@ -136,8 +136,12 @@ def with_sheets(
 # --- A study in several files ---------------------------------------------------------------------
 
 
-def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> list[Study]:
+def read_files(
+    paths: Sequence[Any], read: Callable[[Any], Sequence[Study]], notes: list[str]
+) -> list[Study]:
     """The studies in several files, or frames, each of which `read` reads.
+
+    A file without a trial is left out, unless all are. Of each one, a note is added to `notes`.
 
     Raises
     ------
@@ -147,17 +151,18 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
     """
     if not paths:
         raise InputError("files: found none, allowed: some")
-    absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, StrPath)]
-    for path, n_times in Counter(absolute_paths).items():
-        if n_times > 1:
-            raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
+    absolute_paths = _absolute_paths(paths)
     studies = []
     errors = []
+    without_trials = []
     missing_names = []
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
             studies += [replace(study, source=folder + study.source) for study in read(path)]
+        except NoTrialsError as error:
+            without_trials.append(error)
+            notes.append(f"left out: {error.problems[0]}")
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
             errors.append(InputError(problems, error.remedies))
@@ -167,9 +172,18 @@ def read_files(paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]) -> 
                 )
     if 0 < len(missing_names) < len(paths):  # other files have the names that the options say
         raise InputError(missing_names[:MAX_LINES])
-    if errors:
-        raise _refusal(paths, errors)
+    if errors or not studies:
+        raise _refusal(paths, errors or without_trials)
     return studies
+
+
+def _absolute_paths(paths: Iterable[Any]) -> list[Path]:
+    """The paths of files, without frames; a file that is given twice is refused."""
+    absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, StrPath)]
+    for path, n_times in Counter(absolute_paths).items():
+        if n_times > 1:
+            raise InputError(f"{display_name(path.name)}: found twice, allowed: each file once")
+    return absolute_paths
 
 
 def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.messages import MAX_LINES, Note, Texts, display_name, one_line, plural, quoted
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.errors import InputError, NoTrialsError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
 Frame: TypeAlias = Any
@@ -292,7 +292,7 @@ class TextTable:
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
-            raise InputError(
+            raise NoTrialsError(
                 f"{self.source}: {self.head}: found no row below it, allowed: at least one row"
             )
 
@@ -379,7 +379,9 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     records: Iterator[CsvRecord] = itertools.islice(_records(text, delimiter), head_index, None)
     first_row, head = next(records, (0, []))
     if not head:
-        raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
+        raise NoTrialsError(
+            f"{source}: found an empty file, allowed: a header and at least one row"
+        )
     if isinstance(head, csv.Error):
         raise InputError(f"{source}: {_broken(first_row, head, width=0)}")
     require_size(source, len(head), len(head))

@@ -150,7 +150,7 @@ def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> lis
             return [read(options)]
         except InputError as error:
             remedies = _task_remedies(table, options, read) or error.remedies
-            raise InputError(error.problems, remedies) from None
+            raise type(error)(error.problems, remedies) from None
 
     column = table.columns.get(options.condition)
     # All rows that are read are of one task.

@@ -719,11 +719,14 @@ REFUSED = {
         labelled(IN_LOGS, response="x"),
         "no column NAME. The columns are subject, s1, s2, x. In the place of NAME, type one of t",
     ),
+    "counts_under_other_names.csv": (
+        labelled(COUNTS, n_second="k", n_trials="m"),
+        "type:  --columns n_second=k,n_trials=m\n",
+    ),
     "counts_of_what.csv --standard-interval order": (
         BY_COMPARISON,
         "there is no column n_equal",
-        "--columns n_comparison=NAME",
-        "if it counts 'the comparison was stronger' (2AFC)",
+        "type:  --columns n_comparison=n_chosen,n_trials=n_trials\n",
     ),
     "e_prime.txt": (
         "*** Header Start ***\nSubject: 12\n*** Header End ***\n",
@@ -749,7 +752,7 @@ REFUSED = {
     ),
     "right_answers.csv": (
         RIGHT_COUNTS.drop(columns="n_second").rename(columns={"hits": "n_correct"}),
-        "--columns n_correct=n_correct  if it counts right responses (2AFC)",
+        "type:  --columns n_correct=n_correct,n_trials=n_trials\n",
     ),
     "pairs_without_a_pattern.csv": (
         "subject,pair,response\na,4-6,second\na,6-4,first\n",
@@ -1298,11 +1301,14 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
 
 
 def test_a_folder_stands_for_its_tables(tmp_path):
-    # Of five files, two are tables: the others are a lock of Excel, a hidden file and a log.
+    # Of six files, two are tables of trials: the others are a lock of Excel, a hidden file, a log,
+    # and the file of a session that was stopped.
     write_folder(tmp_path, "1.csv", "2.CSV", "~$1.csv", ".3.csv", "1.log")
+    write_file(tmp_path / "data/0.csv", "subject,s1,s2,response\nP99,0,0.3,\n")
     study = bt.read_study(tmp_path / "data")
     assert study.source == "2 files, 1.csv to 2.CSV"
-    assert study.notes[0] == f"folder {display_name(str(tmp_path / 'data'))}: 2 .csv files read"
+    assert study.notes[0] == f"folder {display_name(str(tmp_path / 'data'))}: 3 .csv files read"
+    assert study.notes[1].startswith("left out: 0.csv: column response: found no response in any")
     line = "fit data -o data/1.csv --overwrite --replicates 2"
     assert "this command reads that file and must not replace it" in refusal_of(line, cwd=tmp_path)
 
