@@ -283,6 +283,8 @@ def unit_in(name: str) -> str:
     ('cents', 'semitones', '')
     >>> unit_in("amp1_\u00b5m"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("s1")
     ('\u00b5m', 'Hz', 'N', '')
+    >>> unit_in("1 n/a"), unit_in("1 N.A.")
+    ('', '')
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
@@ -297,8 +299,8 @@ def unit_in(name: str) -> str:
             return unit
 
     # A letter alone, after a sign and at the end or before a sign: 'g' of 'force_g1', or 'N' of
-    # 'force_1 [N]'.
-    last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
+    # 'force_1 [N]', but none of 'n/a' and 'N.A.'.
+    last_letters = re.findall(r"(?<=_|[^\w/])[^\W\d_](?=[\W_]*[12]?$|[^\w/.])", plain)
     for unit in VOCABULARY["units"]["intensity"]:
         if _folded(unit) in (words if len(unit) > 1 else last_letters):
             return unit

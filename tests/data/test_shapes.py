@@ -834,6 +834,10 @@ REFUSED = {
         "subject,s1,s2,response\n,ms,ms,\na,500,700,first\na,700,500,second\n",
         "type:  --unit ms ",
     ),
+    "no_stimuli_in_a_row.csv": (
+        "subject,s1,s2,response\na,n/a,n/a,n/a\na,500,700,first\na,700,500,second\n",
+        "type:  --unit a.u. ",
+    ),
     "confidence.csv": (
         "subject,s1,s2,choice,response\na,0,0.3,2,1\na,0,0.3,1,2\na,0.3,0,1,4\na,0.3,0,2,3\n",
         "type:  --columns response=choice ",
