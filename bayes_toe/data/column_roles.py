@@ -19,7 +19,7 @@ from dataclasses import replace
 from functools import lru_cache
 from heapq import nlargest
 from importlib.resources import files
-from itertools import chain, filterfalse, pairwise, product
+from itertools import chain, combinations, filterfalse, pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -284,6 +284,8 @@ def unit_in(name: str) -> str:
     ('cents', 'semitones', '')
     >>> unit_in("amp1_\u00b5m"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("s1")
     ('\u00b5m', 'Hz', 'N', '')
+    >>> unit_in("1 n/a"), unit_in("1 N.A.")
+    ('', '')
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
@@ -298,8 +300,8 @@ def unit_in(name: str) -> str:
             return unit
 
     # A letter alone, after a sign and at the end or before a sign: 'g' of 'force_g1', or 'N' of
-    # 'force_1 [N]'.
-    last_letters = re.findall(r"(?<=[\W_])[^\W\d_](?=[\W_]*[12]?$|\W)", plain)
+    # 'force_1 [N]', but none of 'n/a' and 'N.A.'.
+    last_letters = re.findall(r"(?<=_|[^\w/])[^\W\d_](?=[\W_]*[12]?$|[^\w/.])", plain)
     for unit in VOCABULARY["units"]["intensity"]:
         if _folded(unit) in (words if len(unit) > 1 else last_letters):
             return unit
@@ -348,6 +350,8 @@ _LETTERS = {
 }
 #: Names of columns that are numbers, or end in that of a question or trial, as 'b1_t1' and 'Q1_3'.
 _NUMBER_OF_TRIAL = r"(?i)\d+|.*\d_(?:[qrt]|rep|trial|item)_?\d+|q\d+_\d+"
+#: Numbers in names, and initials in capitals, but no name that is a number.
+_NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
 #: Shapes of names with two numbers, of which none is that of a question or trial, as in 'Q{}_{}'.
 _PAIR_SHAPE = (
     r"(?i)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
@@ -883,7 +887,11 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
     pairs = chain(*_pairs_by_sign(list(names), _NUMBERS | _LETTERS))
     # Columns without names have their numbers as names. Few values in common may be a chance there.
     neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
-    return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
+    likely = nlargest(3, pairs, key=fit)
+    # Of pairs such as 'w1_s1' and 'w1_s2', and 'w2_s1' and 'w2_s2', each may mix two subjects.
+    if len({_NUMBERED.sub("", first) for first, _ in likely}) < len(likely):
+        return [("NAME", "NAME")]
+    return likely or [max(neighbours, key=fit, default=())]
 
 
 def _remedies(
@@ -1029,7 +1037,8 @@ def _columns_remedies(
     by_name = []
     for names in product(*names_by_role.values()):
         meaning = (
-            "with the names in your file; if it has no such column, add one"
+            "with the names in your file; if it has no such column, add one; if it has one for "
+            "each subject, make the table long"
             if "NAME" in names
             else ""
         )
@@ -1058,7 +1067,30 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     by_cells.sort(key=lambda name: named_places(name).other_words.isdisjoint(words_of_answers))
     names = [column.name for column in columns]
     likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
+    # Not one column of several that may each have another subject.
+    for column, other in combinations(columns, 2):
+        if likely[:1] == [column.name] and are_alike(column, other):
+            return ["NAME"]
     return list(dict.fromkeys(likely))[:3] or ["NAME"]
+
+
+def are_alike(column: Column, other: Column) -> bool:
+    """Whether two columns have the same codes, and names that differ by numbers or initials.
+
+    In most rows, none of them is empty.
+
+    Examples
+    --------
+    >>> texts = {"resp_1": "1212", "resp_2": "2121", "w1": "1212", "resp_KM": "2112"}
+    >>> first, *others = [Column.from_texts(name, cells) for name, cells in texts.items()]
+    >>> [column.name for column in others if are_alike(first, column)]
+    ['resp_2', 'resp_KM']
+    """
+    return (
+        _NUMBERED.sub("", column.name) == _NUMBERED.sub("", other.name)
+        and all(map(is_no_response, set(column.texts) ^ set(other.texts)))
+        and (empty(column) | empty(other)).mean() < 0.5
+    )
 
 
 def _role_by_cells(column: Column) -> str:

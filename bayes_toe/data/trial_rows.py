@@ -16,6 +16,7 @@ import numpy as np
 from bayes_toe.arrays import BoolArray, IntArray, combination_counts, run_starts
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
+    are_alike,
     is_no_response,
     is_response_sign,
     looks_like,
@@ -332,13 +333,21 @@ def taken_out_doubts(
 
     Columns of blocks, of conditions, and those that are not read may have them. The doubt says how
     many rows of the table have such a text. In any language, one of two texts may mean practice if
-    the first rows of each subject have it, and no others.
+    the first rows of each subject have it, and no others. A column may also have the responses of
+    another subject.
     """
+    response = table.columns.get(options.name("response"))
     subject = _subjects(table, options)
     n_subjects = len(subject.texts)
     for name, column in table.columns.items():
         if name not in (*names_not_read, "block", "condition"):
             continue
+        if response and are_alike(response, column):
+            yield (
+                f"{response} is read, and not {column}, which has the same codes. If there is one "
+                "for each subject, make the table long: one column subject and one column response"
+            )
+            response = None  # one doubt for all
         texts = taken_out_texts(name, column.texts)
         if name == "condition":  # in other columns, such rows are left out
             texts = [*texts, *practice_texts(name, column.texts)]

@@ -780,6 +780,11 @@ REFUSED = {
         "subject,s1,s2,n_first,n_equal,n_second,n_trials\na,0,1,1,2,1,4\na,1,0,1,1,1,4\n",
         "row 3, column n_trials: found '4', allowed: the sum",
     ),
+    "columns_of_subjects.csv": (
+        "VP1_L1,VP1_L2,VP1_resp,VP2_L1,VP2_L2,VP2_resp\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
+        "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME  with the names in your file",
+        "if it has one for each subject, make the table long\n       --subject-from",
+    ),
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
         "p_second=cell', allowed",
@@ -831,6 +836,10 @@ REFUSED = {
     "unit_below_names.csv": (
         "subject,s1,s2,response\n,ms,ms,\na,500,700,first\na,700,500,second\n",
         "type:  --unit ms ",
+    ),
+    "no_stimuli_in_a_row.csv": (
+        "subject,s1,s2,response\na,n/a,n/a,n/a\na,500,700,first\na,700,500,second\n",
+        "type:  --unit a.u. ",
     ),
     "confidence.csv": (
         "subject,s1,s2,choice,response\na,0,0.3,2,1\na,0,0.3,1,2\na,0.3,0,1,4\na,0.3,0,2,3\n",
@@ -946,6 +955,9 @@ WARNED = {
                 "PPPEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEPPPEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEE"
             )
         )
+    ),
+    "column response is read, and not column response_2, which has the same codes.": IN_LOGS.assign(
+        response_2=TRIALS.response
     ),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
