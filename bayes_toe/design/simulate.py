@@ -519,7 +519,8 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
                 columns["condition"] = subject.condition
             # Trials are numbered below, over all conditions; the column has its place here.
             columns |= {"batch": batch, "trial": 0}
-            columns |= stimulus_columns(*answers.keys.T, unit)
+            s1, s2 = answers.keys.T
+            columns |= stimulus_columns(s1, s2, unit)
             word_index = 1 - answers.n_yes  # in each trial: 0 for the counted answer, else 1
             if answers.n_second is not None:  # of equal, second and first: the rest is 'first'
                 word_index = np.where(answers.n_yes + answers.n_second > 0, word_index, 2)
