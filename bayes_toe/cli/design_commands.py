@@ -34,7 +34,6 @@ from bayes_toe.errors import Remedy
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
     from bayes_toe.data.options import ReadOptions
-    from bayes_toe.data.stimulus_unit import StimulusUnit
     from bayes_toe.design.optimal_pairs import DesignGoal
     from bayes_toe.design.study_design import StudyDesign
 
@@ -197,9 +196,6 @@ class SearchOptions:
         Text, rare("--step", "STEP", "Step between levels: 5%, or a number in the unit.")
     ] = None
     levels: Annotated[File, rare("--levels", "levels.csv", "File of levels to choose from.")] = None
-    intensity: Annotated[Number, rare("--intensity", "REF", "Without --unit: s = ln(i / REF).")] = (
-        None
-    )
     max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Largest number of pairs.")] = 26
     aim: Annotated[
         str,
@@ -239,9 +235,8 @@ class SearchOptions:
         typed = f"--lowest {self.lowest:g} --highest {self.highest:g}"
         if options.has_intensities and not (self.lowest > 0.0 and self.highest > 0.0):
             raise bt.InputError(f"{typed}: found with a unit, allowed: positive numbers")
-        is_log = self.unit is None and not options.has_intensities
         # exp(10) is 22,000: such numbers are more probably intensities.
-        if is_log and max(self.highest - self.lowest, self.lowest) > 10.0:
+        if self.unit is None and max(self.highest - self.lowest, self.lowest) > 10.0:
             raise bt.InputError(
                 f"{typed}: no natural logs of intensities are so large or so far apart",
                 [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],
@@ -250,14 +245,7 @@ class SearchOptions:
 
     def reading(self) -> ReadOptions:
         """The options with which levels are read."""
-        return bt.ReadOptions(intensity=self.intensity, unit=self.unit)
-
-    def shown_unit(self) -> StimulusUnit:
-        """The unit in which levels are shown; after --intensity alone, intensities of any unit."""
-        unit = self.reading().stimulus_unit
-        if self.intensity and not unit.name:
-            return replace(unit, name=ANY_UNIT)
-        return unit
+        return bt.ReadOptions(unit=self.unit)
 
     def goal(self) -> DesignGoal:
         """The effect that the design must show, and the limits of its pairs."""
@@ -265,7 +253,7 @@ class SearchOptions:
 
         keep = None
         if self.keep is not None:
-            keep = bt.design.read_study_design(self.keep, self.question, self.unit, self.intensity)
+            keep = bt.design.read_study_design(self.keep, self.question, self.unit)
         return bt.design.DesignGoal(
             self.aim, self.max_pairs, keep, task_of(self.question), is_even=self.even
         )
@@ -346,7 +334,8 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
         data_sets=search.simulated,
         prior=context.prior,
     )
-    optimal = replace(optimal, unit=search.shown_unit())  # search and power are in natural logs
+    # Search and power are in natural logs.
+    optimal = replace(optimal, unit=search.reading().stimulus_unit)
 
     written = context.write(
         {
@@ -388,9 +377,7 @@ def _list_trials(
     from bayes_toe.seeds import root_seed
 
     # A given design is not searched for: only options by which it is read may be typed.
-    options_of_reading = SearchOptions(
-        question=search.question, unit=search.unit, intensity=search.intensity
-    )
+    options_of_reading = SearchOptions(question=search.question, unit=search.unit)
     is_search = search != options_of_reading or context.prior or context.processes or context.dask
     if lists.list_output is None or is_search:
         raise bt.InputError(
@@ -400,7 +387,7 @@ def _list_trials(
     context.require_files(lists.list_output)
 
     levels, _ = read_differences(lists.conditions, differ=None)
-    study_design = bt.design.read_study_design(file, search.question, search.unit, search.intensity)
+    study_design = bt.design.read_study_design(file, search.question, search.unit)
     seed = root_seed(context.seed)
     tables = [
         bt.design.trial_list(
@@ -408,7 +395,7 @@ def _list_trials(
             blocks=lists.blocks,
             seed=seed,
             conditions=levels,
-            unit=search.shown_unit(),
+            unit=search.reading().stimulus_unit,
             subject=name,
         )
         for name in subject_names(lists.subjects)
@@ -448,15 +435,6 @@ class SimulatedStudy:
     trials: Annotated[
         int | None,
         option("--trials", NUMBER, "Trials of each subject (default: 50 per pair).", min=1),
-    ] = None
-    batches: Annotated[
-        int | None,
-        rare(
-            "--batches",
-            NUMBER,
-            "Repetitions of each pair, without --trials or n_trials (default: 50).",
-            min=1,
-        ),
     ] = None
     subjects: Annotated[
         int | None, option("--subjects", NUMBER, "Number of observers (default: 16).", min=1)
@@ -499,6 +477,7 @@ def simulate(
         read_differences,
         trial_frame,
     )
+    from bayes_toe.design.study_design import PAPER_BATCHES
     from bayes_toe.seeds import root_seed
 
     context.require_files(*filter(None, (output, truth_output)))
@@ -507,9 +486,7 @@ def simulate(
     seed = root_seed(context.seed)
 
     options = bt.ReadOptions(unit=study.unit)
-    design = make_design(study.design, study.batches or 50, study.trials, options)
-    if study.batches not in (None, design.n_batches):
-        raise bt.InputError("--batches: found beside --trials or n_trials that say otherwise.")
+    design = make_design(study.design, PAPER_BATCHES, study.trials, options)
     levels, sizes = read_differences(study.conditions, study.differ)
     simulated, truth = bt.simulate(
         study.subjects or 16,

@@ -104,9 +104,9 @@ from bayes_toe.errors import InputError, NoTrialsError, Remedy, require_kind, wi
 #: What made the bundled files: the default example, and the study in the paper's design.
 COMMANDS = (
     "bayes-toe simulate -o example_study.csv --task 2afc --design example_pairs.csv "
-    "--observers example_truth.csv --batches 40 --seed 2602",
+    "--observers example_truth.csv --trials 400 --seed 2602",
     "bayes-toe simulate -o example_same_different_study.csv "
-    "--truth example_same_different_truth.csv --task same/different --subjects 16 --batches 50 "
+    "--truth example_same_different_truth.csv --task same/different --subjects 16 "
     "--seed 2604",
 )
 #: By task, how the names of the files of its example begin, and the true parameters in them.

@@ -23,7 +23,7 @@ from bayes_toe.data.messages import quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.stimulus_unit import StimulusUnit
-from bayes_toe.data.study import Study, Subject, with_shared_scales
+from bayes_toe.data.study import Study, Subject, units_by_subject, with_shared_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
 from bayes_toe.design.observers import (
@@ -510,23 +510,22 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
     words = np.array(study.task.answers)  # the counted answer and the other, or all three
     batch = np.repeat(np.arange(1, design.n_batches + 1), design.total // design.n_batches)
     frames = []
-    for subject in study:
-        answers = cast(Answers, subject.answers)
-        columns: Record = {"subject": subject.subject_name}
-        if subject.condition:
-            columns["condition"] = subject.condition
-        # Trials are numbered below, over all conditions; the column has its place here.
-        columns |= {"batch": batch, "trial": 0}
-        s1, s2 = answers.keys.T
-        columns |= stimulus_columns(s1, s2, unit)
-        word_index = 1 - answers.n_yes  # in each trial: 0 for the counted answer, else 1
-        if answers.n_second is not None:  # of equal, second and first: what is neither is 'first'
-            word_index = np.where(answers.n_yes + answers.n_second > 0, word_index, 2)
-        columns |= {"response": words[word_index], "synthetic": 1}
-        frames.append(pd.DataFrame(columns))
-    frame = pd.concat(frames)
-    # Sorted by subject and batch; subjects stay in the order of the study, not of their names.
-    subject_order, _ = pd.factorize(frame["subject"])
-    order = np.lexsort([frame["batch"].to_numpy(), subject_order])
-    frame = frame.iloc[order].reset_index(drop=True)
-    return frame.assign(trial=frame.groupby("subject", sort=False).cumcount() + 1)
+    for units in units_by_subject(study).values():
+        parts = []
+        for subject in units:
+            answers = cast(Answers, subject.answers)
+            columns: Record = {"subject": subject.subject_name}
+            if subject.condition:
+                columns["condition"] = subject.condition
+            # Trials are numbered below, over all conditions; the column has its place here.
+            columns |= {"batch": batch, "trial": 0}
+            s1, s2 = answers.keys.T
+            columns |= stimulus_columns(s1, s2, unit)
+            word_index = 1 - answers.n_yes  # in each trial: 0 for the counted answer, else 1
+            if answers.n_second is not None:  # of equal, second and first: the rest is 'first'
+                word_index = np.where(answers.n_yes + answers.n_second > 0, word_index, 2)
+            columns |= {"response": words[word_index], "synthetic": 1}
+            parts.append(pd.DataFrame(columns))
+        frame = pd.concat(parts).sort_values("batch", kind="stable", ignore_index=True)
+        frames.append(frame.assign(trial=frame.index + 1))
+    return pd.concat(frames, ignore_index=True)

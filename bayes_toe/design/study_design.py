@@ -201,7 +201,6 @@ def read_study_design(
     path: StrPath,
     task: Task | str = SAME_DIFFERENT,
     unit: str | None = None,
-    intensity: float | None = None,
 ) -> StudyDesign:
     """Read a design from a CSV file with the columns s1,s2,n_trials.
 
@@ -211,16 +210,13 @@ def read_study_design(
     task : Task or str
     unit : str, optional
         Of the stimuli, as in :class:`bayes_toe.ReadOptions`; intensities may be in i1 and i2.
-    intensity : float, optional
-        REF: intensities i in the unit are read as s = ln(i / REF). Without a unit it has no effect.
 
     Raises
     ------
     InputError
         One line per problem of the file, with row and column.
     """
-    options = ReadOptions(unit=unit, intensity=intensity if unit else None)
-    _, columns = read_stimuli(path, options, required=("n_trials",))
+    _, columns = read_stimuli(path, ReadOptions(unit=unit), required=("n_trials",))
     n_trials = columns["n_trials"].astype(np.int64)
     try:
         design = StudyDesign(

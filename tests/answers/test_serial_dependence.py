@@ -119,7 +119,7 @@ def test_an_unknown_order_is_refused_in_a_line(study):
 
 
 def test_the_command_writes_the_table_and_the_figure(tmp_path):
-    trials = "-o trials.csv --task 2afc --observers contraction --subjects 1 --batches 50"
+    trials = "-o trials.csv --task 2afc --observers contraction --subjects 1"
     run_ok(f"simulate {trials} --carry-over 0.9 --seed 1", cwd=tmp_path)
     screen = run_ok("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
     assert "Previous response: " in screen
@@ -136,7 +136,7 @@ def test_the_command_ends_with_code_3_if_a_subject_has_no_result(tmp_path, monke
         return evidence
 
     monkeypatch.setattr("bayes_toe.inference.order_evidence.OrderEvidence.checked", checked)
-    run_ok("simulate -o trials.csv --task 2afc --subjects 2 --batches 5 --seed 1", cwd=tmp_path)
+    run_ok("simulate -o trials.csv --task 2afc --subjects 2 --trials 65 --seed 1", cwd=tmp_path)
     completed = run_command("history trials.csv --seed 1 --workers 1", cwd=tmp_path)
     assert completed.returncode == 3
     assert "S01  No result: no maximum" in completed.stdout

@@ -210,8 +210,6 @@ REFUSED = """
     simulate -o one.csv --observers one.csv --overwrite | one.csv: this command reads that file
     simulate -o one.csv --design ./one.csv --overwrite | one.csv: this command reads that file
     simulate -o new.csv --subjects 3 --observers one.csv | --subjects: allowed with a kind of 
-    simulate -o new.csv --batches 3 --trials 26 | --batches: found beside --trials or n_trials 
-    simulate -o new.csv --batches 3 --design one.csv | --batches: found beside --trials or n_trials
     design one.csv --list new.csv -o d.csv | one.csv: a given design needs --list trials.csv
     design one.csv --list new.csv --simulated 5 | without options of the search such as --lowest
     design one.csv --list new.csv --workers 2 | without options of the search such as --lowest

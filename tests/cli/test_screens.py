@@ -152,7 +152,7 @@ COMMANDS = {
         "--lowest 0 --highest 1 --step 0.25 --observers both --simulated 1 --trials 100 --seed 1"
     ),
     "design design.csv": "--list list.csv --seed 1",
-    "simulate": "-o made.csv --subjects 2 --batches 2 --seed 1",
+    "simulate": "-o made.csv --subjects 2 --trials 26 --seed 1",
 }
 #: Words that are not those of the field.
 FORBIDDEN = (

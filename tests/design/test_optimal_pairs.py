@@ -194,7 +194,6 @@ REFUSED = """
     --lowest 0 | No range of stimuli is given. Use --lowest and --highest
     --lowest 0 --highest 1 --max-pairs 3 | --max-pairs: found 3, allowed: a whole number from 4
     --lowest 0 --highest 1 --for gain | --for: found 'gain', allowed: order-effect, constant
-    --levels l.csv --intensity -1 | --intensity: found -1.0, allowed: a positive
     given.csv | given.csv: a given design needs --list trials.csv, without options of the
     given.csv --list t.csv --max-pairs 4 | without options of the search such as --lowest
     given.csv --list t.csv --observers nobody | without options of the search such as --lowest
@@ -228,13 +227,12 @@ def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     run_ok(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {small}", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "d.csv")
     assert (frame.i1.min(), frame.i1.max()) == (45.0, 213.0)
-    # A reference of the logarithms changes no intensity of pairs to keep and of a list of trials.
+    # Pairs to keep and a list of trials have the same intensities.
     run_ok(
-        "design -o kept.csv --keep d.csv --intensity 87 --trials 80 --lowest 45 --highest 213 "
-        f"{small}",
+        f"design -o kept.csv --keep d.csv --trials 80 --lowest 45 --highest 213 {small}",
         cwd=tmp_path,
     )
-    run_ok("design kept.csv --list l.csv --unit um --intensity 87", cwd=tmp_path)
+    run_ok("design kept.csv --list l.csv --unit um", cwd=tmp_path)
     assert pd.read_csv(tmp_path / "l.csv").i1.max() == 213.0
     # As typed by hand: intensities alone, without their logarithms s1 and s2.
     frame[["i1", "i2", "n_trials"]].to_csv(tmp_path / "raw.csv", index=False)

@@ -156,7 +156,7 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, monkeypatch, options, mes
 
 def test_the_command_writes_conditions_and_the_truth(tmp_path):
     run_ok(
-        "simulate -o s.csv --truth t.csv --observers both --subjects 2 --task 2afc --batches 3 "
+        "simulate -o s.csv --truth t.csv --observers both --subjects 2 --task 2afc --trials 39 "
         "--conditions 2,6 --differ contraction=0.2 --seed 1",
         cwd=tmp_path,
     )
