@@ -371,8 +371,6 @@ _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
 #: Rows in which correct answers hardly come from participants.
 _MANY = 30
-#: Least correlation of counts with what makes their answer likelier.
-_LEAST_TREND = 0.3
 #: Roles whose names in the file are proposed if the columns are missing.
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
 
@@ -929,7 +927,7 @@ def _remedies(
 
 
 def _count_remedies(
-    missing: Texts, options: ReadOptions, columns: Iterable[Column], pair: Texts
+    missing: Texts, options: ReadOptions, columns: Collection[Column], pair: Texts
 ) -> Iterator[Remedy]:
     """Options to type if the answers are missing, and a column may count them.
 
@@ -940,7 +938,12 @@ def _count_remedies(
     values = {column.name: column.map(number, float) for column in columns}
     trials = "".join(names_like(values, "n_trials"))  # one, or none that is clear
     names = (*(pair or options.stimulus_names), trials)
-    if not values.keys() >= set(names) or {"response", "n_equal"}.isdisjoint(missing):
+    # Without a column of subjects, each column may have the counts of one.
+    if (
+        set(names) - values.keys()
+        or {"response", "n_equal"}.isdisjoint(missing)
+        or ("NAME" in _likely_names(columns, "subject"))
+    ):
         return
     first, second, n = map(values.pop, names)
     rise = second - first
@@ -954,8 +957,8 @@ def _count_remedies(
             with np.errstate(all="ignore"):
                 correlations = np.corrcoef([counts / n, *trends.values()])[0, 1:]
             for role, r in zip(trends, correlations, strict=True):
-                # No trend is closer, be it upwards or downwards, as that of 'different'.
-                if r > _LEAST_TREND and r == np.nanmax(abs(correlations)):
+                # It is clear, and no trend is closer, upwards or downwards, as that of 'different'.
+                if r > 0.3 and r == np.nanmax(abs(correlations)):
                     stimuli = zip(options.stimuli, pair, strict=False)
                     yield Remedy("columns", (*stimuli, (role, name), ("n_trials", trials)))
 
