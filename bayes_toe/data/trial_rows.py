@@ -349,7 +349,11 @@ def taken_out_doubts(
             )
             response = None  # one doubt for all
         texts = taken_out_texts(name, column.texts)
-        if name == "condition":  # in other columns, such rows are left out
+        # In other columns, such rows are left out. Subjects with one level each are groups.
+        if (
+            name == "condition"
+            and len(combination_counts(subject.codes, column.codes)) > n_subjects
+        ):
             texts = [*texts, *practice_texts(name, column.texts)]
         guess = ""
         n_runs = len(run_starts(subject.codes, column.codes))

@@ -104,9 +104,12 @@ def test_a_level_that_no_subject_has_is_no_level():
 
 
 def test_what_does_not_differ_within_subjects_is_no_condition():
-    # All rows of a are at the level 'right', and all rows of b at 'left'.
-    text = HEADER + A_ROWS.replace("left", "right") + B_ROWS.replace("right", "left")
+    # All rows of a are at the level 'training', and all rows of b at 'left'.
+    text = (HEADER + A_ROWS.replace("left", "right") + B_ROWS.replace("right", "left")).replace(
+        "right", "training"
+    )
     study = read(text)
+    assert not study.reading.doubts
     assert study.names == ("a", "b")
     assert study.conditions is None
     assert any("no condition within" in note for note in study.notes)

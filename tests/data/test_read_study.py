@@ -777,9 +777,9 @@ def test_bytes_that_are_no_text_are_refused(data, problem):
             "row 2, column standard: found 'x', allowed: a finite number",
         ),
         (
-            STANDARDS.replace("comparison", "level", 1),
+            STANDARDS.replace("comparison", "weight", 1),
             "--standard-interval interval",
-            "row 1: there is no column comparison. The columns are subject, standard, level, "
+            "row 1: there is no column comparison. The columns are subject, standard, weight, "
             "interval, response.",
         ),
     ],

@@ -336,7 +336,7 @@ READ = {
     "other_counts.csv": labelled(COUNTS, n_second="second", n_trials="total"),
     "proportions.csv": PROPORTIONS,
     "counts_of_the_comparison.csv --standard-interval order": labelled(
-        BY_COMPARISON, n_chosen="n_comparison"
+        BY_COMPARISON, standard="fixed", comparison="level", n_chosen="n_comparison"
     ),
     "a_and_b.csv --standard-interval order --columns standard=toneA,comparison=toneB "
     "--standard-first-code AB": BY_LETTER,
