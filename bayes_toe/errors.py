@@ -151,6 +151,14 @@ class InputError(BayesToeError, ValueError):
         ...     print(*(remedy.typed for remedy in chosen))
         --unit um --second-code j
         --unit ln --second-code j
+
+        A code that was asked for only after '--unit um' is not in the choice of 'ln'.
+
+        >>> later_code = code._replace(step=1)
+        >>> for chosen, _ in InputError(["no unit", "no code"], [*unit, later_code]).choices:
+        ...     print(*(remedy.typed for remedy in chosen))
+        --unit um --second-code j
+        --unit ln
         """
         if not self.remedies:
             return []

@@ -178,7 +178,8 @@ def test_a_study_whose_directions_are_all_reversed_is_refused(study):
 
 def test_the_second_question_leaves_h1_against_h0_and_the_scales_alone(study):
     # Three answers are two questions: 'equal' or not, and then 'second' or 'first'. The same study
-    # without the second question is one of same or different.
+    # without the second question is one of same or different. H1 and H0 have the same likelihood of
+    # the second question, so it leaves their Bayes factor.
     subjects = [
         replace(subject, task=SAME_DIFFERENT, n_second=None, answers=None) for subject in study
     ]

@@ -767,8 +767,8 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     scales = subject.scales
     constant_error = draws.quantities["constant_error"]
     p = draws.quantities["contraction"]
-    # The scales belong to all conditions, whose mean first stimulus differs from this subject's.
-    # The shift at a first stimulus s1 is c - p (s1 - sbar).
+    # The shift at a first stimulus s1 is c - p (s1 - sbar), sbar the mean first stimulus over all
+    # conditions of the subject. Here is the shift at the mean first stimulus of this condition.
     mean_shift = constant_error - p * (subject.mean_first - scales.sbar)
     # The order effect is the root mean square over the first stimuli of the shift: the root of the
     # squared mean plus the variance. A contraction moves each by p times its distance to the mean.

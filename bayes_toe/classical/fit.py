@@ -405,8 +405,9 @@ def fit(
         Of the intervals, between 0 and 1.
     seed : int, optional
         Root seed of the bootstrap; without it fresh entropy, stored in the table.
-    prior : Prior, optional
-        Its normal of mu1 is the penalty; the paper's, V_1 = 10^2 around 0, is that of "paper".
+    prior : Prior or str, optional
+        Its normal prior of mu1 is the penalty. Without it, that of the default prior. With "paper"
+        it has the mean 0 and the variance V_1 = 10^2.
     workers, progress
         As in :func:`bayes_toe.analysis.run`.
 

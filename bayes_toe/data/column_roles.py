@@ -695,9 +695,10 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
 def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Column] = ()) -> str:
     """The names of two columns of stimuli where nothing says which came first, as 'std and test'.
 
-    They are a standard and a comparison; or A and B, or 1 and 2, if a column may have their order.
-    Stimuli 1 and 2 are in order unless that column changes from trial to trial. The text is empty
-    where the order is known, or a column is missing.
+    They are, first of all, a standard and a comparison. If a column may have the order, they are a
+    standard and a column that the user names, 1 and 2, or A and B; stimuli 1 and 2 are in order
+    unless that column changes from trial to trial. Left and right need no such column. The text is
+    empty where the order is known, or a column is missing.
     """
     if options.has_standard:
         return ""

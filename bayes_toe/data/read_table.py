@@ -422,7 +422,8 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     text, label = decoded(source, data, encoding)
     records = []
     n_fields = 0
-    for record in _json_records(source, _with_info(_parse_json(source, text)), {}):
+    content = _with_shared_fields(_parse_json(source, text))
+    for record in _json_records(source, content, shared={}):
         n_fields += len(record)
         require_size(source, len(record), n_fields)
         records.append(record)
@@ -475,7 +476,7 @@ def _parse_json(source: str, text: str) -> object:
         ) from None
 
 
-def _with_info(value: Any) -> Any:
+def _with_shared_fields(value: Any) -> Any:
     """A record with the fields of parts that have single values only.
 
     {"info": {"id": 7}, "trials": [...]} becomes {"id": 7, "trials": [...]}. A record stays as it is
@@ -485,7 +486,7 @@ def _with_info(value: Any) -> Any:
         return value
     record: Record = {}
     for key, item in value.items():
-        part = _with_info(item)
+        part = _with_shared_fields(item)
         if not isinstance(part, dict) or any(isinstance(cell, _NESTED) for cell in part.values()):
             part = {key: part}
         if not record.keys().isdisjoint(part):
@@ -540,7 +541,8 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
 
     A single value stands in every row.
     """
-    records = list(_json_records(source, _with_info(matlab_values(source, data)), {}))
+    variables = _with_shared_fields(matlab_values(source, data))
+    records = list(_json_records(source, variables, shared={}))
     # Variables that are no columns are left as they are, in a single record.
     unread = [name for name, value in records[0].items() if isinstance(value, _NESTED)]
     if len(records) == 1 and (unread or not records[0]):

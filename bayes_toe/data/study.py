@@ -294,7 +294,7 @@ class Subject:
         # group are in it, and become its mean.
         group = np.zeros(len(values), np.int64)
         first_of_group = values[0]
-        for i in range(1, len(values)):
+        for i in range(1, len(values)):  # the first value is in group 0
             is_new_group = values[i] - first_of_group > rounding
             if is_new_group:
                 first_of_group = values[i]

@@ -422,7 +422,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 
 
 def _without_remarks(source: str, text: str) -> tuple[str, int]:
-    """The text without lines that are no part of a table, and how many are below rows.
+    """The text without lines that are no part of a table, and in how many places below names.
 
     Logs, whose lines are no trials, are refused.
     """
@@ -435,7 +435,7 @@ def _without_remarks(source: str, text: str) -> tuple[str, int]:
     # The same with remarks above the names, as of Expyriment: '#e Experiment'. A single line that
     # begins with '#' may have the names.
     text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
-    # Remarks below rows, such as 'END OF FILE' of Gorilla.
+    # Remarks below or between rows, such as 'END OF FILE' of Gorilla.
     return re.subn(_REMARKS, "", text)
 
 

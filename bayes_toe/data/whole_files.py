@@ -108,7 +108,7 @@ def whole_folder(path: StrPath, names: Texts, *, overwrite: bool = False) -> Ite
 
         if overwrite:
             for name in set(names).difference(names_produced):
-                _remove(target, name)
+                _remove(target, name)  # a file only: a name that is a subfolder stays
 
 
 def require_folder(path: StrPath, names: Texts, *, overwrite: bool) -> None:

@@ -98,7 +98,8 @@ class Particles:
         mixture = self.mixture
         draws = self.draws
         if mixture is not None:
-            mixture = mixture.updated(draws, SHARP)
+            # As for emcee: one heavy draw would stand for many in all choices that follow.
+            mixture = mixture.updated(draws, precision=SHARP)
             # The function takes several posteriors; here it is one.
             (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
         # The efficiency is the effective share of the draws.
@@ -313,7 +314,10 @@ class Adaptive:
     # --- Files ------------------------------------------------------------------------------------
 
     def save(self, path: StrPath, *, overwrite: bool = True) -> Path:
-        """Write all that :meth:`resume` needs, whole or not at all; it may be after every trial."""
+        """Write all that :meth:`resume` needs, whole or not at all.
+
+        It may be called after every trial, so it replaces the file by default.
+        """
         content = {
             "format": _FORMAT,
             "task": self.pairs.task.name,

@@ -155,7 +155,7 @@ def exchange_trials(
     trials : int
         To distribute.
     most_pairs : int
-        Different pairs that the design may have.
+        Different pairs that the design may have, of which both orders count; 0 if none may be new.
     fixed : ndarray of int, shape (pairs,)
         Trials that stay with their pairs.
     turned : ndarray of int, shape (pairs,)
@@ -166,8 +166,8 @@ def exchange_trials(
     ndarray of int, shape (pairs,)
         All trials of each pair.
     """
-    # About two portions for each pair; half of a portion is in the other order.
-    half = max(1, trials // (4 * most_pairs))
+    # About two portions for each pair, and two halves of a portion, one in each order.
+    half = max(1, trials // (2 * 2 * most_pairs))
     portion = 2 * half
     n_trials = fixed
     for _ in range(trials // portion):

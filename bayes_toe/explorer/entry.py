@@ -256,6 +256,7 @@ class Entry:
         pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
         ends = [low - pad, high + pad]
 
+        _, along = slice_and_position(subject)  # the place of each pair on the axis of its slice
         pairs = {
             "s1": subject.s1,
             "s2": subject.s2,
@@ -264,7 +265,7 @@ class Entry:
             "order": presentation_order(subject),
             "estimate": laplace_estimate(subject.n_yes, subject.n_trials),
             "error": laplace_error(subject.n_yes, subject.n_trials),
-            "along": slice_and_position(subject)[1],
+            "along": along,
         }
 
         describe = subject.unit.describe

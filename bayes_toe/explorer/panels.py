@@ -190,8 +190,8 @@ def _dots(look: _Look, size: int, alpha: float) -> Scatter:
 def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     """The panel of quantities i (up) and j (across): draws, contours and true values.
 
-    Later glyphs cover earlier ones: all draws are behind, those that are brushed before them with
-    the contours, the true values in front.
+    Later glyphs cover earlier ones. All draws are behind; then come brushed draws with contours;
+    true values are in front.
     """
     name = f"panel-{i}-{j}"
     # Columns of the source of true values.

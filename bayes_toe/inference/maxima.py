@@ -224,7 +224,7 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
 
 
 def expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
-    """The log density of each posterior about its point, (posteriors, d).
+    """The log density of each posterior about its own point; `points` has shape (posteriors, d).
 
     The curvature is the Fisher information and the negative curvature of the log prior.
     """
@@ -235,7 +235,7 @@ def expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
     value = log_likelihood[:, 0] + array.log_prior(w)[:, 0]
     gradient = np.where(is_free, (likelihood_slopes + prior_slopes)[:, 0], 0.0)
 
-    curvature = _free_part(information[:, 0], is_free)
+    curvature = _free_part(information[:, 0], is_free)  # 1 in coordinates that are held
     diagonal = np.arange(points.shape[1])
     curvature[:, diagonal, diagonal] += np.where(is_free, negative_curvatures[:, 0], 0.0)
     return Expansion(value, gradient, curvature)

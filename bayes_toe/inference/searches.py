@@ -194,7 +194,8 @@ def funnel_of_maxima(row: PaperRows, maxima: Ascent) -> Funnel:
     # Several maxima: the answers leave the offset as open as the maxima are apart.
     distance = offsets.std()
     follows_width = 1.0 if distance < spread else 0.0
-    # kappa / (w^2 + w_0^2) is 1 / spread^2 at the maximum, where w = w_0. So kappa has 2 w^2.
+    # The log of kappa sd^2, in scores of mu1. At one maximum w = w_0, and kappa / (w^2 + w_0^2) is
+    # to be 1 / (spread^2 + distance^2), so that kappa has the factor 2 w_0^2.
     log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))
     log_precision += follows_width * (2.0 * log_width + np.log(2.0))
 

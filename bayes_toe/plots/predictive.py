@@ -35,6 +35,7 @@ from bayes_toe.seeds import generator
 #: Subjects that a page has room for.
 MOST_SUBJECTS = 40
 _PAIR = 0.15  # inches of a pair that has a label
+_TITLE_AND_LEGEND = 1.0  # inches
 _INTERVAL = "#C8C8C8"
 
 
@@ -71,13 +72,15 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     if has_room:
         n_columns = len(selected)
         n_pairs = max(subject.n_pairs for subject in selected)
-        height = min(max(_PAIR * n_pairs, 1.2), 6.0)  # of a panel, inches
+        height = min(
+            max(_PAIR * n_pairs, 1.2), 6.0
+        )  # of a panel, inches: it is readable, on a page
     else:
         n_columns = 5
         height = 1.0
 
     width = COLUMN if n_columns == 1 else PAGE
-    figure = new_figure(width, grid_rows(len(selected), n_columns) * height + 1.0)
+    figure = new_figure(width, grid_rows(len(selected), n_columns) * height + _TITLE_AND_LEGEND)
     # The legend of a subfigure stands below the title of its figure.
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
     panels = grid_panels(below_title, len(selected), n_columns, sharex=True)

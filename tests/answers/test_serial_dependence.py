@@ -149,12 +149,13 @@ def test_the_figure_shows_every_subject(table):
     assert sum("previous response: yes (alternation)" in title for title in titles) == 1
 
 
-def test_a_point_of_the_figure_is_what_the_static_model_leaves_of_a_share(table):
+def test_a_point_of_the_figure_is_the_residual_of_the_static_model_after_one_response(table):
     """After 'second', a subject who repeats responses gives 'second' more often than predicted."""
     _, right = bt.plots.serial(table, "repeats").axes
     row = table["repeats"]
     posterior = table.posterior(row, "static")
     trials = posterior.rows.trials
+    # The first draws of a row are those of the static model.
     p_second = posterior.trial_probabilities(row.draws[0]).mean(axis=0)  # (trials,)
     is_second = trials.answer > 0
     is_after_second = np.r_[False, is_second[:-1]] & ~trials.is_session_start

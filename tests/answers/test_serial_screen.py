@@ -86,10 +86,11 @@ def test_an_effect_is_seen_by_its_own_test(effect, fewest):
         assert np.count_nonzero(p_values(screens, "answer_p") < 0.01) <= 1
 
 
-def test_nothing_is_said_without_the_order_of_trials_or_of_pairs_answered_once():
+def test_there_is_no_p_value_without_the_order_of_trials_or_if_pairs_were_answered_once():
+    # SerialScreen() has no p-value.
     assert screen(answered(5, repeats=1)) == SerialScreen()
     subject = answered(1)
-    assert screen(replace(subject, answers=None)) == SerialScreen()  # without any p-value
+    assert screen(replace(subject, answers=None)) == SerialScreen()
 
     # Trials that are sorted by their stimuli, s1 and then s2, have lost their order, too.
     rows = np.lexsort(subject.answers.keys.T[::-1])

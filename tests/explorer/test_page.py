@@ -105,7 +105,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     answers = replace(subject.answers, block=block, blocks=tuple("1234"))
     study = bt.Study([replace(subject, answers=answers)]).swap("S01", 2)
     draws = bt.sample(study, model="none", draws=100, seed=1)
-    # The counts, which the draws have, do not show it.
+    # The counts, which the draws have, do not show it. The file names such subjects.
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
     [entry] = entries(loaded)
     assert entry.words == (("not interpreted:", "responses look swapped"),)

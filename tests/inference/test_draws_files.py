@@ -192,32 +192,32 @@ def _declare_more_than_it_has(file):
     file.create_dataset("sample_stats/lp", (4, 10**9, 3), "f8", chunks=(4, 10**3, 3))
 
 
-SUBJECTS, GROUP = "posterior.nc", "population.nc"
+DRAWS_FILE, GROUP = "posterior.nc", "population.nc"
 UNREADABLE = "not a file of draws that can be read"
 
 
 #: A file, what is done to it, and what it is refused with.
 DAMAGES = [
-    (SUBJECTS, _delete_format, "not a file of draws of this version"),
-    (SUBJECTS, _delete("constant_data"), UNREADABLE),
-    (SUBJECTS, _delete("sample_stats/lp"), "no lp over (chain, draw, subject)"),
-    (SUBJECTS, _delete("sample_stats/imprecise"), UNREADABLE),
-    (SUBJECTS, _set("posterior/mu1", ..., 1e308), "draws of mu1 are no numbers"),
+    (DRAWS_FILE, _delete_format, "not a file of draws of this version"),
+    (DRAWS_FILE, _delete("constant_data"), UNREADABLE),
+    (DRAWS_FILE, _delete("sample_stats/lp"), "no lp over (chain, draw, subject)"),
+    (DRAWS_FILE, _delete("sample_stats/imprecise"), UNREADABLE),
+    (DRAWS_FILE, _set("posterior/mu1", ..., 1e308), "draws of mu1 are no numbers"),
     (GROUP, _delete("covariates/x"), "no x over (subject, covariate)"),
     (GROUP, _set("covariates/subject", 0, "Z"), UNREADABLE),
-    (SUBJECTS, _set("posterior/mu1", (0, 0, 0), np.inf), "draws of mu1 are no numbers"),
+    (DRAWS_FILE, _set("posterior/mu1", (0, 0, 0), np.inf), "draws of mu1 are no numbers"),
     (GROUP, _set("covariates/x", ..., np.nan), "draws of x are no numbers"),
-    (SUBJECTS, _set("posterior/subject", 0, "Z"), "its draws and its counts are of"),
-    (SUBJECTS, _set("observed_data/n_equal", 0, -1), "subject 'A'"),
-    (SUBJECTS, _attribute(seed="five"), UNREADABLE),
-    (SUBJECTS, _attribute(seed=-1), "seed: found -1, allowed: a whole number"),
-    (SUBJECTS, _sampler(draws=-1), "draws: found -1, allowed: a whole number from 1 to"),
-    (SUBJECTS, _attribute(settings="[" * 60_000), UNREADABLE),
-    (SUBJECTS, _attribute(failed="[1"), UNREADABLE),
-    (SUBJECTS, _attribute(model="psychic"), "model 'psychic': no such model; allowed: none,"),
-    (SUBJECTS, _declare_more_than_it_has, "it declares more numbers than it has"),
+    (DRAWS_FILE, _set("posterior/subject", 0, "Z"), "its draws and its counts are of"),
+    (DRAWS_FILE, _set("observed_data/n_equal", 0, -1), "subject 'A'"),
+    (DRAWS_FILE, _attribute(seed="five"), UNREADABLE),
+    (DRAWS_FILE, _attribute(seed=-1), "seed: found -1, allowed: a whole number"),
+    (DRAWS_FILE, _sampler(draws=-1), "draws: found -1, allowed: a whole number from 1 to"),
+    (DRAWS_FILE, _attribute(settings="[" * 60_000), UNREADABLE),
+    (DRAWS_FILE, _attribute(failed="[1"), UNREADABLE),
+    (DRAWS_FILE, _attribute(model="psychic"), "model 'psychic': no such model; allowed: none,"),
+    (DRAWS_FILE, _declare_more_than_it_has, "it declares more numbers than it has"),
     (GROUP, _link_to_another_file, "'other' is a link"),
-    (SUBJECTS, _put_inside_itself, UNREADABLE),
+    (DRAWS_FILE, _put_inside_itself, UNREADABLE),
 ]
 
 
@@ -230,8 +230,8 @@ def test_a_damaged_file_is_refused_in_one_line(saved, tmp_path, name, damage, me
 
 
 def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
-    path = tmp_path / SUBJECTS
-    content = (saved / SUBJECTS).read_bytes()
+    path = tmp_path / DRAWS_FILE
+    content = (saved / DRAWS_FILE).read_bytes()
     rng = random.Random(1)
     for i in range(20):
         changed = bytearray(content)
@@ -246,8 +246,8 @@ def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
 
 def test_what_is_no_file_of_draws_is_refused_in_one_line(saved, tmp_path):
     # An empty file, a text, the beginning of a file of draws; then a folder and no file at all.
-    path = tmp_path / SUBJECTS
-    content = (saved / SUBJECTS).read_bytes()
+    path = tmp_path / DRAWS_FILE
+    content = (saved / DRAWS_FILE).read_bytes()
     for other in (b"", b"subject", content[:10_000]):
         path.write_bytes(other)
         require_refusal(path, f"{UNREADABLE}{AGAIN}")
@@ -264,7 +264,7 @@ def test_a_command_names_a_file_of_another_kind(saved):
 @pytest.mark.parametrize("free_bytes", [2000, 500_000])
 def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path, free_bytes):
     """HDF5 itself ends the process with a segmentation fault here."""
-    save_on_a_full_disk(saved / SUBJECTS, tmp_path / SUBJECTS, free_bytes)
+    save_on_a_full_disk(saved / DRAWS_FILE, tmp_path / DRAWS_FILE, free_bytes)
     assert list(tmp_path.iterdir()) == []
 
 

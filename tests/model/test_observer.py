@@ -209,7 +209,10 @@ def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, chang
     ids=repr,
 )
 def test_priors_integrate_to_1_have_their_slope_and_their_quantiles(density):
-    """Quantiles and total are integrals, and slopes are differences of the log density."""
+    """Quantiles and total are integrals, and slopes are differences of the log density.
+
+    Newton steps use a curvature that is positive everywhere, also where the density is not concave.
+    """
     limit = getattr(density, "limit", np.inf)  # where a normal density is cut
 
     def height(u):

@@ -64,6 +64,7 @@ def test_the_script_writes_and_says_what_was_found(tmp_path, monkeypatch, capsys
     monkeypatch.setattr(sys, "argv", line.split())
     monkeypatch.setattr(calibration, "REPLICATES", 20)  # few, so that it takes seconds
     assert calibration.main() == 0
+    # Eight quantities of RANKED for each of two designs.
     assert "*Ranks*, 16 of 16 rows are calibrated." in capsys.readouterr().out
     table = pd.read_csv(tmp_path / "calibration.csv")
     assert set(table.loc[table.part == "rank", "what"]) == set(RANKED)
