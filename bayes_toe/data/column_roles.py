@@ -861,6 +861,11 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
     >>> columns = [Column.from_texts(name, text.split()) for name, text in texts.items()]
     >>> _likely_pairs(columns)
     [('c1', 'c2'), ('dur1', 'dur2')]
+    >>> planned = {"dur1": [40, 50, 60, 70] * 10, "dur2": [70, 40, 50, 60] * 10}
+    >>> texts = {**planned, "dur1_ms": range(40, 80), "dur2_ms": range(60, 100)}
+    >>> columns = [Column.from_texts(name, map(str, cells)) for name, cells in texts.items()]
+    >>> _likely_pairs(columns)
+    [('dur1', 'dur2'), ('dur1_ms', 'dur2_ms')]
     >>> _likely_pairs([Column.from_texts(name, "ab") for name in ("on1_ms", "on2_ms")])
     [()]
     """
@@ -878,7 +883,8 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
         n_common = len(first & second)
         n_all = max(1, len(first | second))  # a table without rows has no values
         # The share of values in common, which is 1 for two constant durations, times their number.
-        return _may_be_stimulus(pair[0]), n_common**2 / n_all, unit_in(pair[0])
+        # Of durations as measured, many may be in common by chance.
+        return _may_be_stimulus(pair[0]), n_common * min(n_common, 10) / n_all, unit_in(pair[0])
 
     names = filterfalse(re.compile(_NUMBER_OF_TRIAL).fullmatch, texts)
     pairs = chain(*_pairs_by_sign(list(names), _NUMBERS | _LETTERS))

@@ -953,8 +953,8 @@ WARNED = {
             )
         )
     ),
-    "column response is read, and not column response_2, which has the same codes.": IN_LOGS.assign(
-        response_2=TRIALS.response
+    "column response is read, and not column response_2, which has the same codes.": (
+        "subject,s1,s2,response,response_2\na,0,0.3,first,second\na,0.3,0,second,first\n"
     ),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
