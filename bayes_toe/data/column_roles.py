@@ -1052,7 +1052,7 @@ def _likely_names(columns: Sequence[Column], role: str) -> list[str]:
     >>> _likely_names([codes, blocks], "response"), _likely_names([codes, blocks], "subject")
     (['second_was'], ['Rat'])
     """
-    by_cells = [column.name for column in columns if _role_by_cells(column) == role]
+    by_cells = [column.name for column in columns if role_by_cells(column) == role]
     # A name such as 'second_longer' says more than the cells, so that it comes first.
     words_of_answers = VOCABULARY["words"]["of_answers"]
     by_cells.sort(key=lambda name: named_places(name).other_words.isdisjoint(words_of_answers))
@@ -1084,7 +1084,7 @@ def are_alike(column: Column, other: Column) -> bool:
     )
 
 
-def _role_by_cells(column: Column) -> str:
+def role_by_cells(column: Column) -> str:
     """The role that a column may have by its cells, 'subject' or 'response'; empty if none.
 
     The name of a subject stands in a block of rows. Responses are two or three codes, and cells
@@ -1093,7 +1093,7 @@ def _role_by_cells(column: Column) -> str:
     Examples
     --------
     >>> names = ("Rec_Session_Id", "file", "Session")
-    >>> [_role_by_cells(Column.from_texts(name, "aaabbb")) for name in names]
+    >>> [role_by_cells(Column.from_texts(name, "aaabbb")) for name in names]
     ['subject', 'subject', '']
     """
     # A session or a file is that of a subject, if others do not name the subject.

@@ -956,6 +956,10 @@ WARNED = {
     "column response is read, and not column response_2, which has the same codes.": (
         "subject,s1,s2,response,response_2\na,0,0.3,first,second\na,0.3,0,second,first\n"
     ),
+    "column studyId changes. If it tells subjects apart, type --columns subject=studyId": (
+        "subject,studyId,trial,s1,s2,response\n0,a,1,0,1,first\n0,a,2,1,0,second\n0,a,3,0,1,first\n"
+        "0,b,1,0,1,first\n0,b,2,1,0,first\n0,b,3,1,0,first\n"
+    ),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
 
