@@ -347,13 +347,18 @@ _LETTERS = {
     "left": "right",
     "Left": "Right",
 }
-#: Names of columns that are numbers, or end in that of a question or trial, as 'b1_t1' and 'Q1_3'.
-_NUMBER_OF_TRIAL = r"(?i)\d+|.*\d_(?:[qrt]|rep|trial|item)_?\d+|q\d+_\d+"
+#: Names of columns that are numbers, or end in that of a question, trial or subject, as 'b1_t1',
+#: 'Q1_3' and 'w1_s1'.
+_NUMBER_OF_TRIAL = (
+    r"(?i)\d+|.*\d_(?:[pqrst]|rep|trial|item|vpn?|sub|subj|subject|participant)_?\d+|q\d+_\d+"
+)
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
-#: Shapes of names with two numbers, of which none is that of a question or trial, as in 'Q{}_{}'.
+#: Shapes of names with two numbers, of which none is that of a question, trial or subject, as in
+#: 'Q{}_{}'.
 _PAIR_SHAPE = (
     r"(?i)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
+    r"(?!.*{}_(?:[ps]|vpn?|sub|subj|subject|participant)_?{})"
     r"(?!(?:[^{}]*[-_. ])?(?:q|b|block|question)[-_. ]*{}[^{}]+{}$)"
     r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*"  # 'Q5_' may be in front
 )
@@ -890,11 +895,7 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
     pairs = chain(*_pairs_by_sign(list(names), _NUMBERS | _LETTERS))
     # Columns without names have their numbers as names. Few values in common may be a chance there.
     neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
-    likely = nlargest(3, pairs, key=fit)
-    # Of pairs such as 'w1_s1' and 'w1_s2', and 'w2_s1' and 'w2_s2', each may mix two subjects.
-    if len({_NUMBERED.sub("", first) for first, _ in likely}) < len(likely):
-        return [("NAME", "NAME")]
-    return likely or [max(neighbours, key=fit, default=())]
+    return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
 
 
 def _remedies(

@@ -778,7 +778,7 @@ REFUSED = {
         "row 3, column n_trials: found '4', allowed: the sum",
     ),
     "columns_of_subjects.csv": (
-        "VP1_L1,VP1_L2,VP1_resp,VP2_L1,VP2_L2,VP2_resp\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
+        "w1_s1,w2_s1,resp_s1,w1_s2,w2_s2,resp_s2\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
         "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME  with the names in your file",
         "if it has one for each subject, make the table long\n       --subject-from",
     ),
