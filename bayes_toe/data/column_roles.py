@@ -348,13 +348,18 @@ _LETTERS = {
     "left": "right",
     "Left": "Right",
 }
-#: Names of columns that are numbers, or end in that of a question or trial, as 'b1_t1' and 'Q1_3'.
-_NUMBER_OF_TRIAL = r"(?i)\d+|.*\d_(?:[qrt]|rep|trial|item)_?\d+|q\d+_\d+"
+#: Names of columns that are numbers, or end in that of a question, trial or subject, as 'b1_t1',
+#: 'Q1_3' and 'w1_s1'.
+_NUMBER_OF_TRIAL = (
+    r"(?i)\d+|.*\d_(?:[pqrst]|rep|trial|item|vpn?|sub|subj|subject|participant)_?\d+|q\d+_\d+"
+)
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
-#: Shapes of names with two numbers, of which none is that of a question or trial, as in 'Q{}_{}'.
+#: Shapes of names with two numbers, of which none is that of a question, trial or subject, as in
+#: 'Q{}_{}'.
 _PAIR_SHAPE = (
     r"(?i)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
+    r"(?!.*{}_(?:[ps]|vpn?|sub|subj|subject|participant)_?{})"
     r"(?!(?:[^{}]*[-_. ])?(?:q|b|block|question)[-_. ]*{}[^{}]+{}$)"
     r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*"  # 'Q5_' may be in front
 )
@@ -863,6 +868,11 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
     >>> columns = [Column.from_texts(name, text.split()) for name, text in texts.items()]
     >>> _likely_pairs(columns)
     [('c1', 'c2'), ('dur1', 'dur2')]
+    >>> planned = {"dur1": [40, 50, 60, 70] * 10, "dur2": [70, 40, 50, 60] * 10}
+    >>> texts = {**planned, "dur1_ms": range(40, 80), "dur2_ms": range(60, 100)}
+    >>> columns = [Column.from_texts(name, map(str, cells)) for name, cells in texts.items()]
+    >>> _likely_pairs(columns)
+    [('dur1', 'dur2'), ('dur1_ms', 'dur2_ms')]
     >>> _likely_pairs([Column.from_texts(name, "ab") for name in ("on1_ms", "on2_ms")])
     [()]
     """
@@ -880,17 +890,14 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
         n_common = len(first & second)
         n_all = max(1, len(first | second))  # a table without rows has no values
         # The share of values in common, which is 1 for two constant durations, times their number.
-        return _may_be_stimulus(pair[0]), n_common**2 / n_all, unit_in(pair[0])
+        # Of durations as measured, many may be in common by chance.
+        return _may_be_stimulus(pair[0]), n_common * min(n_common, 10) / n_all, unit_in(pair[0])
 
     names = filterfalse(re.compile(_NUMBER_OF_TRIAL).fullmatch, texts)
     pairs = chain(*_pairs_by_sign(list(names), _NUMBERS | _LETTERS))
     # Columns without names have their numbers as names. Few values in common may be a chance there.
     neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
-    likely = nlargest(3, pairs, key=fit)
-    # Of pairs such as 'w1_s1' and 'w1_s2', and 'w2_s1' and 'w2_s2', each may mix two subjects.
-    if len({_NUMBERED.sub("", first) for first, _ in likely}) < len(likely):
-        return [("NAME", "NAME")]
-    return likely or [max(neighbours, key=fit, default=())]
+    return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
 
 
 def _remedies(
@@ -1065,7 +1072,7 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     >>> _likely_names([codes, blocks], "response"), _likely_names([codes, blocks], "subject")
     (['second_was'], ['Rat'])
     """
-    by_cells = [column.name for column in columns if _role_by_cells(column) == role]
+    by_cells = [column.name for column in columns if role_by_cells(column) == role]
     # A name such as 'second_longer' says more than the cells, so that it comes first.
     words_of_answers = VOCABULARY["words"]["of_answers"]
     by_cells.sort(key=lambda name: named_places(name).other_words.isdisjoint(words_of_answers))
@@ -1097,7 +1104,7 @@ def are_alike(column: Column, other: Column) -> bool:
     )
 
 
-def _role_by_cells(column: Column) -> str:
+def role_by_cells(column: Column) -> str:
     """The role that a column may have by its cells, 'subject' or 'response'; empty if none.
 
     The name of a subject stands in a block of rows. Responses are two or three codes, and cells
@@ -1106,7 +1113,7 @@ def _role_by_cells(column: Column) -> str:
     Examples
     --------
     >>> names = ("Rec_Session_Id", "file", "Session")
-    >>> [_role_by_cells(Column.from_texts(name, "aaabbb")) for name in names]
+    >>> [role_by_cells(Column.from_texts(name, "aaabbb")) for name in names]
     ['subject', 'subject', '']
     """
     # A session or a file is that of a subject, if others do not name the subject.

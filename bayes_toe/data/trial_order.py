@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
+from bayes_toe.arrays import FloatArray, IndexArray, IntArray, combination_counts, run_starts
 from bayes_toe.data.answers import Answers, Counts
+from bayes_toe.data.column_roles import role_by_cells
 from bayes_toe.data.messages import TWICE, Note, display_name, named_counts, plural
 from bayes_toe.data.tasks import are_trials
 from bayes_toe.data.text_table import Column, Columns, TextTable
@@ -181,7 +182,8 @@ def _repeat_doubts(
 ) -> list[str]:
     """A doubt about answered trials that repeat the number and all else of an earlier row.
 
-    There is none if other rows repeat a number and differ: numbers may begin anew.
+    If other rows repeat a number and differ, numbers may begin anew. There is then a doubt for each
+    column in whose blocks no number is repeated, where the file has a single subject.
     """
     import pandas as pd  # slow to load, and seldom needed
 
@@ -192,7 +194,14 @@ def _repeat_doubts(
     n_repeats = sum(is_repeat)
     repeats_number = rows.duplicated(list(range(len(number_of_trial))))
     if not n_repeats or repeats_number.sum() > n_repeats:  # some repeat the number alone
-        return []
+        return [
+            f"all rows are of subject {unit.texts[0]}, but trial numbers begin anew wherever "
+            f"{column} changes. If it tells subjects apart, type --columns subject={column.name}"
+            for column in table.columns.values()
+            if len(unit.texts) == 1
+            and role_by_cells(column) == "subject"
+            and combination_counts(column.codes, order.trial).max() == 1
+        ]
 
     later = rows.index[is_repeat][0]
     name = display_name(unit.text(later))

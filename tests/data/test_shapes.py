@@ -781,7 +781,7 @@ REFUSED = {
         "row 3, column n_trials: found '4', allowed: the sum",
     ),
     "columns_of_subjects.csv": (
-        "VP1_L1,VP1_L2,VP1_resp,VP2_L1,VP2_L2,VP2_resp\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
+        "w1_s1,w2_s1,resp_s1,w1_s2,w2_s2,resp_s2\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
         "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME  with the names in your file",
         "if it has one for each subject, make the table long\n       --subject-from",
     ),
@@ -956,8 +956,12 @@ WARNED = {
             )
         )
     ),
-    "column response is read, and not column response_2, which has the same codes.": IN_LOGS.assign(
-        response_2=TRIALS.response
+    "column response is read, and not column response_2, which has the same codes.": (
+        "subject,s1,s2,response,response_2\na,0,0.3,first,second\na,0.3,0,second,first\n"
+    ),
+    "column studyId changes. If it tells subjects apart, type --columns subject=studyId": (
+        "subject,studyId,trial,s1,s2,response\n0,a,1,0,1,first\n0,a,2,1,0,second\n0,a,3,0,1,first\n"
+        "0,b,1,0,1,first\n0,b,2,1,0,first\n0,b,3,1,0,first\n"
     ),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
