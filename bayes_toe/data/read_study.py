@@ -584,7 +584,9 @@ def _trial_study(rows: _Rows) -> Study:
     if not answers.is_answered.any():
         remedy = Remedy("columns", (("response", "NAME"),), "if another column has the responses")
         remedies = [remedy] if options.correct is None else []
-        raise NoTrialsError(
+        # With more trials, the responses are rather in another column.
+        kind = NoTrialsError if has_stimuli.sum() < 10 else InputError
+        raise kind(
             f"{table.source}: {column}: found no response in any of {len(table.rows)} rows, "
             "allowed: at least one answered trial",
             remedies,
