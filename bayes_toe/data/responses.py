@@ -630,30 +630,30 @@ def _with_mirrored(
         return remedies
     likeliest = remedies[0]
     code = codes[1] if likeliest.value == codes[0] else codes[0]  # the other one
-    together = (Remedy("second_code", code),)
-    fit = f"and {code} is 'second': responses fit this, too, and constant errors change their sign"
+    if options.standard_first_code is not None:
+        option = replaced = "standard_first_code"
+        values = [text for text in order.texts if text not in ("", options.standard_first_code)]
+        claim = "means that the standard was first"
+    else:
+        option = "comparison_interval"
+        replaced = "standard_interval"
+        # A name such as `std_position`, or a text such as 'SC', says itself which stimulus it is
+        # about.
+        is_open = "".join(order.texts).isdecimal() and not named_places(order.name).stimuli
+        values = [order.name] * (is_open and options.comparison_interval is None)
+        claim = "has the interval of the comparison"
+    if len(values) != 1:
+        return remedies
 
-    orders = [text for text in order.texts if text not in ("", options.standard_first_code)]
-    if options.standard_first_code is not None and len(orders) == 1:
-        option = "standard_first_code"
-        meaning = f"if {orders[0]} means that the standard was first, {fit}"
-        mirrored = Remedy(option, orders[0], meaning, together=together, replaces=option)
-        return [likeliest, mirrored, *remedies[1:]]
-    # A name such as `std_position`, or a text such as 'SC', says itself which stimulus it is about.
-    is_open = "".join(order.texts).isdecimal() and not named_places(order.name).stimuli
-    if options.standard_interval and is_open:
-        meaning = f"if it is rather that of the comparison, {fit}"
-        mirrored = Remedy(
-            "comparison_interval",
-            order.name,
-            meaning,
-            together=together,
-            replaces="standard_interval",
-        )
-        if code == codes[1]:  # the right key
-            return [mirrored, *remedies]
-        return [likeliest, mirrored, *remedies[1:]]
-    return remedies
+    meaning = (
+        f"if {values[0]} {claim}, and {code} is 'second': responses fit this, too, and constant "
+        "errors change their sign"
+    )
+    together = (Remedy("second_code", code),)
+    mirrored = Remedy(option, values[0], meaning, together=together, replaces=replaced)
+    if option == "comparison_interval" and code == codes[1]:  # the right key
+        return [mirrored, *remedies]
+    return [likeliest, mirrored, *remedies[1:]]
 
 
 def _three_answers(
