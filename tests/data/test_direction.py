@@ -144,30 +144,36 @@ def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(
     assert note == f"column {column} read as the order: standard first at '{standard_first}'"
 
 
-#: The same of columns that may say something else, and the first options that are proposed.
+#: The same of columns that may say something else, with the codes of responses, and the end of the
+#: options that are proposed first. Keys are in their usual order.
 COLUMNS_ASKED = """
-    interval | 1 | 2 | --standard-interval interval
-    interval | 1.0 | 2.0 | --standard-interval interval
-    interval | first | Second | --standard-interval interval
-    interval | 1st | 2nd | --standard-interval interval
-    interval | interval 1 | interval 2 | --standard-interval interval
-    target_interval | 2 | 1 | --comparison-interval target_interval
-    signal_position | second | first | --comparison-interval signal_position
-    test_order | 2 | 1 | --comparison-interval test_order
+    interval | 1 | 2 | second=second first=first | --standard-interval interval
+    interval | 1.0 | 2.0 | second=second first=first | --standard-interval interval
+    interval | first | Second | second=second first=first | --standard-interval interval
+    interval | 1st | 2nd | second=second first=first | --standard-interval interval
+    interval | interval 1 | interval 2 | second=2nd first=1st | --standard-interval interval
+    target_interval | 2 | 1 | second=2nd first=1st | --comparison-interval target_interval
+    signal_position | second | first | second=2nd first=1st | --comparison-interval signal_position
+    test_order | 2 | 1 | second=2nd first=1st | --comparison-interval test_order
+    order | B | A | second=j first=f | order --standard-first-code B --second-code j
+    order | 1 | 0 | second=2 first=1 | order --standard-first-code 1 --second-code 2
+    order | S | C | second=m first=z | order --standard-first-code S --second-code m
+    order | 2 | 1 | second=right first=left | --comparison-interval order --second-code right
+    order | SC | CS | second=f first=j | --second-code f
 """
 
 
 @pytest.mark.parametrize(
-    "column, standard_first, comparison_first, options", text_table(COLUMNS_ASKED)
+    "column, standard_first, comparison_first, codes, options", text_table(COLUMNS_ASKED)
 )
 def test_an_order_that_may_be_another_is_asked_for(
-    column, standard_first, comparison_first, options, tmp_path
+    column, standard_first, comparison_first, codes, options, tmp_path
 ):
     # Such as a column interval with 1 and 2: it does not say of which stimulus.
-    table = trials_with_order(column, standard_first, comparison_first)
+    table = trials_with_order(column, standard_first, comparison_first, responses_with_codes(codes))
     first, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
-    assert first == options
-    assert is_read_as_intended(table, options)
+    assert first.endswith(options)
+    assert is_read_as_intended(table, first)
 
 
 #: The same beside stimuli with other names, of which neither says that it came first.
