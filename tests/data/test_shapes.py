@@ -949,13 +949,6 @@ WARNED = {
     "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
     "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
     "If it has correct answers, --columns": IN_LOGS.assign(response=CORRECT_ANSWERS),
-    "6 rows with 'P' in column part are counted; --where part=E leaves them out if these first": (
-        IN_LOGS.assign(
-            part=list(
-                "PPPEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEPPPEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEEE"
-            )
-        )
-    ),
     "column response is read, and not column response_2, which has the same codes.": IN_LOGS.assign(
         response_2=TRIALS.response
     ),
