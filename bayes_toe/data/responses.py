@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, combination_counts
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.column_roles import (
     OTHER_COUNTS,
     TRUE_WORDS,
     VOCABULARY,
     from_left_to_right,
-    is_flag,
     is_missed_flag,
     is_no_response,
     looks_like,
@@ -464,12 +463,12 @@ def _unknown_meaning(
         problem = f"the only code is {counts_shown}. The program does not know what it means."
     else:
         problem = f"the codes are {counts_shown}. The program does not know what they mean."
-    remedies = _other_responses(table, texts, trends["second_code"])
     frequent = _frequent(column)
     if not frequent:  # as of many numbers, such as those of a slider
-        return problem, remedies
+        return problem, []
     # If the file names its task, options for the answers of other tasks are not proposed.
     task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
+    remedies = []
     for remedy in _code_remedies(column, frequent, trends):
         # All options but --equal-code, also --correct, are about which was stronger.
         answer = "equal" if remedy.option == "equal_code" else "second"
@@ -722,27 +721,6 @@ def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:
     if text.startswith("9"):
         return not are_ratings or "8" not in texts  # a scale of nine steps or more has both
     return False
-
-
-def _other_responses(table: TextTable, ratings: Texts, rise: FloatArray) -> list[Remedy]:
-    """Options to type if responses are ratings, and another column has two keys or words.
-
-    The words of the other column do not follow from s2 - s1, as correct answers do.
-    """
-    if len(ratings) < 3:  # no ratings
-        return []
-    remedies = []
-    for name, column in table.columns.items():
-        has_name = name.startswith("response_") or looks_like(name, "response")
-        n_answers = len(list(filterfalse(is_no_response, column.texts)))
-        # What follows from s2 - s1 has one text for each of its three signs. A flag says right or
-        # wrong.
-        is_free = len(combination_counts(np.sign(rise), column.codes)) > 3
-        if has_name and n_answers == 2 and is_free and not is_flag(column.texts):
-            remedies.append(
-                Remedy("columns", (("response", name),), f"if {column} has the responses")
-            )
-    return remedies
 
 
 def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str, str]:

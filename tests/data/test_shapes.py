@@ -572,13 +572,6 @@ REFUSED = {
         labelled(IN_LOGS, response="rating").replace({"first": 2, "second": 5}),
         "type:  --columns response=rating --second-code 5",
     ),
-    "ratings_and_keys.csv": (
-        with_responses(IN_LOGS, "z", "m")
-        .rename(columns={"response": "response_key"})
-        .assign(response=[1, 2, 3, 4] * 20),
-        "type:  --columns response=response_key --second-code m\n",
-        "\n       --second-code ",
-    ),
     "a_and_b.csv --columns s1=toneA,s2=toneB": (
         BY_LETTER,
         "columns toneA and toneB do not say which stimulus came first",
@@ -840,10 +833,6 @@ REFUSED = {
     "no_stimuli_in_a_row.csv": (
         "subject,s1,s2,response\na,n/a,n/a,n/a\na,500,700,first\na,700,500,second\n",
         "type:  --unit a.u. ",
-    ),
-    "confidence.csv": (
-        "subject,s1,s2,choice,response\na,0,0.3,2,1\na,0,0.3,1,2\na,0.3,0,1,4\na,0.3,0,2,3\n",
-        "type:  --columns response=choice ",
     ),
     "loud.csv": (
         "subject,level1,level2,shorter\na,500,700,1\na,700,500,2\n",
