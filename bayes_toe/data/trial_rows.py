@@ -348,9 +348,10 @@ def taken_out_doubts(
             response = None  # one doubt for all
         texts = taken_out_texts(name, column.texts)
         # In other columns, such rows are left out. Subjects with one level each are groups.
-        n_levels = len(combination_counts(subject.codes, column.codes))
-        if name == "condition" and n_levels > len(subject.texts):
-            texts = [*texts, *practice_texts(name, column.texts)]
+        if name == "condition":
+            levels = combination_counts(subject.codes, column.codes)
+            if len(levels) > len(subject.texts):
+                texts = [*texts, *practice_texts(name, column.texts)]
         other_texts = list(filterfalse(texts.__contains__, column.texts))
         if not texts or not other_texts:
             continue
