@@ -477,12 +477,11 @@ def _unknown_meaning(
     return problem, remedies
 
 
-def _complement(table: TextTable, column: Column) -> str:
-    """The column with which whole numbers add up to one number in all rows; empty if none does.
+def _complement(table: TextTable, counts: IntArray) -> str:
+    """The column with which counts add up to one number in all rows; empty if none does.
 
-    Numbers that are the same in all rows have none, since any constant column would be one.
+    Counts that are the same in all rows have none, since any constant column would be one.
     """
-    counts = column.map(whole_number, np.int64)
     if len(np.unique(counts)) < 2:
         return ""
     for name, other in table.columns.items():
@@ -496,7 +495,7 @@ def ask_for_third_count(table: TextTable, sums: IntArray, names_not_read: Texts)
 
     `sums` are those of the counts that are read.
     """
-    third = _complement(table, Column.from_texts("", map(str, sums)))
+    third = _complement(table, sums)
     if third in names_not_read and not looks_like(third, "n_missed"):
         table.problems.ask(
             f"column {display_name(third)} seems to count a third answer, since it makes the sums "
@@ -508,8 +507,9 @@ def ask_for_third_count(table: TextTable, sums: IntArray, names_not_read: Texts)
 def _are_counts(table: TextTable, column: Column) -> bool:
     """Whether cells are counts, or proportions in a wide table."""
     texts = list(filter(None, column.texts))
-    may_be_counts = len(texts) > 3 and all(text[0].isdecimal() for text in texts)
-    return may_be_counts and (column.name == CELL or _complement(table, column) != "")
+    if len(texts) < 4 or not all(text[0].isdecimal() for text in texts):
+        return False
+    return column.name == CELL or _complement(table, column.map(whole_number, np.int64)) != ""
 
 
 def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> Iterator[Remedy]:
@@ -517,7 +517,7 @@ def _count_remedies(table: TextTable, column: Column, trends: Container[str]) ->
 
     `trends` have 'comparison_code' if the stimuli are a standard and a comparison.
     """
-    other_column = _complement(table, column)
+    other_column = _complement(table, column.map(whole_number, np.int64))
     for count in ("n_comparison" if "comparison_code" in trends else "n_second", "n_equal"):
         names = [(count, column.name)]
         if other_column:
@@ -621,38 +621,29 @@ def _with_mirrored(
 ) -> list[Remedy]:
     """The remedies with the opposite order and the other response as 'second', if both are codes.
 
-    Responses fit this and the likeliest remedy alike, but constant errors have opposite signs. If
-    no option gives a code of the order, the reading comes first in which the right key is 'second'.
+    Responses fit this and the likeliest remedy alike, but constant errors have opposite signs. The
+    reading comes first in which the right key is 'second'.
     """
-    codes = from_left_to_right(_frequent(column))
-    if order is None or len(codes) != 2 or not remedies or remedies[0].option != "second_code":
+    if order is None or not options.standard_interval or options.standard_first_code:
         return remedies
-    likeliest = remedies[0]
-    code = codes[1] if likeliest.value == codes[0] else codes[0]  # the other one
-    together = (Remedy("second_code", code),)
-    fit = f"and {code} is 'second': responses fit this, too, and constant errors change their sign"
-
-    orders = [text for text in order.texts if text not in ("", options.standard_first_code)]
-    if options.standard_first_code is not None and len(orders) == 1:
-        option = "standard_first_code"
-        meaning = f"if {orders[0]} means that the standard was first, {fit}"
-        mirrored = Remedy(option, orders[0], meaning, together=together, replaces=option)
-        return [likeliest, mirrored, *remedies[1:]]
+    codes = from_left_to_right(_frequent(column))
+    is_asked = len(codes) == 2 and remedies and remedies[0].option == "second_code"
     # A name such as `std_position`, or a text such as 'SC', says itself which stimulus it is about.
     is_open = "".join(order.texts).isdecimal() and not named_places(order.name).stimuli
-    if options.standard_interval and is_open:
-        meaning = f"if it is rather that of the comparison, {fit}"
-        mirrored = Remedy(
-            "comparison_interval",
-            order.name,
-            meaning,
-            together=together,
-            replaces="standard_interval",
-        )
-        if code == codes[1]:  # the right key
-            return [mirrored, *remedies]
-        return [likeliest, mirrored, *remedies[1:]]
-    return remedies
+    if not is_asked or not is_open:
+        return remedies
+
+    code = codes[1] if remedies[0].value == codes[0] else codes[0]  # the other one
+    mirrored = Remedy(
+        "comparison_interval",
+        order.name,
+        f"if it is rather that of the comparison, and {code} is 'second': responses fit this, too, "
+        "and constant errors change their sign",
+        together=(Remedy("second_code", code),),
+        replaces="standard_interval",
+    )
+    place = 0 if code == codes[1] else 1  # behind the likeliest one, unless it is the right key
+    return [*remedies[:place], mirrored, *remedies[place:]]
 
 
 def _three_answers(
