@@ -1054,9 +1054,9 @@ def _columns_remedies(
             else ""
         )
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
-    other_options = list(
-        chain(*map(replacements.__getitem__, filter(replacements.__contains__, names_by_role)))
-    )
+    other_options = []
+    for role in names_by_role:
+        other_options += replacements.get(role, [])
     if are_replaceable and blank_roles == roles:  # no column is known
         return other_options + by_name
     return by_name + other_options

@@ -231,7 +231,10 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     # Of three texts or more, those without a meaning are problems of their rows.
     if None in order_by_text.values() and len(order_by_text) <= 2:
         counts = join_names(column.counts(order_by_text))
-        problem = f"the codes are {counts}. Which of them means that the standard was first?"
+        problem = (
+            f"the codes are {counts}. Which of them means that the standard was first? With keys "
+            "such as f and j, responses fit both, and constant errors change their sign"
+        )
         texts = _likeliest_first(list(order_by_text), table, column, options)
         _ask_order(table, column, problem, texts)
 

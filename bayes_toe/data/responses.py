@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, combination_counts
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.column_roles import (
     OTHER_COUNTS,
     TRUE_WORDS,
     VOCABULARY,
     from_left_to_right,
-    is_flag,
     is_missed_flag,
     is_no_response,
     looks_like,
@@ -464,12 +463,12 @@ def _unknown_meaning(
         problem = f"the only code is {counts_shown}. The program does not know what it means."
     else:
         problem = f"the codes are {counts_shown}. The program does not know what they mean."
-    remedies = _other_responses(table, texts, trends["second_code"])
     frequent = _frequent(column)
     if not frequent:  # as of many numbers, such as those of a slider
-        return problem, remedies
+        return problem, []
     # If the file names its task, options for the answers of other tasks are not proposed.
     task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
+    remedies = []
     for remedy in _code_remedies(column, frequent, trends):
         # All options but --equal-code, also --correct, are about which was stronger.
         answer = "equal" if remedy.option == "equal_code" else "second"
@@ -478,12 +477,11 @@ def _unknown_meaning(
     return problem, remedies
 
 
-def _complement(table: TextTable, column: Column) -> str:
-    """The column with which whole numbers add up to one number in all rows; empty if none does.
+def _complement(table: TextTable, counts: IntArray) -> str:
+    """The column with which counts add up to one number in all rows; empty if none does.
 
-    Numbers that are the same in all rows have none, since any constant column would be one.
+    Counts that are the same in all rows have none, since any constant column would be one.
     """
-    counts = column.map(whole_number, np.int64)
     if len(np.unique(counts)) < 2:
         return ""
     for name, other in table.columns.items():
@@ -497,7 +495,7 @@ def ask_for_third_count(table: TextTable, sums: IntArray, names_not_read: Texts)
 
     `sums` are those of the counts that are read.
     """
-    third = _complement(table, Column.from_texts("", map(str, sums)))
+    third = _complement(table, sums)
     if third in names_not_read and not looks_like(third, "n_missed"):
         table.problems.ask(
             f"column {display_name(third)} seems to count a third answer, since it makes the sums "
@@ -509,8 +507,9 @@ def ask_for_third_count(table: TextTable, sums: IntArray, names_not_read: Texts)
 def _are_counts(table: TextTable, column: Column) -> bool:
     """Whether cells are counts, or proportions in a wide table."""
     texts = list(filter(None, column.texts))
-    may_be_counts = len(texts) > 3 and all(text[0].isdecimal() for text in texts)
-    return may_be_counts and (column.name == CELL or _complement(table, column) != "")
+    if len(texts) < 4 or not all(text[0].isdecimal() for text in texts):
+        return False
+    return column.name == CELL or _complement(table, column.map(whole_number, np.int64)) != ""
 
 
 def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> Iterator[Remedy]:
@@ -518,7 +517,7 @@ def _count_remedies(table: TextTable, column: Column, trends: Container[str]) ->
 
     `trends` have 'comparison_code' if the stimuli are a standard and a comparison.
     """
-    other_column = _complement(table, column)
+    other_column = _complement(table, column.map(whole_number, np.int64))
     for count in ("n_comparison" if "comparison_code" in trends else "n_second", "n_equal"):
         names = [(count, column.name)]
         if other_column:
@@ -622,38 +621,29 @@ def _with_mirrored(
 ) -> list[Remedy]:
     """The remedies with the opposite order and the other response as 'second', if both are codes.
 
-    Responses fit this and the likeliest remedy alike, but constant errors have opposite signs. If
-    no option gives a code of the order, the reading comes first in which the right key is 'second'.
+    Responses fit this and the likeliest remedy alike, but constant errors have opposite signs. The
+    reading comes first in which the right key is 'second'.
     """
-    codes = from_left_to_right(_frequent(column))
-    if order is None or len(codes) != 2 or not remedies or remedies[0].option != "second_code":
+    if order is None or not options.standard_interval or options.standard_first_code:
         return remedies
-    likeliest = remedies[0]
-    code = codes[1] if likeliest.value == codes[0] else codes[0]  # the other one
-    if options.standard_first_code is not None:
-        option = replaced = "standard_first_code"
-        values = [text for text in order.texts if text not in ("", options.standard_first_code)]
-        claim = "means that the standard was first"
-    else:
-        option = "comparison_interval"
-        replaced = "standard_interval"
-        # A name such as `std_position`, or a text such as 'SC', says itself which stimulus it is
-        # about.
-        is_open = "".join(order.texts).isdecimal() and not named_places(order.name).stimuli
-        values = [order.name] * (is_open and options.comparison_interval is None)
-        claim = "has the interval of the comparison"
-    if len(values) != 1:
+    codes = from_left_to_right(_frequent(column))
+    is_asked = len(codes) == 2 and remedies and remedies[0].option == "second_code"
+    # A name such as `std_position`, or a text such as 'SC', says itself which stimulus it is about.
+    is_open = "".join(order.texts).isdecimal() and not named_places(order.name).stimuli
+    if not is_asked or not is_open:
         return remedies
 
-    meaning = (
-        f"if {values[0]} {claim}, and {code} is 'second': responses fit this, too, and constant "
-        "errors change their sign"
+    code = codes[1] if remedies[0].value == codes[0] else codes[0]  # the other one
+    mirrored = Remedy(
+        "comparison_interval",
+        order.name,
+        f"if it is rather that of the comparison, and {code} is 'second': responses fit this, too, "
+        "and constant errors change their sign",
+        together=(Remedy("second_code", code),),
+        replaces="standard_interval",
     )
-    together = (Remedy("second_code", code),)
-    mirrored = Remedy(option, values[0], meaning, together=together, replaces=replaced)
-    if option == "comparison_interval" and code == codes[1]:  # the right key
-        return [mirrored, *remedies]
-    return [likeliest, mirrored, *remedies[1:]]
+    place = 0 if code == codes[1] else 1  # behind the likeliest one, unless it is the right key
+    return [*remedies[:place], mirrored, *remedies[place:]]
 
 
 def _three_answers(
@@ -722,27 +712,6 @@ def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:
     if text.startswith("9"):
         return not are_ratings or "8" not in texts  # a scale of nine steps or more has both
     return False
-
-
-def _other_responses(table: TextTable, ratings: Texts, rise: FloatArray) -> list[Remedy]:
-    """Options to type if responses are ratings, and another column has two keys or words.
-
-    The words of the other column do not follow from s2 - s1, as correct answers do.
-    """
-    if len(ratings) < 3:  # no ratings
-        return []
-    remedies = []
-    for name, column in table.columns.items():
-        has_name = name.startswith("response_") or looks_like(name, "response")
-        n_answers = len(list(filterfalse(is_no_response, column.texts)))
-        # What follows from s2 - s1 has one text for each of its three signs. A flag says right or
-        # wrong.
-        is_free = len(combination_counts(np.sign(rise), column.codes)) > 3
-        if has_name and n_answers == 2 and is_free and not is_flag(column.texts):
-            remedies.append(
-                Remedy("columns", (("response", name),), f"if {column} has the responses")
-            )
-    return remedies
 
 
 def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str, str]:

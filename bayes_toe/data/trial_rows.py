@@ -13,7 +13,7 @@ from itertools import filterfalse
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, IntArray, combination_counts, run_starts
+from bayes_toe.arrays import BoolArray, IntArray, combination_counts
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
     are_alike,
@@ -332,13 +332,11 @@ def taken_out_doubts(
     """A doubt for each column with texts, such as 'aborted', that say that a trial does not count.
 
     Columns of blocks, of conditions, and those that are not read may have them. The doubt says how
-    many rows of the table have such a text. In any language, one of two texts may mean practice if
-    the first rows of each subject have it, and no others. A column may also have the responses of
-    another subject.
+    many rows of the table have such a text. A column may also have the responses of another
+    subject.
     """
     response = table.columns.get(options.name("response"))
     subject = _subjects(table, options)
-    n_subjects = len(subject.texts)
     for name, column in table.columns.items():
         if name not in (*names_not_read, "block", "condition"):
             continue
@@ -350,23 +348,10 @@ def taken_out_doubts(
             response = None  # one doubt for all
         texts = taken_out_texts(name, column.texts)
         # In other columns, such rows are left out. Subjects with one level each are groups.
-        if (
-            name == "condition"
-            and len(combination_counts(subject.codes, column.codes)) > n_subjects
-        ):
-            texts = [*texts, *practice_texts(name, column.texts)]
-        guess = ""
-        n_runs = len(run_starts(subject.codes, column.codes))
-        # Each subject has a run of rows with the first text, and then one with the other text. The
-        # first one has three rows on average, or more, but a fifth of all rows at most.
-        if (
-            not texts
-            and n_runs == 2 * n_subjects
-            and len(column.texts) == 2
-            and 3 * n_subjects <= (column.codes == 0).sum() <= 0.2 * len(table.rows)
-        ):
-            texts = column.texts[:1]
-            guess = " if these first rows of each subject are practice"
+        if name == "condition":
+            levels = combination_counts(subject.codes, column.codes)
+            if len(levels) > len(subject.texts):
+                texts = [*texts, *practice_texts(name, column.texts)]
         other_texts = list(filterfalse(texts.__contains__, column.texts))
         if not texts or not other_texts:
             continue
@@ -375,7 +360,7 @@ def taken_out_doubts(
         doubt = f"{rows} with {join_quoted(texts)} in {column} are counted"
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
-            doubt += f"; {remedy.typed} leaves them out{guess}"
+            doubt += f"; {remedy.typed} leaves them out"
         yield doubt
 
 

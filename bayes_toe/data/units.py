@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import compress, filterfalse
+from itertools import filterfalse
 from typing import TypeAlias
 
 import numpy as np
@@ -23,7 +23,7 @@ from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import Texts, display_name, join_display_names, join_names, quoted
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.study import Study, Subject, with_shared_scales
+from bayes_toe.data.study import Study, Subject, pooled, with_shared_scales
 from bayes_toe.data.study_files import common_notes, reading_of_all, together
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, task_named, tasks_named
 from bayes_toe.data.text_table import Column, Columns, TextTable
@@ -286,17 +286,18 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
     for units in units_of_subjects:
         if len(units) == 1:
             continue
-        outcomes = []  # of each unit: its pairs, each with every answer that was given to it
-        for unit in units:
-            n_no = unit.n_trials - unit.n_yes
-            outcomes += [(pair, "yes") for pair in compress(unit.pairs, unit.n_yes)]
-            outcomes += [(pair, "no") for pair in compress(unit.pairs, n_no)]
-        n_distinct = len(set(outcomes))
-        if n_distinct < len(outcomes):  # two levels have the same answer to a pair
+        subject = pooled(units)
+        n_outcomes = _n_outcomes(subject)
+        if n_outcomes < sum(map(_n_outcomes, units)):  # two levels have the same answer to a pair
             return False
         # Trials that could have given an answer again, at another level.
-        n_repeated += sum(unit.total_trials for unit in units) - n_distinct
+        n_repeated += subject.total_trials - n_outcomes
     return n_repeated >= _REPEATED
+
+
+def _n_outcomes(unit: Subject) -> int:
+    """In how many pairs the counted answer was given, and in how many another one, added up."""
+    return int(np.count_nonzero([unit.n_yes, unit.n_trials - unit.n_yes]))
 
 
 def pooled_conditions(
