@@ -463,6 +463,11 @@ def _unknown_meaning(
         problem = f"the only code is {counts_shown}. The program does not know what it means."
     else:
         problem = f"the codes are {counts_shown}. The program does not know what they mean."
+    if len(texts) > 3:
+        problem += (
+            " If they say how sure participants were, --columns response=NAME names the column of "
+            "their answers."
+        )
     frequent = _frequent(column)
     if not frequent:  # as of many numbers, such as those of a slider
         return problem, []
