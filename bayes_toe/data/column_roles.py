@@ -606,11 +606,11 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
         return problem
     if names_like(names, "difference"):
         problem += (
-            " Of a base and a difference, add a column of their sum (of a ratio, their product): "
-            "s2, or the comparison."
+            " If these are a base and a difference, add their sum (with a ratio, their product) as "
+            "a column: s2, or the comparison."
         )
     if re.search(r"(?i)(\b|_|\d)(off|offset|end|stop(ped)?)(\b|_|\d)", " ".join(names)):
-        problem += " Of the times of on and off, add columns of their differences: s1 and s2."
+        problem += " If stimuli have times of on and off, add the differences as columns s1 and s2."
     if names_like(names, "comparison") and not names_like(names, "standard"):
         problem += (
             " If one standard was in all trials, add a column standard with its level. Type "

@@ -635,7 +635,7 @@ REFUSED = {
     ),
     "base_and_delta.csv": (
         "subject,base,delta_ms,response\na,500,50,second\na,500,-50,first\n",
-        "Of a base and a difference, add a column of their sum (of a ratio, their product): s2, or",
+        "If these are a base and a difference, add their sum (with a ratio, their product) as",
     ),
     "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
         "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",
@@ -809,7 +809,7 @@ REFUSED = {
     ),
     "onsets.csv": (
         "subject,on1_ms,off1_ms,on2_ms,off2_ms,response\na,500,900,1400,1900,second\n",
-        "Of the times of on and off, add columns of their differences: s1 and s2.",
+        "If stimuli have times of on and off, add the differences as columns s1 and s2.",
     ),
     "sides.csv": (
         "subject,left_g,right_g,lifted_first,heavier\na,50,60,left,right\na,60,50,right,left\n",
