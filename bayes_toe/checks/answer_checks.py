@@ -301,7 +301,7 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     difference = subject.s2 - subject.s1
     n_wrong = subject.task.wrong(difference, k, n).sum()
     n_unequal = n[subject.task.right(difference) != 0].sum()  # trials that have a right answer
-    agreement = np.maximum(_agreement(k, n), _agreement(n_wrong, n_unequal))
+    agreement = np.maximum(_agreement(k, n), _agreement(int(n_wrong), int(n_unequal)))
     return -np.log(agreement)[answers.pair]
 
 

@@ -1097,7 +1097,7 @@ def are_alike(column: Column, other: Column) -> bool:
     >>> [column.name for column in others if are_alike(first, column)]
     ['resp_2', 'resp_KM']
     """
-    return (
+    return bool(
         _NUMBERED.sub("", column.name) == _NUMBERED.sub("", other.name)
         and all(map(is_no_response, set(column.texts) ^ set(other.texts)))
         and (empty(column) | empty(other)).mean() < 0.5

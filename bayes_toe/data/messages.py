@@ -13,7 +13,7 @@ from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, SupportsIndex, TypeAlias
 
 import numpy as np
 
@@ -167,7 +167,7 @@ def capitalized(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def plural(count: int, noun: str) -> str:
+def plural(count: SupportsIndex, noun: str) -> str:
     """A number and its noun, '1 cell' or '2 cells'."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 

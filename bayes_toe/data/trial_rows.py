@@ -258,7 +258,7 @@ def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
     pair like others. Their run at the end is unfilled if it is improbable by how often a pair
     follows itself in the rows before. Rows that are sorted by pair stay.
     """
-    n_filled = np.flatnonzero(~is_zero).max(initial=-1) + 1  # up to the last one with a value
+    n_filled = int(np.flatnonzero(~is_zero).max(initial=-1)) + 1  # up to the last one with a value
     n_zero = len(is_zero) - n_filled
 
     is_repeat = (np.diff(pair[:n_filled], axis=0) == 0).all(axis=1)
