@@ -261,7 +261,7 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
     with whole_file(path, overwrite=overwrite) as target:
         with without_cluster():  # xarray would ask a cluster for a lock
             tree.to_netcdf(content, engine="h5netcdf", encoding=encoding)
-        target.write_bytes(content.getbuffer())
+        target.write_bytes(content.getvalue())
     return Path(path)
 
 
