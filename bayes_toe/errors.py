@@ -194,9 +194,9 @@ class NoTrialsError(InputError):
 
 
 def _without_replaced(answers: Collection[Remedy]) -> list[Remedy]:
-    """The answers without those that another one replaces, maybe by the same option."""
+    """The answers without those that another one replaces."""
     replaced = {answer.replaces for answer in answers}
-    return [answer for answer in answers if answer.replaces or answer.option not in replaced]
+    return [answer for answer in answers if answer.option not in replaced]
 
 
 def with_next_questions(

@@ -90,7 +90,7 @@ class StandardOrder:
         note = f"{column} read as the order: standard first at {texts or 'none'}"
         if options.standard_first_code is not None:
             note += "; otherwise constant errors have the opposite sign"
-        self.notes += [note]
+        self.notes.append(note)
         # An empty cell is no key, so that it is unknown, too. In an array of bool, None is False.
         self.is_first = column.map(order_by_text.get)
         self.is_unknown = column.map(lambda text: order_by_text.get(text) is None)

@@ -458,7 +458,7 @@ def _unknown_meaning(
 
     if _are_counts(table, column):
         problem = f"found numbers: {counts_shown}. What do they count?"
-        return problem, list(_count_remedies(table, column, trends))
+        return problem, list(_cell_count_remedies(table, column, trends))
     if len(texts) == 1:
         problem = f"the only code is {counts_shown}. The program does not know what it means."
     else:
@@ -517,7 +517,9 @@ def _are_counts(table: TextTable, column: Column) -> bool:
     return column.name == CELL or _complement(table, column.map(whole_number, np.int64)) != ""
 
 
-def _count_remedies(table: TextTable, column: Column, trends: Container[str]) -> Iterator[Remedy]:
+def _cell_count_remedies(
+    table: TextTable, column: Column, trends: Container[str]
+) -> Iterator[Remedy]:
     """Options to type if cells are counts or proportions of an answer.
 
     `trends` have 'comparison_code' if the stimuli are a standard and a comparison.

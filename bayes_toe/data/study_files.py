@@ -383,12 +383,13 @@ def _copies(studies: Sequence[Study]) -> Iterator[str]:
     study has such a doubt with a probability below 2 %, whatever its size.
     """
     name_by_trials: dict[bytes, str] = {}
+    n_subjects = sum(map(len, studies))
     for study in studies:
         for subject in study:
             answers = subject.answers
             log_ways = np.log(binom(subject.n_trials, subject.n_yes)).sum()
             # Any two subjects may be the same by chance.
-            has_few_ways = log_ways < np.log(50 * sum(map(len, studies)) ** 2)
+            has_few_ways = log_ways < np.log(50 * n_subjects**2)
             if answers is None or not answers.has_trial_rows or has_few_ways:
                 continue
             name = f"{study.source}: subject {display_name(subject.name)}"
