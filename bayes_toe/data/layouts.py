@@ -73,6 +73,8 @@ class StandardOrder:
     is_first : ndarray of bool, shape (rows,)
     is_unknown : ndarray of bool, shape (rows,)
         Rows in which the column does not say it.
+    is_open : bool
+        Whether it has intervals such as '1' and '2', and only options say of which stimulus.
     notes : list of str
         How the column was read, and responses that name a stimulus.
     """
@@ -80,6 +82,7 @@ class StandardOrder:
     def __init__(self, table: TextTable, column: Column | None, options: ReadOptions) -> None:
         self.column = column
         self.notes: list[str] = []
+        self.is_open = False
         if column is None:
             self.is_first = np.ones(len(table.rows), bool)
             self.is_unknown = np.zeros(len(table.rows), bool)
@@ -88,8 +91,11 @@ class StandardOrder:
         order_by_text = _standard_first_by_text(table, column, options)
         texts = join_quoted(filter(order_by_text.get, order_by_text))
         note = f"{column} read as the order: standard first at {texts or 'none'}"
-        if options.standard_first_code is not None:
-            note += "; otherwise constant errors have the opposite sign"
+        # A name such as 'std_position', or a cell such as 'SC', says itself which stimulus it is.
+        self.is_open = "".join(column.texts).isdecimal() and not named_places(column.name).stimuli
+        # Responses by codes would fit the opposite order alike, with the opposite codes.
+        if options.standard_first_code is not None or (self.is_open and options.code_by_answer):
+            note += "; otherwise order effects have the opposite sign"
         self.notes.append(note)
         # An empty cell is no key, so that it is unknown, too. In an array of bool, None is False.
         self.is_first = column.map(order_by_text.get)
@@ -233,7 +239,7 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
         counts = join_names(column.counts(order_by_text))
         problem = (
             f"the codes are {counts}. Which of them means that the standard was first? With keys "
-            "such as f and j, responses fit both, and constant errors change their sign"
+            "such as f and j, responses fit both, and order effects change their sign"
         )
         texts = _likeliest_first(list(order_by_text), table, column, options)
         _ask_order(table, column, problem, texts)

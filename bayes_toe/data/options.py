@@ -22,6 +22,7 @@ from bayes_toe.data.messages import Texts, display_name, join_display_names, quo
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task, task_with
+from bayes_toe.data.text_table import without_decimals
 from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
@@ -169,8 +170,12 @@ class ReadOptions:
         """Replace all values by texts without spaces around them, see :func:`_as_text`."""
         values: dict[str, Any] = vars(self)  # a frozen dataclass refuses assignments
         for key in _TEXT_FIELDS:
-            if values[key] is not None:
-                values[key] = _as_text(values[key])
+            if values[key] is None:
+                continue
+            values[key] = _as_text(values[key])
+            # A code is as in the cells of responses, unless it is a list, such as '1,0'.
+            if key.endswith("_code") and "," not in values[key]:
+                values[key] = without_decimals(values[key])
 
         for key in ("columns", "where"):
             texts = values[key]

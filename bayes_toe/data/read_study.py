@@ -456,6 +456,9 @@ def _columns(
     for role in ("n_comparison", "n_correct", "n_standard"):
         if role in columns:
             columns["n_first" if role == "n_standard" else "n_second"] = columns[role]
+    for role in ("response", "correct", "standard_interval"):  # their cells may be codes
+        if role in columns:
+            columns[role] = columns[role].without_decimals()
     if "response" in columns:
         columns["response"] = with_joined_codes(columns["response"], options)
 

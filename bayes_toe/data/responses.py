@@ -47,7 +47,7 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import CELL, Column, TextTable
+from bayes_toe.data.text_table import CELL, Column, TextTable, without_decimals
 from bayes_toe.data.validation import MISSING_WORDS, number, whole_number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -145,7 +145,7 @@ def responses(
         problem, remedies = _unknown_texts(column, answer_index, codes, names)
     if _UNKNOWN in answer_index:
         remedies = _proposals(table, column, answer_index, names, options, trends, remedies)
-        remedies = _with_mirrored(remedies, column, order.column, options)
+        remedies = _with_mirrored(remedies, column, order, options)
 
     if problem:
         table.problems.ask(f"{column}: {problem}", remedies)
@@ -288,7 +288,7 @@ def with_joined_codes(column: Column, options: ReadOptions) -> Column:
     lists = [code for code in options.code_by_answer.values() if "," in code]
     texts = []
     for text in column.texts:
-        codes = [code for code in lists if _without_decimals(text) in code.split(",")]
+        codes = [code for code in lists if text in code.split(",")]
         texts.append(codes[0] if len(codes) == 1 else text)
     return Column.from_texts(column.name, texts, column.codes)
 
@@ -322,19 +322,18 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     ['none', '-1']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
-    codes = set(map(_without_decimals, filter(None, given_codes)))
-    declared = set(map(_without_decimals, options.missed))
-    frequent = set(map(_without_decimals, _frequent(column, share=_MOST_MISSED, least=1.0)))
+    codes = set(filter(None, given_codes))
+    declared = set(map(without_decimals, options.missed))
+    frequent = set(_frequent(column, share=_MOST_MISSED, least=1.0))
 
     missed = []
     answers = set()
     for text in column.texts:
-        cell = _without_decimals(text)
         # A code or a frequent text is an answer, even if it is '.' or '999'.
-        if cell in declared or (cell not in (codes | frequent) and is_no_response(cell)):
+        if text in declared or (text not in (codes | frequent) and is_no_response(text)):
             missed.append(text)
         else:
-            answers.add(cell)
+            answers.add(text)
 
     words_of_answers = _ALL_WORDS if options.correct is None else _RIGHT_WRONG
     known_words = set(chain(*words_of_answers))
@@ -342,7 +341,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
     n_answers = len((options.task or SAME_DIFFERENT).answers)  # two if the task is not known
     if "-1" in answers - codes - frequent and len(answers) > n_answers and has_known_words:
-        missed += [text for text in column.texts if _without_decimals(text) == "-1"]
+        missed.append("-1")
     return missed
 
 
@@ -354,7 +353,7 @@ def without_missed(
     Experiment programs score a missed trial as wrong. The `signs` of one are its key, its reaction
     time or a column such as `timed_out`. `declared` are texts that the options name.
     """
-    is_right = column.map(lambda text: _without_decimals(text).lower() in _RIGHT_WRONG[0])
+    is_right = column.map(lambda text: text.lower() in _RIGHT_WRONG[0])
     causes = []
     for sign in signs:
         texts = [t for t in sign.texts if t in declared or _shows_missed(sign, t, is_right)]
@@ -385,7 +384,7 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     >>> _shows_missed(times, "-1", np.array([True, False, True]))
     True
     """
-    word = _without_decimals(text).lower()
+    word = without_decimals(text).lower()
     if is_missed_flag(sign):
         is_sign = word in TRUE_WORDS
     else:
@@ -415,8 +414,8 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
     >>> _all_codes(Column.from_texts("response", ["j", "f"]), ("j", None))
     ('j', 'f')
     """
-    given_codes = set(map(_without_decimals, filter(None, codes)))
-    texts = set(map(_without_decimals, column.texts)) - {""}
+    given_codes = set(filter(None, codes))
+    texts = set(column.texts) - {""}
     other_texts = texts - given_codes
     if codes.count(None) != 1 or len(other_texts) != 1:
         return codes
@@ -624,28 +623,25 @@ def _proposals(
 
 
 def _with_mirrored(
-    remedies: list[Remedy], column: Column, order: Column | None, options: ReadOptions
+    remedies: list[Remedy], column: Column, order: StandardOrder, options: ReadOptions
 ) -> list[Remedy]:
     """The remedies with the opposite order and the other response as 'second', if both are codes.
 
-    Responses fit this and the likeliest remedy alike, but constant errors have opposite signs. The
+    Responses fit this and the likeliest remedy alike, but order effects have opposite signs. The
     reading comes first in which the right key is 'second'.
     """
-    if order is None or not options.standard_interval or options.standard_first_code:
+    if not order.is_open or not options.standard_interval or options.standard_first_code:
         return remedies
     codes = from_left_to_right(_frequent(column))
-    is_asked = len(codes) == 2 and remedies and remedies[0].option == "second_code"
-    # A name such as `std_position`, or a text such as 'SC', says itself which stimulus it is about.
-    is_open = "".join(order.texts).isdecimal() and not named_places(order.name).stimuli
-    if not is_asked or not is_open:
+    if len(codes) != 2 or not remedies or remedies[0].option != "second_code":
         return remedies
 
     code = codes[1] if remedies[0].value == codes[0] else codes[0]  # the other one
     mirrored = Remedy(
         "comparison_interval",
-        order.name,
+        str(options.standard_interval),
         f"if it is rather that of the comparison, and {code} is 'second': responses fit this, too, "
-        "and constant errors change their sign",
+        "and order effects change their sign",
         together=(Remedy("second_code", code),),
         replaces="standard_interval",
     )
@@ -758,9 +754,8 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
         rises["equal_code"] = np.inf
     remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
 
-    codes = list(map(_without_decimals, texts))
-    right_codes = [code for code in codes if code.lower() in _RIGHT_WRONG[0]]
-    if right_codes and set(map(str.lower, codes)) <= set(chain(*_RIGHT_WRONG)):
+    right_codes = [code for code in texts if code.lower() in _RIGHT_WRONG[0]]
+    if right_codes and set(map(str.lower, texts)) <= set(chain(*_RIGHT_WRONG)):
         meaning = f"if {right_codes[0]} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
         # Without equal stimuli, more than 70 % may be right responses, but hardly 'different'.
@@ -772,14 +767,8 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
 
 
 def _joined(texts: Texts) -> str:
-    """The codes of an answer as an option lists them: ['5.0', '4'] -> '4,5'."""
-    return ",".join(sorted(map(_without_decimals, texts)))
-
-
-def _without_decimals(text: str) -> str:
-    """A cell without what spreadsheets add to whole numbers: '1.0' is '1', and '0,0' is '0'."""
-    match = re.fullmatch(r"([-+]?\d+)[.,]0*", text)
-    return match[1] if match else text
+    """The codes of an answer as an option lists them: ['5', '4'] -> '4,5'."""
+    return ",".join(sorted(texts))
 
 
 def _answer_index(text: str, codes: Codes, words: Sequence[Texts]) -> int:
@@ -787,11 +776,9 @@ def _answer_index(text: str, codes: Codes, words: Sequence[Texts]) -> int:
 
     An answer has a code, or words if its code is None.
     """
-    cell = _without_decimals(text)
-    codes = [code and _without_decimals(code) for code in codes]
-    if cell in codes:
-        return codes.index(cell)
-    word = cell.lower()
+    if text in codes:
+        return codes.index(text)
+    word = text.lower()
     if not word:
         return _MISSING
     # Where 'Different' was declared to mean equal, 'different' is not read by default.

@@ -111,6 +111,10 @@ class Column:
             new_codes = new_codes[codes]
         return cls(name, list(code_of_text), new_codes)
 
+    def without_decimals(self) -> Column:
+        """The column with whole numbers such as '1' in the place of '1.0'."""
+        return Column.from_texts(self.name, map(without_decimals, self.texts), self.codes)
+
     def __str__(self) -> str:
         return f"column {display_name(self.name)}"
 
@@ -145,6 +149,12 @@ class Column:
         """Texts with the number of their rows, as messages show them: "'j' (40)"."""
         counts = np.bincount(self.codes, minlength=len(self.texts)).tolist()
         return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
+
+
+def without_decimals(text: str) -> str:
+    """A whole number without what pandas and spreadsheets add: '1.0' is '1', and '0,0' is '0'."""
+    match = re.fullmatch(r"([-+]?\d+)[.,]0*", text)
+    return match[1] if match else text
 
 
 class NoValue(NamedTuple):

@@ -141,7 +141,9 @@ def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(
     table = trials_with_order(column, standard_first, comparison_first)
     assert is_read_as_intended(table, "")
     _, note, *_ = bt.read_study(table).notes
-    assert note == f"column {column} read as the order: standard first at '{standard_first}'"
+    # Whole numbers have no decimals.
+    cell = standard_first.removesuffix(".0")
+    assert note == f"column {column} read as the order: standard first at '{cell}'"
 
 
 #: The same of columns that may say something else, with the codes of responses, and the end of the
@@ -159,6 +161,7 @@ COLUMNS_ASKED = """
     order | 1 | 0 | second=2 first=1 | order --standard-first-code 1 --second-code 2
     order | S | C | second=m first=z | order --standard-first-code S --second-code m
     order | 2 | 1 | second=right first=left | --comparison-interval order --second-code right
+    order | 2.0 | 1.0 | second=2.0 first=1.0 | --comparison-interval order --second-code 2
     order | SC | CS | second=f first=j | --second-code f
 """
 
@@ -174,6 +177,22 @@ def test_an_order_that_may_be_another_is_asked_for(
     first, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
     assert first.endswith(options)
     assert is_read_as_intended(table, first)
+
+
+@pytest.mark.parametrize(
+    "order_cells, codes, options, depends",
+    [
+        (["1", "2"], "second=j first=f", {"second_code": "j"}, True),
+        (["1.0", "2.0"], "second=j first=f", {"second_code": "j"}, True),
+        (["standard", "comparison"], "second=j first=f", {"second_code": "j"}, False),
+        (["1", "2"], "second=second first=first", {}, False),
+    ],
+)
+def test_a_note_says_where_the_sign_depends_on_options(order_cells, codes, options, depends):
+    # Only options say of which stimulus an interval 1 is, and which response f is.
+    table = trials_with_order("order", *order_cells, responses_with_codes(codes))
+    study = bt.read_study(table, bt.ReadOptions(standard_interval="order", **options))
+    assert ("opposite sign" in " ".join(study.notes)) == depends
 
 
 #: The same beside stimuli with other names, of which neither says that it came first.

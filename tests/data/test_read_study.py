@@ -103,7 +103,7 @@ def test_files_are_read(text, options, expected):
             TRIALS + "a,0,0,1.0\na,0,0,0\n",
             "--equal-code 1",
             """
-            trial rows, comma-separated, UTF-8, responses '1.0' as equal (1) / '0' as different (1),
+            trial rows, comma-separated, UTF-8, responses '1' as equal (1) / '0' as different (1),
             stimuli as natural logs
             """,
         ),
