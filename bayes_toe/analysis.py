@@ -28,7 +28,7 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws, require_fitting
-from bayes_toe.inference.draws_file import DrawsStack, subjects_tree
+from bayes_toe.inference.draws_file import subjects_tree
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, unchecked_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
@@ -146,8 +146,6 @@ def run(
     # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 
-    # Draws move to the stack as soon as a subject is done, so that none are in memory twice.
-    stack = DrawsStack(study.names)
     results = _analyse_study(
         study,
         settings,
@@ -156,7 +154,6 @@ def run(
         folder=keep,
         workers=workers,
         progress=progress,
-        receive=lambda index, analysis: stack.take(index, analysis.draws),
     )
     study, analyses, failed = _survivors(study, results)
     table = _table(analyses, settings, failed, study.task)
@@ -171,7 +168,7 @@ def run(
             summary += analysis.draws.summary
             posterior = OrderModel("both").posterior(subject, settings.prior.observer)
             curves.append(Predictor(posterior, analysis.curve_draws))
-    tree = subjects_tree(study, stack, all_draws, settings, failed, faults)
+    tree = subjects_tree(study, all_draws, settings, failed, faults)
 
     differences = None
     if study.conditions is not None:
@@ -263,8 +260,6 @@ def sample(
     # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 
-    # Draws move to the stack as soon as a subject is done, so that none are in memory twice.
-    stack = DrawsStack(study.names)
     results = run_stored(
         partial(try_each, partial(_sample_subject, settings=settings)),
         study.subjects,
@@ -273,10 +268,9 @@ def sample(
         folder=keep,
         workers=workers,
         progress=progress,
-        receive=stack.take,
     )
     study, finished, failed = _survivors(study, results)
-    all_draws = Draws(subjects_tree(study, stack, finished, settings, failed, faults))
+    all_draws = Draws(subjects_tree(study, finished, settings, failed, faults))
 
     # What stands in a warning between a subject and its reason, and the reasons by subject.
     for problem, reasons in (
