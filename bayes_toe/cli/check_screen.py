@@ -47,7 +47,7 @@ def _print_task(
     out: Terminal, study: Study, prior: Prior, *, shows_prior: bool
 ) -> tuple[Finding, ...]:
     """Print what was read of one task and its problems; return all findings of the task."""
-    findings = bt.check(study, prior)
+    findings = bt.check(study)
     by_subject = _by_subject(findings)
     out.line(describe_study(study))
     out.line(describe_pairs(study))

@@ -226,16 +226,6 @@ class Prior(PriorNumbers):
         """Mean and standard deviation of mu1, which are the penalty of a maximum-likelihood fit."""
         return cast(float, self.mu1_mean), cast(float, self.mu1_sd)
 
-    def spread_probability(self, low: float, high: float) -> float:
-        """Probability that the width, or sigma_p, lies between two numbers."""
-        from scipy import stats  # only here, because it loads slowly
-
-        if self.spread_sd is None:
-            density = stats.halfnorm(scale=self.spread_scale)
-        else:
-            density = stats.lognorm(self.spread_sd, scale=self.spread_scale)
-        return float(density.cdf(high) - density.cdf(low))
-
     # --- Numbers of the stimuli -------------------------------------------------------------------
 
     def for_subjects(self, *subjects: Subject) -> Self:
