@@ -66,10 +66,10 @@ def subjects_tree(
     """
     n_chains, n_draws = subject_draws[0].quantities["lp"].shape
     variables = {}
-    for name in list(subject_draws[0].quantities):
+    for quantity in list(subject_draws[0].quantities):
         # The records lose their arrays here, so that memory holds only one quantity twice.
-        values = np.stack([row.quantities.pop(name) for row in subject_draws], axis=-1)
-        variables[name] = (BY_SUBJECT, values)
+        values = np.stack([row.quantities.pop(quantity) for row in subject_draws], axis=-1)
+        variables[quantity] = (BY_SUBJECT, values)
     n_walkers = settings.sampler.walkers
     # Draws are walker-major: those of the first walker come first.
     walker = np.repeat(np.arange(n_walkers), n_draws // n_walkers)
