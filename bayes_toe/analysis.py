@@ -375,7 +375,8 @@ def _analyse_subject(
     draws = subject_draws(fitted, settings.sampler, seed, summarised=True)
     row = subject_evidence(fitted, h1, answer, draws.fit)
     # 400 draws suffice for the bands of curves in figures.
-    curve_draws = evidence.averaged().resampled(generator(seed, subject.name, "shown"), 400)
+    rng = generator(seed, subject.name, "shown")
+    curve_draws = evidence.averaged().resampled(rng, size=400)
     return _SubjectAnalysis(row, draws, curve_draws)
 
 

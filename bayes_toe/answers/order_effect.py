@@ -543,7 +543,8 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
     decimals = most_decimals
     if 0.0 < error < np.inf:
         # The exponent of the error with one digit: 0.0096 is '1e-02', which leaves two decimals.
-        decimals = min(decimals, -int(f"{error:.0e}".partition("e")[2]))
+        _, _, exponent = f"{error:.0e}".partition("e")
+        decimals = min(decimals, -int(exponent))
     if decimals < 0:  # tens or hundreds
         quantiles = np.round(quantiles, decimals)
         decimals = 0
@@ -767,8 +768,8 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     scales = subject.scales
     constant_error = draws.quantities["constant_error"]
     p = draws.quantities["contraction"]
-    # The shift at a first stimulus s1 is c - p (s1 - sbar), sbar the mean first stimulus over all
-    # conditions of the subject. Here is the shift at the mean first stimulus of this condition.
+    # The shift of the PSE at a first stimulus s1 is c - p (s1 - sbar), with the mean first stimulus
+    # sbar over all conditions of the subject. `mean_shift` is that at its mean in this one.
     mean_shift = constant_error - p * (subject.mean_first - scales.sbar)
     # The order effect is the root mean square over the first stimuli of the shift: the root of the
     # squared mean plus the variance. A contraction moves each by p times its distance to the mean.

@@ -432,7 +432,7 @@ class AnswerTable:
         maps counts k, (tables, pairs, blocks), to one value a table. `name` is that of the subject,
         which has a random stream of its own.
         """
-        rng = generator(0, name, "answers")
+        rng = generator(0, name, "answers")  # seed 0: the same study has the same findings
         largest_batch = max(1, BLOCK // self.n.size)
 
         def simulate(n_tables: int) -> FloatArray:

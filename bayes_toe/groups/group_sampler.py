@@ -149,8 +149,8 @@ class Hamiltonian:
         While chains settle, and in the first round, trajectories have few steps: without a metric
         they would be long. While chains settle, the step follows the worst chain.
         """
-        self._adapt_step(40, summary=np.min, most_steps=8)
-        most_steps = 32
+        self._adapt_step(n_draws=40, summary=np.min, most_steps=8)
+        most_steps = 32  # of the first round
         for n_draws in _ROUNDS:
             draws = self._adapt_step(n_draws, most_steps=most_steps)
             late_draws = draws[n_draws // 4 :]  # while the step was near its value

@@ -175,7 +175,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         # Two subjects always have the same skewness, and the same distance from their mean in SDs.
         if kind != "spread" and len(values) < 3:
             continue
-        observed = float(measures[kind][0])
+        observed = float(measures[kind][0])  # the first group is the observed one
         simulated = measures[kind][1:]
         tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
         # Two-sided. The observed group counts as one of the groups, so that p is never 0.

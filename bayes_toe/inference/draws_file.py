@@ -264,7 +264,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
     with reading(path):
         names = _group_names(path)
         tree = xr.DataTree.from_dict({f"/{name}": _read_group(path, name) for name in names})
-        tree.attrs |= _read_group(path, None).attrs
+        tree.attrs |= _read_group(path, name=None).attrs  # of the root
         if tree.attrs.get("format") != FORMAT:
             raise InputError("not a file of draws of this version")
     return tree

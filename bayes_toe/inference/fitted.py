@@ -72,7 +72,8 @@ class Fitted:
 
     def fresh(self, rng: AnyRng, size: int) -> WeightedDraws:
         """`size` further draws of the mixture."""
-        return fresh_draws(self.array, [self.mixture], [rng], size)[0]
+        (draws,) = fresh_draws(self.array, [self.mixture], [rng], size)
+        return draws
 
     def original(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points of the posterior, (points, k), and log |dw/du| there, from points w (points, d).
@@ -112,7 +113,9 @@ def fit_posterior(
     if isinstance(target, PaperPosterior):
         # A mixture cannot follow the funnel of this posterior, so it has coordinates without one.
         funnel = funnel_of_maxima(target, ends)
-        array = FunnelArray(array.likelihood, array.names, (), array.is_free, funnel)
+        array = FunnelArray(
+            array.likelihood, array.names, further_priors=(), is_free=array.is_free, funnel=funnel
+        )
         clouds = [funnel.forward(cloud[None])[0] for cloud in clouds]
 
     first_mixture = mixture_of_clouds(clouds, ends, array, rng)

@@ -155,7 +155,7 @@ def paper_maxima(posterior: PaperPosterior) -> Ascent:
 
     # The four coordinates of each point of the grid.
     p = pull(gamma)
-    width = step * np.exp(log_width)
+    width = step * np.exp(log_width)  # the grid has the log of the width in steps
     mu1 = subject.mean_first + offset * step / p  # as offset = p (mu1 - sbar)
     mean, sd = row.prior.mu1_normal
     starts = np.column_stack(
@@ -172,16 +172,21 @@ def paper_maxima(posterior: PaperPosterior) -> Ascent:
 def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
     """The funnel of one posterior by its maxima, the highest first; symbols as in :class:`Funnel`.
 
-    Maxima at least 3 nats below the highest one do not count.
+    At the highest maximum, where w = w_0, the answers leave the offset p mu1 with the SD `spread`,
+    and `distance` is the SD of the offset between maxima. So there kappa / (w^2 + w_0^2) is to be
+    1 / (spread^2 + distance^2): kappa is 2 w_0^2 / (spread^2 + distance^2), or without 2 w_0^2 if
+    the precision does not follow the width.
+
+    Maxima at least 3 nats below the highest one have little of the posterior and do not count.
     """
     row = posterior.rows
     u = maxima.x[None, maxima.value > maxima.value[0] - 3.0]  # (1, points, 4)
     mean_first = posterior.subject.mean_first
     mean, sd = row.prior.mu1_normal
     offsets = row.pull(u)[0] * (row.mu1(u)[0] - mean_first)
-    log_width = row.log_width(u)[0, 0]
-    _, _, informations = row.scoring(u[:, :1])
-    information = informations[0, 0, 0, 0]  # on the score of mu1, at the highest maximum
+    log_width = row.log_width(u)[0, 0]  # of the one row at its highest maximum, as below
+    _, _, informations = row.scoring(u[:, :1])  # (1, 1, 4, 4)
+    information = informations[0, 0, 0, 0]  # on the score of mu1
 
     # The SD of the offset that the answers leave: that of mu1, 1/information^(1/2) scores, times p.
     # If there is no information, the width stands for it.
@@ -193,8 +198,7 @@ def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
     # Several maxima: the answers leave the offset as open as the maxima are apart.
     distance = offsets.std()
     follows_width = 1.0 if distance < spread else 0.0
-    # The log of kappa sd^2, in scores of mu1. At one maximum w = w_0, and kappa / (w^2 + w_0^2) is
-    # to be 1 / (spread^2 + distance^2), so that kappa has the factor 2 w_0^2.
+    # The log of kappa sd^2, with the factor 2 w_0^2 if the precision follows the width.
     log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))
     log_precision += follows_width * (2.0 * log_width + np.log(2.0))
 

@@ -380,7 +380,7 @@ class PaperPosterior(SubjectPosterior):
 
     @property
     def monotone_in(self) -> Determined:
-        """The quantities that one coordinate determines: its name, and 1 if they rise, else -1."""
+        """The quantities that one coordinate alone determines, see :data:`Determined`."""
         by_coordinate = {name: (name, 1) for name in self.coordinates}
         by_coordinate |= {"pull": ("gamma", 1), "gain": ("gamma", -1)}
         if self.prior.spread == "width":
