@@ -13,13 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, NamedArrays
-from bayes_toe.inference.diagnostics import (
-    Convergence,
-    Errors,
-    convergence_of,
-    errors_of,
-    worst,
-)
+from bayes_toe.inference.diagnostics import Errors, convergence_of, errors_of, worst
 from bayes_toe.inference.engine import SHARP
 from bayes_toe.inference.fitted import (
     Evidence,
@@ -147,7 +141,7 @@ def subject_draws(
 
     if summarised:
         reported = {name: quantities[name] for name in target.names.reported}
-        summary = summary_rows(target, reported, chains.diagnostics)
+        summary = summary_rows(target, reported)
     else:
         summary = ()
 
@@ -156,19 +150,9 @@ def subject_draws(
     return SubjectDraws(stored, chains.acceptance, statistics, fit, summary)
 
 
-def summary_rows(
-    target: SubjectPosterior,
-    values: NamedArrays,
-    convergences: Mapping[str, Convergence] | None = None,
-) -> tuple[SummaryRow, ...]:
-    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws).
-
-    `convergences` has the diagnostics that are computed already.
-    """
-    diagnostics = dict(convergences or {})
-    missing = {name: draws for name, draws in values.items() if name not in diagnostics}
-    diagnostics |= convergence_of(missing)
-
+def summary_rows(target: SubjectPosterior, values: NamedArrays) -> tuple[SummaryRow, ...]:
+    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws)."""
+    diagnostics = convergence_of(values)
     errors = errors_of(values)
     rows = []
     for name, draws in values.items():
