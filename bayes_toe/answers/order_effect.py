@@ -425,7 +425,8 @@ def format_probability(probability: float) -> str:
     if probability < 0.005:  # two digits would be 0.00
         return "< .01"
     text = f"{probability:.2f}"
-    # Any Bayes factor with which each limit of probability changes the word.
+    # With a log Bayes factor of -9, far against the effect, each limit of probability changes the
+    # word: two digits must not be on the other side of a limit.
     if word_for(float(text), -9.0) != word_for(probability, -9.0):
         text = f"{probability:.6g}"
     return f"= {text}".replace("0.", ".")

@@ -197,7 +197,8 @@ def subject_findings(
 
     if alternatives is None:
         return
-    answered = cast(Subject, subject.two_answers)  # not None: there are alternatives
+    # Not None: `compare_alternatives` leaves out a subject whose answers are all 'equal'.
+    answered = cast(Subject, subject.two_answers)
     best = max(alternatives)  # the largest Bayes factor
     # Guesses may look swapped by chance, so that swapped keys must be far more probable. The
     # observer of the four models has the log Bayes factor 0.

@@ -88,7 +88,7 @@ class Metric:
         centred = draws - draws.mean(axis=0)
         shared = centred[:, :n_shared]
         blocks = centred[:, n_shared:]
-        self._shared = _shrunk_root(shared[None], self._shared[None])[0]  # as one block
+        (self._shared,) = _shrunk_root(shared[None], self._shared[None])  # (1, draws, n_shared)
 
         # B is the regression of the blocks on the shared coordinates, L the root of what it leaves.
         # Before the first draws B is 0, toward which the weight shrinks the covariance.

@@ -390,11 +390,11 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
 
     Examples
     --------
-    >>> keys, ones = np.array([[0.0, 0.0], [0.0, 0.3], [0.3, 0.0]]), np.ones(60, int)
-    >>> sorted_keys = np.repeat(keys, 20, axis=0)
-    >>> looks_sorted(Answers(sorted_keys, ones, ones, None, (), True, np.arange(60)))
+    >>> pairs = np.array([[0.0, 0.0], [0.0, 0.3], [0.3, 0.0]])
+    >>> trials = {"n_yes": np.ones(60, int), "n_trials": np.ones(60, int), "place": np.arange(60)}
+    >>> looks_sorted(Answers(np.repeat(pairs, 20, axis=0), **trials))
     True
-    >>> looks_sorted(Answers(np.tile(keys, (20, 1)), ones, ones, None, (), True, np.arange(60)))
+    >>> looks_sorted(Answers(np.tile(pairs, (20, 1)), **trials))
     False
     """
     # Steps between trials of a session, in the rank of the pair by its stimuli.
