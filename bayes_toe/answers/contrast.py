@@ -437,11 +437,11 @@ def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tup
     `changes` has draws of the change of each quantity of the observer, shape (draws,). The result
     has the entries of :class:`Difference` from `mean` to `p_direction`.
     """
-    p_direction = None
     if quantity == ORDER_EFFECT:
         # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
         contraction_shift = changes["contraction"] * scales.first_spread
         difference = np.hypot(changes["constant_error"], contraction_shift)
+        p_direction = None  # a size has no direction
     else:
         difference = changes[observer_name(quantity)]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))

@@ -388,7 +388,8 @@ class OrderEffect:
             return f"{text}, because {line.reason}."
         if line.probability:
             text += f" (P {line.probability})"
-        # 'Yes' and 'probably' have the size of the effect, and other words its upper bound.
+        # 'Yes' and 'probably' have the size of the effect, and other words its upper bound. The
+        # order effect has no size of its own, and so no text for it.
         bound = self.upper_bounds.get(question, 0.0)
         if self.words[question].is_positive:
             text += _SIZE_TEXTS.get(question, "").format(line.size)
@@ -536,7 +537,7 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
 
     Examples
     --------
-    >>> format_draws(np.linspace(0.0, 2.0, 201), 201.0, 3)
+    >>> format_draws(np.linspace(0.0, 2.0, 201), n_effective=201.0, most_decimals=3)
     '1.00 [0.05, 1.95]'
     """
     quantiles = np.quantile(draws, PROBABILITIES)

@@ -157,8 +157,8 @@ def summary_rows(target: SubjectPosterior, values: NamedArrays) -> tuple[Summary
     rows = []
     for name, draws in values.items():
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
-        # From the 5 to the 95 % quantile, the first and the last one.
-        contraction = posterior_contraction(target, name, quantiles[0], quantiles[-1])
+        # The first quantile is that of 5 %, and the last one that of 95 %.
+        contraction = posterior_contraction(target, name, low=quantiles[0], high=quantiles[-1])
         row = (  # in the order of SUMMARY_COLUMNS
             target.subject.name,
             name,

@@ -169,7 +169,7 @@ def pair_arrays(
     others get further pairs that nobody answered: their counts are 0.
     """
     n_pairs = max(subject.n_pairs for subject in subjects)
-    arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))
+    arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))  # with an axis of one point
     for i, (subject, origin, unit) in enumerate(zip(subjects, origins, units, strict=True)):
         first = (subject.s1 - origin) / unit
         second = (subject.s2 - origin) / unit

@@ -194,8 +194,8 @@ class PaperRows(AnswerRows):
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log probability of each answer, and its slopes, (rows, points, 4, pairs).
 
-        The first three coordinates act through z = distance / width, the fourth one through the
-        share of lapses or q0.
+        The first three coordinates act through z, the distance in widths, the fourth one through
+        the share of lapses or q0.
         """
         z = self.distance(u)  # (rows, points, pairs)
         logit_share = logit_of_probit(u[..., 3:])  # (rows, points, 1)
