@@ -771,7 +771,8 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     constant_error = draws.quantities["constant_error"]
     p = draws.quantities["contraction"]
     # The shift of the PSE at a first stimulus s1 is c - p (s1 - sbar), with the mean first stimulus
-    # sbar over all conditions of the subject. `mean_shift` is that at its mean in this one.
+    # sbar over all conditions of the subject. `mean_shift` is the shift at the mean first stimulus
+    # of this condition.
     mean_shift = constant_error - p * (subject.mean_first - scales.sbar)
     # The order effect is the root mean square over the first stimuli of the shift: the root of the
     # squared mean plus the variance. A contraction moves each by p times its distance to the mean.

@@ -65,12 +65,9 @@ class Settings:
 
 
 def fit_subject(target: SubjectPosterior, seed: int, *, has_chains: bool = False) -> Fitted:
-    """The mixture of one posterior; chains begin with the draws that judged it.
-
-    So chains need more of these draws.
-    """
+    """The mixture of one posterior; more draws judge it if chains follow, which begin with them."""
     rng = generator(seed, target.subject.name, target.model.name, "proposal")
-    return fit_posterior(target, rng, SHARP.most_draws if has_chains else 4000)
+    return fit_posterior(target, rng, judging_draws=SHARP.most_draws if has_chains else 4000)
 
 
 def model_evidence(fitted: Fitted, seed: int, size: int) -> Evidence:
