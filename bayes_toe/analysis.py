@@ -11,10 +11,10 @@ left out, and the result names the reason.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
@@ -28,7 +28,8 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws, require_fitting
-from bayes_toe.inference.draws_file import DrawsStack, subjects_tree
+from bayes_toe.inference.draws_file import subjects_tree
+from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, unchecked_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
@@ -146,32 +147,20 @@ def run(
     # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 
-    # Draws move to the stack as soon as a subject is done, so that none are in memory twice.
-    stack = DrawsStack(study.names)
     results = _analyse_study(
-        study,
-        settings,
-        EVIDENCE_DRAWS,
-        has_chains=True,
-        folder=keep,
-        workers=workers,
-        progress=progress,
-        receive=lambda index, analysis: stack.take(index, analysis.draws),
+        study, settings, _sample_h1, folder=keep, workers=workers, progress=progress
     )
     study, analyses, failed = _survivors(study, results)
-    table = _table(analyses, settings, failed, study.task)
+    table = _table([analysis.evidence for analysis in analyses], settings, failed, study.task)
+    all_draws = [analysis.draws for analysis in analyses]
+    tree = subjects_tree(study, all_draws, settings, failed, faults)
 
-    all_draws = []
     summary: list[SummaryRow] = []
     curves = []
     for subject, analysis in zip(study, analyses, strict=True):
-        # Always true here, because has_chains gives every analysis both. The types allow None.
-        if analysis.draws is not None and analysis.curve_draws is not None:
-            all_draws.append(analysis.draws)
-            summary += analysis.draws.summary
-            posterior = OrderModel("both").posterior(subject, settings.prior.observer)
-            curves.append(Predictor(posterior, analysis.curve_draws))
-    tree = subjects_tree(study, stack, all_draws, settings, failed, faults)
+        summary += analysis.draws.summary
+        posterior = OrderModel("both").posterior(subject, settings.prior.observer)
+        curves.append(Predictor(posterior, analysis.curve_draws))
 
     differences = None
     if study.conditions is not None:
@@ -263,8 +252,6 @@ def sample(
     # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
     faults = not_interpreted(study)
 
-    # Draws move to the stack as soon as a subject is done, so that none are in memory twice.
-    stack = DrawsStack(study.names)
     results = run_stored(
         partial(try_each, partial(_sample_subject, settings=settings)),
         study.subjects,
@@ -273,10 +260,9 @@ def sample(
         folder=keep,
         workers=workers,
         progress=progress,
-        receive=stack.take,
     )
     study, finished, failed = _survivors(study, results)
-    all_draws = Draws(subjects_tree(study, stack, finished, settings, failed, faults))
+    all_draws = Draws(subjects_tree(study, finished, settings, failed, faults))
 
     # What stands in a warning between a subject and its reason, and the reasons by subject.
     for problem, reasons in (
@@ -317,24 +303,29 @@ def evidence(
     True
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
+    compute = partial(_compute_evidence, n_draws=draws)
     results = _analyse_study(
-        study, settings, draws, folder=keep, workers=workers, progress=progress
+        study, settings, compute, folder=keep, workers=workers, progress=progress
     )
-    analyses, failed = without_failed(study.names, results)
-    return _table(analyses, settings, failed, study.task)
+    rows, failed = without_failed(study.names, results)
+    return _table(rows, settings, failed, study.task)
 
 
 @dataclass(frozen=True, eq=False)
-class _SubjectAnalysis:
-    """The row of one subject in the evidence table; with chains also draws.
+class _SampledSubject:
+    """What :func:`run` computes for one subject.
 
     `draws` are those of the paper's model. `curve_draws`, shape (draws, k), are those of the four
     models together, each model by its posterior probability.
     """
 
     evidence: SubjectEvidence
-    draws: SubjectDraws | None = None
-    curve_draws: FloatArray | None = None
+    draws: SubjectDraws
+    curve_draws: FloatArray
+
+
+#: The evidences of a subject's four models, and the findings on its responses.
+_FlaggedEvidence: TypeAlias = tuple[OrderEvidence, Sequence[Finding]]
 
 
 def _sample_subject(subject: Subject, settings: Settings) -> SubjectDraws:
@@ -347,42 +338,48 @@ def _sample_subject(subject: Subject, settings: Settings) -> SubjectDraws:
 def _analyse_subjects(
     flagged_subjects: Sequence[tuple[Subject, Sequence[Finding]]],
     settings: Settings,
-    **options: Any,
-) -> list[_SubjectAnalysis | NumericalError]:
-    """The analysis of each subject, or its error; options are those of :func:`_analyse_subject`.
+    analyse: Callable[..., Result],
+) -> list[Result | NumericalError]:
+    """What `analyse` gives for each subject, or the error that it raises.
 
     The evidences of all subjects are computed together, which is faster. Each subject comes with
     the findings on its responses, as :func:`run_stored` gives a job one argument.
     """
     subjects, flags = zip(*flagged_subjects, strict=True)
     evidences = unchecked_evidence(subjects, settings.seed, settings.prior.observer)
-    analyse = partial(_analyse_subject, settings=settings, **options)
-    return try_each(analyse, zip(evidences, flags, strict=True))
+    return try_each(partial(analyse, settings=settings), zip(evidences, flags, strict=True))
 
 
-def _analyse_subject(
-    flagged_evidence: tuple[OrderEvidence, Sequence[Finding]],
-    settings: Settings,
-    evidence_draws: int,
-    has_chains: bool,
-) -> _SubjectAnalysis:
-    """The answer of one subject, and the evidence and perhaps draws of the paper's model."""
+def _fit_h1(
+    flagged_evidence: _FlaggedEvidence, settings: Settings, n_draws: int, *, has_chains: bool
+) -> tuple[Fitted, SubjectEvidence]:
+    """The mixture of the paper's model (H1) of one subject, and its row of the evidence table."""
     evidence, flags = flagged_evidence
     seed = settings.seed
-    subject = evidence.subject
     # An evidence that is not finite raises an error here, where it costs this subject only.
     answer = answer_evidence(evidence.checked(), seed, flags)
-    target = paper_posterior(subject, settings.prior)
+    target = paper_posterior(evidence.subject, settings.prior)
     fitted = fit_subject(target, seed, has_chains=has_chains)
-    h1 = model_evidence(fitted, seed, evidence_draws)
-    if not has_chains:
-        return _SubjectAnalysis(subject_evidence(fitted, h1, answer))
+    return fitted, subject_evidence(fitted, model_evidence(fitted, seed, n_draws), answer)
 
-    draws = subject_draws(fitted, settings.sampler, seed, summarised=True)
-    row = subject_evidence(fitted, h1, answer, draws.fit)
+
+def _compute_evidence(
+    flagged_evidence: _FlaggedEvidence, settings: Settings, n_draws: int
+) -> SubjectEvidence:
+    """The row of one subject in the evidence table, with so many draws behind that of H1."""
+    _, row = _fit_h1(flagged_evidence, settings, n_draws, has_chains=False)
+    return row
+
+
+def _sample_h1(flagged_evidence: _FlaggedEvidence, settings: Settings) -> _SampledSubject:
+    """The row of one subject in the evidence table, and draws of the paper's model (H1)."""
+    fitted, row = _fit_h1(flagged_evidence, settings, EVIDENCE_DRAWS, has_chains=True)
+    draws = subject_draws(fitted, settings.sampler, settings.seed, summarised=True)
+    evidence, _ = flagged_evidence
     # 400 draws suffice for the bands of curves in figures.
-    curve_draws = evidence.averaged().resampled(generator(seed, subject.name, "shown"), 400)
-    return _SubjectAnalysis(row, draws, curve_draws)
+    rng = generator(settings.seed, evidence.subject.name, "shown")
+    curve_draws = evidence.averaged().resampled(rng, size=400)
+    return _SampledSubject(replace(row, fit=draws.fit), draws, curve_draws)
 
 
 def _settings(
@@ -397,38 +394,25 @@ def _settings(
 
 
 def _table(
-    analyses: Sequence[_SubjectAnalysis], settings: Settings, failed: Mapping[str, str], task: Task
+    rows: Sequence[SubjectEvidence], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
     """The evidence table of the subjects that did not fail.
 
     The limits of p-values in its answers are those for as many subjects as the table has.
     """
-    rows = []
-    for analysis in analyses:
-        row = analysis.evidence
-        rows.append(replace(row, answer=row.answer.in_study(len(analyses))))
-    return EvidenceTable(tuple(rows), settings.seed, settings.prior, failed, task)
+    final_rows = [replace(row, answer=row.answer.in_study(len(rows))) for row in rows]
+    return EvidenceTable(tuple(final_rows), settings.seed, settings.prior, failed, task)
 
 
 def _analyse_study(
-    study: Study,
-    settings: Settings,
-    evidence_draws: int,
-    *,
-    has_chains: bool = False,
-    **options: Any,
-) -> list[_SubjectAnalysis | NumericalError]:
-    """The analysis of every subject, or its error, by batches of subjects in parallel.
+    study: Study, settings: Settings, analyse: Callable[..., Result], **options: Any
+) -> list[Result | NumericalError]:
+    """What `analyse` gives for every subject, or its error, by batches of subjects in parallel.
 
     The options are those of :func:`bayes_toe.result_store.run_stored`.
     """
     return run_stored(
-        partial(
-            _analyse_subjects,
-            settings=settings,
-            evidence_draws=evidence_draws,
-            has_chains=has_chains,
-        ),
+        partial(_analyse_subjects, settings=settings, analyse=analyse),
         list(zip(study, answer_flags(study), strict=True)),
         study.names,
         seed=settings.seed,

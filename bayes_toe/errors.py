@@ -145,8 +145,8 @@ class InputError(BayesToeError, ValueError):
 
         Examples
         --------
-        >>> unit = [Remedy("unit", text, "", 0) for text in ("um", "ln")]
-        >>> code = Remedy("second_code", "j", "", 1)
+        >>> unit = [Remedy("unit", text, question=0) for text in ("um", "ln")]
+        >>> code = Remedy("second_code", "j", question=1)
         >>> for chosen, _ in InputError(["no unit", "no code"], [*unit, code]).choices:
         ...     print(*(remedy.typed for remedy in chosen))
         --unit um --second-code j

@@ -73,7 +73,6 @@ def run_stored(
     workers: Workers,
     progress: Progress | None,
     batch: int = 1,
-    receive: Callable[[int, Any], object] = lambda index, result: None,
 ) -> list[Result | NumericalError]:
     """Do the jobs whose results are not in the folder, and store each result.
 
@@ -93,8 +92,6 @@ def run_stored(
         As in :func:`bayes_toe.workers.run_jobs`.
     batch : int
         The largest number of jobs that a worker does together.
-    receive : callable
-        Called with the index of a job and its result when that is there, unless it is an error.
 
     Returns
     -------
@@ -117,7 +114,6 @@ def run_stored(
             stored = _read(files[index])
             if stored is not None:
                 results[index] = stored["result"]
-                receive(index, stored["result"])
                 report_progress(progress, [names[index]])
         # If the command is stopped, its message says how many results the folder has.
         under_way[path] = Standing(files.values(), len(results))
@@ -132,10 +128,9 @@ def run_stored(
         for position, batch_results in outcomes:
             for index, result in zip(batches[position], batch_results, strict=True):
                 results[index] = result
-                if not isinstance(result, NumericalError):  # an error is tried again next time
-                    if index in files:
-                        _write(files[index], seed, result)
-                    receive(index, result)
+                is_error = isinstance(result, NumericalError)  # which is tried again next time
+                if index in files and not is_error:
+                    _write(files[index], seed, result)
                 report_progress(progress, [names[index]])
     return [results[index] for index in sorted(results)]
 

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, combinations
-from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -167,9 +166,10 @@ class Difference(NamedTuple):
 
         Examples
         --------
-        >>> ends = (-0.0012, 0.001, 0.0104, 0.018, 0.019)
-        >>> row = Difference("S", "JND", "b - a", 0.01, 0.01, *ends, 0.98, 2.5, 0.01, "yes")
-        >>> row.size(StimulusUnit())
+        >>> quantiles = {"q025": -0.0012, "q05": 0.001, "q50": 0.0104, "q95": 0.018, "q975": 0.019}
+        >>> factor = {"log_bf_differs": 2.5, "log_bf_differs_se": 0.01, "robust": "yes"}
+        >>> numbers = {"mean": 0.01, "sd": 0.01, "p_direction": 0.98, **quantiles, **factor}
+        >>> Difference("S", "JND", "b - a", **numbers).size(StimulusUnit())
         '+1.0 % [-0.1, +1.9]'
         """
         if self.quantity == "contraction":
@@ -337,7 +337,7 @@ def contrast(
         observer_prior,
         root,
         # A task with a criterion, if there is one: the description of its prior has all parameters.
-        task=max(map(attrgetter("task"), study), key=attrgetter("has_criterion")),
+        task=max((unit.task for unit in study), key=lambda task: task.has_criterion),
         unit=study.unit,
         left_out=left_out,
         failed=failed,
@@ -353,7 +353,7 @@ def _compared_subjects(
     left_out = {}
     for name, units in units_by_subject(study).items():
         levels = [unit.condition for unit in units]
-        # A comparison is a pair of levels. The subject must have met both levels of any pair.
+        # A comparison is a pair of levels. The subject must have met both levels of one pair.
         if any(map(set(levels).issuperset, conditions.comparisons)):
             compared[name] = units
         else:
@@ -437,11 +437,11 @@ def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tup
     `changes` has draws of the change of each quantity of the observer, shape (draws,). The result
     has the entries of :class:`Difference` from `mean` to `p_direction`.
     """
-    p_direction = None
     if quantity == ORDER_EFFECT:
         # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
         contraction_shift = changes["contraction"] * scales.first_spread
         difference = np.hypot(changes["constant_error"], contraction_shift)
+        p_direction = None  # a size has no direction
     else:
         difference = changes[observer_name(quantity)]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))

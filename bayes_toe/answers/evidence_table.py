@@ -148,10 +148,8 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         return tuple(row.answer for row in self.rows)
 
 
-def subject_evidence(
-    fitted: Fitted, estimate: Evidence, answer: OrderEffect, fit: GoodnessOfFit | None = None
-) -> SubjectEvidence:
-    """The row of one subject in the evidence table, from mixture, evidence and fit of H1."""
+def subject_evidence(fitted: Fitted, estimate: Evidence, answer: OrderEffect) -> SubjectEvidence:
+    """The row of one subject in the evidence table, from mixture and evidence of H1."""
     subject = fitted.target.subject
     # H1 predicts only the counted response. So that it compares with H0, it gets the part of H0 for
     # the other question.
@@ -170,7 +168,7 @@ def subject_evidence(
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         pareto_k=estimate.pareto_k,
         answer=answer,
-        fit=fit,
+        fit=None,  # chains are drawn later, if at all
         notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
     )
 

@@ -39,7 +39,8 @@ _ROW_LABELS = {
     PEAK.name: "largest P('equal')",
 }
 _DIFFERENCE_LABELS = {**LABELS, NOISE.name: "JND (ratio)", PEAK.name: "P(equal), logit"}
-#: An SD whose 2.5 % quantile is below this is given as 'at most' its 95 % quantile.
+#: An SD whose 2.5 % quantile is below this is given as 'at most' its 95 % quantile. Parameters that
+#: are not here have no such limit.
 _SMALL_SD = {CONSTANT_ERROR.name: 0.03, CONTRACTION.name: 0.015}
 #: Title, headings and rows of a table.
 TextTable = tuple[str, list[str], list[list[str]]]

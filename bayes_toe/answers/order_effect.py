@@ -388,7 +388,8 @@ class OrderEffect:
             return f"{text}, because {line.reason}."
         if line.probability:
             text += f" (P {line.probability})"
-        # 'Yes' and 'probably' have the size of the effect, and other words its upper bound.
+        # 'Yes' and 'probably' have the size of the effect, and other words its upper bound. The
+        # order effect has no size of its own, and so no text for it.
         bound = self.upper_bounds.get(question, 0.0)
         if self.words[question].is_positive:
             text += _SIZE_TEXTS.get(question, "").format(line.size)
@@ -425,7 +426,8 @@ def format_probability(probability: float) -> str:
     if probability < 0.005:  # two digits would be 0.00
         return "< .01"
     text = f"{probability:.2f}"
-    # Any Bayes factor with which each limit of probability changes the word.
+    # With a log Bayes factor of -9, far against the effect, each limit of probability changes the
+    # word: two digits must not be on the other side of a limit.
     if word_for(float(text), -9.0) != word_for(probability, -9.0):
         text = f"{probability:.6g}"
     return f"= {text}".replace("0.", ".")
@@ -535,7 +537,7 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
 
     Examples
     --------
-    >>> format_draws(np.linspace(0.0, 2.0, 201), 201.0, 3)
+    >>> format_draws(np.linspace(0.0, 2.0, 201), n_effective=201.0, most_decimals=3)
     '1.00 [0.05, 1.95]'
     """
     quantiles = np.quantile(draws, PROBABILITIES)
@@ -543,7 +545,8 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
     decimals = most_decimals
     if 0.0 < error < np.inf:
         # The exponent of the error with one digit: 0.0096 is '1e-02', which leaves two decimals.
-        decimals = min(decimals, -int(f"{error:.0e}".partition("e")[2]))
+        _, _, exponent = f"{error:.0e}".partition("e")
+        decimals = min(decimals, -int(exponent))
     if decimals < 0:  # tens or hundreds
         quantiles = np.round(quantiles, decimals)
         decimals = 0
@@ -767,8 +770,9 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     scales = subject.scales
     constant_error = draws.quantities["constant_error"]
     p = draws.quantities["contraction"]
-    # The shift at a first stimulus s1 is c - p (s1 - sbar), sbar the mean first stimulus over all
-    # conditions of the subject. Here is the shift at the mean first stimulus of this condition.
+    # The shift of the PSE at a first stimulus s1 is c - p (s1 - sbar), with the mean first stimulus
+    # sbar over all conditions of the subject. `mean_shift` is the shift at the mean first stimulus
+    # of this condition.
     mean_shift = constant_error - p * (subject.mean_first - scales.sbar)
     # The order effect is the root mean square over the first stimuli of the shift: the root of the
     # squared mean plus the variance. A contraction moves each by p times its distance to the mean.

@@ -319,9 +319,9 @@ def _quantiles(
     `histories` are the models but the first one, which has no history.
     """
     has_effect = EFFECT_MODELS[effect]
-    values = [
-        histories[i - 1].quantities(models.draws[i].x)[effect]
-        for i in np.flatnonzero(has_effect).tolist()
-    ]
+    values = []
+    for i in np.flatnonzero(has_effect).tolist():
+        posterior = histories[i - 1]  # of model i, because the first model is not among them
+        values.append(posterior.quantities(models.draws[i].x)[effect])
     weights = models.weights(has_effect)
     return tuple(weighted_quantiles(np.concatenate(values), weights, PROBABILITIES))

@@ -163,7 +163,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
 
     answers = trials.answer[None]  # (sequences, trials)
     if np.minimum(k, n - k).sum() < _ENOUGH_RARER_ANSWERS:
-        rng = generator(0, subject.name, "previous trial")
+        rng = generator(0, subject.name, "previous trial")  # seed 0: p-values never change
         n_orders = _SIMULATED_TRIALS // len(trials.pair)
         answers = np.vstack([answers, _in_random_order(trials.answer, rows, pair, n_orders, rng)])
     # An answer is 1 or -1, of which y is 1 or 0.
@@ -216,7 +216,7 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
 
     rows = np.flatnonzero(trials.is_answered)
     pair = trials.pair[rows]
-    rng = generator(0, subject.name, "moving criterion")
+    rng = generator(0, subject.name, "moving criterion")  # seed 0: the p-value never changes
 
     def statistic(residuals: FloatArray) -> FloatArray:
         """The statistic of sequences of residuals, shape (sequences, trials)."""

@@ -197,7 +197,8 @@ def subject_findings(
 
     if alternatives is None:
         return
-    answered = cast(Subject, subject.two_answers)  # not None: there are alternatives
+    # Not None: `compare_alternatives` leaves out a subject whose answers are all 'equal'.
+    answered = cast(Subject, subject.two_answers)
     best = max(alternatives)  # the largest Bayes factor
     # Guesses may look swapped by chance, so that swapped keys must be far more probable. The
     # observer of the four models has the log Bayes factor 0.
@@ -432,7 +433,7 @@ class AnswerTable:
         maps counts k, (tables, pairs, blocks), to one value a table. `name` is that of the subject,
         which has a random stream of its own.
         """
-        rng = generator(0, name, "answers")
+        rng = generator(0, name, "answers")  # seed 0: the same study has the same findings
         largest_batch = max(1, BLOCK // self.n.size)
 
         def simulate(n_tables: int) -> FloatArray:

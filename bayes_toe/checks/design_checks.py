@@ -1,9 +1,8 @@
 """Probable mistakes in a file, and what its design cannot show.
 
 `check` gives all findings of a study. `check_design` gives those that do not use the responses: raw
-stimuli, missing decimal points, similar names, ignored columns, a prior in
-another unit, pairs in one order, conditions that differ in time or stimuli. `urgent_findings` gives
-those that every command prints.
+stimuli, missing decimal points, similar names, ignored columns, pairs in one order, conditions that
+differ in time or stimuli. `urgent_findings` gives those that every command prints.
 """
 
 from __future__ import annotations
@@ -30,12 +29,10 @@ from bayes_toe.data.messages import (
     plural,
 )
 from bayes_toe.data.stimulus_unit import StimulusUnit, sign_of_intensities
-from bayes_toe.data.study import Study, Subject, common_scales, require_study, units_by_subject
+from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
 from bayes_toe.errors import Remedy
-from bayes_toe.model.prior import Prior
-from bayes_toe.model.prior_file import preset_or_file
 
 #: The subject of a finding about the whole study.
 _WHOLE_STUDY = ""
@@ -43,14 +40,12 @@ _WHOLE_STUDY = ""
 NOTES = frozenset({"columns_ignored", "criterion"})
 
 
-def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]:
+def check(study: Study) -> tuple[Finding, ...]:
     """Find out what the design of a study can identify, and problems in file and responses.
 
     Parameters
     ----------
     study : Study
-    prior : Prior or str, optional
-        A prior of the paper's model, the name of a preset or the path of a TOML file.
 
     Returns
     -------
@@ -64,15 +59,14 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
     ['raw_stimuli', 'not_identified', 'two_scales']
     """
     require_study(study)
-    paper_prior = None if prior is None else preset_or_file(prior)
-    findings = (*check_design(study, paper_prior), *check_answers(study))
+    findings = (*check_design(study), *check_answers(study))
     # Findings about the whole study come first, as False comes before True.
     return tuple(sorted(findings, key=lambda finding: finding.subject != _WHOLE_STUDY))
 
 
-def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+def check_design(study: Study) -> tuple[Finding, ...]:
     """The findings of :func:`check` that do not use the responses."""
-    findings = list(urgent_findings(study, prior))
+    findings = list(urgent_findings(study))
     findings += _similar_names(study.names)
     findings += _conditions(study)
     findings += _columns(study.reading)
@@ -86,7 +80,7 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
     return tuple(findings)
 
 
-def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+def urgent_findings(study: Study) -> tuple[Finding, ...]:
     """Probable mistakes, which every command prints before its work."""
     findings = [
         Finding(_WHOLE_STUDY, "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts
@@ -94,8 +88,6 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
     findings += _raw_stimuli(study)
     findings += _two_scales(study)
     findings += _scales_of_subjects(study)
-    if prior is not None:
-        findings += _prior_scale(study, prior)
     return tuple(findings)
 
 
@@ -233,35 +225,6 @@ def _similar_names(names: Iterable[str]) -> Findings:
                 "names_look_alike",
                 f"Subjects {subjects} look alike. If they are one subject, give them one name.",
             )
-
-
-# --- The prior of the paper's model --------------------------------------------------------------
-
-
-def _prior_scale(study: Study, prior: Prior) -> Findings:
-    """A prior whose numbers do not suit the unit of the stimuli.
-
-    Such a prior has sigma_p within a factor of 10 of the stimuli's steps with a probability below
-    0.1, so evidence and posterior depend on the prior alone.
-    """
-    scales = common_scales(*study)
-    # Without different stimuli there is no step. A prior in units of the stimuli suits any of them.
-    if scales is None or prior.depends_on_stimuli(prior.spread):
-        return
-    step = scales.step
-    if prior.spread_probability(step / 10.0, 10.0 * step) >= 0.1:
-        return
-    # Wide if the median of sigma_p lies above the step.
-    width = "wide" if prior.spread_probability(0.0, step) < 0.5 else "narrow"
-    yield Finding(
-        _WHOLE_STUDY,
-        "prior_scale",
-        f"The prior is far too {width} for these stimuli: {prior.spread} ~ "
-        f"{prior.describe_distribution(prior.spread)}, "
-        f"with steps of {step:.2g} (root mean square of s2 - s1). If s1 and s2 are natural logs, "
-        "use the default prior, which takes its scales from the stimuli.",
-        "--prior default",
-    )
 
 
 # --- Pairs ---------------------------------------------------------------------------------------

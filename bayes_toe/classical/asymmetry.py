@@ -160,8 +160,9 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         """The numbers of positive and negative maximal asymmetries, in sentences.
 
         Source: Results, 'Across participants, 6 showed positive maximal asymmetries (5 significant
-        at p < 0.05) ...'. The data choose the maximum, so 'significant' means Holm's p-value over
-        the subject's comparisons. There is no correction over subjects.
+        at p < 0.05) ...'. The data choose the maximum, so the sentences also count the p-values
+        that Holm's method adjusts over the subject's comparisons. There is no correction over
+        subjects.
         """
         maxima = [subject.maximal for subject in self.rows if subject.maximal is not None]
         n_subjects = plural(len(maxima), "subject")

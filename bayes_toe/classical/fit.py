@@ -30,6 +30,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import require_number, require_share
+from bayes_toe.inference.searches import step_of_pairs
 from bayes_toe.model.paper_equations import (
     Natural,
     natural_names,
@@ -93,11 +94,8 @@ class PenalisedLikelihood:
 
     @cached_property
     def step(self) -> float:
-        """Root mean square of s2 - s1 over different stimuli, which sets the scale of a search."""
-        steps = self.subject.s2 - self.subject.s1
-        if not steps.any():
-            return 0.3  # any value: without different stimuli the width is not determined
-        return float(np.sqrt(np.mean(np.square(steps[steps != 0.0]))))
+        """The scale of a search, natural-log intensity."""
+        return step_of_pairs(self.subject)
 
     @cached_property
     def bounds(self) -> FloatArray:

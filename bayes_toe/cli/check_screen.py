@@ -29,31 +29,32 @@ from bayes_toe.model.prior import Prior
 FindingsBySubject = Mapping[str, list[Finding]]
 
 
-def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool) -> None:
-    """Print the screen of `check`: each task of the study, the answer and the commands to type."""
+def print_check(out: Terminal, study: Study, prior: Prior | None) -> None:
+    """Print the screen of `check`: each task of the study, the answer and the commands to type.
+
+    `prior` is printed too, unless it is None.
+    """
     findings: list[Finding] = []
     for part in study.by_task:
         if part.task != study.task:  # a further task
             out.line()
             part = replace(part, notes=())  # Those of the study are printed with the first task.
-        findings += _print_task(out, part, prior, shows_prior=shows_prior)
+        findings += _print_task(out, part, prior)
     lines, commands = answer_of_check(study, findings)
     out.answer(lines)
     for command in commands:
         out.lines(command_lines(command, "  "))
 
 
-def _print_task(
-    out: Terminal, study: Study, prior: Prior, *, shows_prior: bool
-) -> tuple[Finding, ...]:
+def _print_task(out: Terminal, study: Study, prior: Prior | None) -> tuple[Finding, ...]:
     """Print what was read of one task and its problems; return all findings of the task."""
-    findings = bt.check(study, prior)
+    findings = bt.check(study)
     by_subject = _by_subject(findings)
     out.line(describe_study(study))
     out.line(describe_pairs(study))
     for note in study.notes[:1]:  # The first one says what the files are.
         out.line(f"Read as {note}", indent=2)
-    if shows_prior:
+    if prior is not None:
         out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
 
     study_findings = [finding for finding in findings if not finding.subject]

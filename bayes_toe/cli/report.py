@@ -93,7 +93,7 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     else:
         links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}  # sections of the report
 
-    findings = check(analysis.study, analysis.settings.prior)
+    findings = check(analysis.study)
     asymmetry = asymmetry_table(analysis.study)
     context = {
         **_context(analysis, facts),

@@ -107,7 +107,7 @@ class RunContext:
         elif self.prior is not None:
             self.out.line(f"Prior: {self.prior}")
         for part in study.by_task:
-            self.out.findings(urgent_findings(part, prior))
+            self.out.findings(urgent_findings(part))
         return study, prior
 
     def print_uninterpretable(self, study: Study) -> None:

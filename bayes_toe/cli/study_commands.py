@@ -41,9 +41,9 @@ def check(
     from bayes_toe.cli.check_screen import print_check
     from bayes_toe.model.prior_file import preset_or_file
 
-    prior = preset_or_file(context.prior)
+    prior = None if context.prior is None else preset_or_file(context.prior)
     # No validation here, because `check` also reports studies that cannot be analysed.
-    print_check(context.out, file.read(), prior, shows_prior=context.prior is not None)
+    print_check(context.out, file.read(), prior)
 
 
 def fit(

@@ -88,7 +88,7 @@ class Metric:
         centred = draws - draws.mean(axis=0)
         shared = centred[:, :n_shared]
         blocks = centred[:, n_shared:]
-        self._shared = _shrunk_root(shared[None], self._shared[None])[0]  # as one block
+        (self._shared,) = _shrunk_root(shared[None], self._shared[None])  # (1, draws, n_shared)
 
         # B is the regression of the blocks on the shared coordinates, L the root of what it leaves.
         # Before the first draws B is 0, toward which the weight shrinks the covariance.
@@ -149,8 +149,8 @@ class Hamiltonian:
         While chains settle, and in the first round, trajectories have few steps: without a metric
         they would be long. While chains settle, the step follows the worst chain.
         """
-        self._adapt_step(40, summary=np.min, most_steps=8)
-        most_steps = 32
+        self._adapt_step(n_draws=40, summary=np.min, most_steps=8)
+        most_steps = 32  # of the first round
         for n_draws in _ROUNDS:
             draws = self._adapt_step(n_draws, most_steps=most_steps)
             late_draws = draws[n_draws // 4 :]  # while the step was near its value

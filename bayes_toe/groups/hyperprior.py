@@ -42,8 +42,8 @@ class HyperpriorNumbers(NamedTuple):
     def sds(self, score: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Standard deviations between subjects from their scores, shape (..., coefficients).
 
-        Their derivatives in the scores follow. Then come the log prior density of each score,
-        without a constant, and its derivative. All four have the same shape.
+        Returns four arrays of this shape: the standard deviations, their derivatives in the scores,
+        the log prior density of each score without a constant, and its derivative.
 
         A standard deviation is sd_scale times u, which is half-normal or half Student's t.
 

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import islice
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, Rng, Texts
-from bayes_toe.data.study import Subject, pairs_in_both_orders
+from bayes_toe.data.study import Subject, pairs_in_both_orders, units_by_subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.groups.population import PopulationResult, subject_rows
 from bayes_toe.model.posterior_array import LinearLikelihood
@@ -94,10 +94,11 @@ def predictive_check(result: PopulationResult) -> Iterator[Statistic]:
 
     likelihood = subject_rows(result.study)
     task = result.study.task
-    units = iter(result.study)
+    by_subject = list(units_by_subject(result.study).values())
     differences = []
     # At most 32 subjects at a time, because their responses to every pair in every group are many.
     for block in np.array_split(np.arange(len(points)), 1 + len(points) // 32):
+        units = list(chain.from_iterable(by_subject[i] for i in block.tolist()))
         differences.append(_differences(task, units, likelihood.part(block), points[block], rng))
 
     asymmetry, accuracy, share = map(np.concatenate, zip(*differences, strict=True))
@@ -108,7 +109,7 @@ def predictive_check(result: PopulationResult) -> Iterator[Statistic]:
 
 def _differences(
     task: Task,
-    units: Iterator[Subject],
+    units: Sequence[Subject],
     likelihood: LinearLikelihood,
     points: FloatArray,
     rng: Rng,
@@ -118,7 +119,7 @@ def _differences(
     All have the shape (subjects, groups). The first group is observed. The responses of the others
     are simulated at their points, (subjects, groups, coordinates). Subjects without a pair in both
     orders have no asymmetry, and those without a right response no accuracy; they are left out.
-    `units` goes on with those of these subjects.
+    Each row of the likelihood has the counts of one of the `units`.
     """
     rows = likelihood.rows
     by_subject = likelihood.summed  # over the rows of each subject, which are its conditions
@@ -136,7 +137,7 @@ def _differences(
 
     # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
     signs = np.zeros(n_trials.shape)
-    for i, unit in enumerate(islice(units, len(signs))):
+    for i, unit in enumerate(units):
         # The indices of each pair in both orders, (pairs, 2), the weak-first one before the other.
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
     n_compared = by_subject((signs > 0.0).sum(axis=1))  # pairs of different stimuli
@@ -174,7 +175,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         # Two subjects always have the same skewness, and the same distance from their mean in SDs.
         if kind != "spread" and len(values) < 3:
             continue
-        observed = float(measures[kind][0])
+        observed = float(measures[kind][0])  # the first group is the observed one
         simulated = measures[kind][1:]
         tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
         # Two-sided. The observed group counts as one of the groups, so that p is never 0.

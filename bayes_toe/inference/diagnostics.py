@@ -76,8 +76,6 @@ def errors(draws: FloatArray) -> Errors:
 
 def convergence_of(quantities: NamedArrays) -> dict[str, Convergence]:
     """:func:`convergence` of many quantities of one shape, by name, in one go."""
-    if not quantities:  # no draws to stack
-        return {}
     values = _measured(_CONVERGENCE, quantities)
     return dict(zip(quantities, map(Convergence._make, values), strict=True))
 

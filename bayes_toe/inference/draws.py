@@ -90,9 +90,7 @@ class Draws:
     @property
     def parameters(self) -> Texts:
         """The quantities that tables report, in order; :meth:`values` has further ones."""
-        reported = self.posterior(self.names[0]).names.reported
-        stored = map(str, self.group("posterior").data_vars)
-        return tuple(dict.fromkeys((*reported, *stored)))  # each name once
+        return self.posterior(self.names[0]).names.reported
 
     @property
     def seed(self) -> int:

@@ -1,8 +1,7 @@
 """The one format of draws: a tree of xarray that ArviZ opens, and its NetCDF file.
 
-`DrawsStack` collects the draws of subjects, and `subjects_tree` makes their tree. `study_tree`
-makes the parts that a group has as well, and `stored_study` reads them. `save_tree` writes a tree
-and `read_tree` reads one.
+`subjects_tree` makes the tree of the draws of subjects. `study_tree` makes the parts that a group
+has as well, and `stored_study` reads them. `save_tree` writes a tree and `read_tree` reads one.
 
 A tree has the draws in the group posterior, what is known of each subject in sample_stats, and the
 counts in long form over `obs`, one entry per subject and pair. Everything else follows from these;
@@ -28,7 +27,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.arrays import NamedArrays, Record, StrPath, Texts, run_starts
+from bayes_toe.arrays import Record, StrPath, Texts, run_starts
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
@@ -54,53 +53,33 @@ _AGAIN = "run `bayes-toe sample` again, or `bayes-toe population` for a group"
 # --- Trees ----------------------------------------------------------------------------------------
 
 
-class DrawsStack:
-    """The draws of the subjects with these names, in one array for each quantity.
-
-    The arrays have the shape (chains, draws, subjects). A subject's draws move here as soon as they
-    are there, so that memory never holds those of all subjects twice.
-    """
-
-    def __init__(self, names: Texts) -> None:
-        self.names = names
-        self.arrays: NamedArrays = {}
-
-    def take(self, index: int, draws: SubjectDraws) -> None:
-        """Move the draws of the subject with this index from their record to the stack."""
-        for name, values in draws.quantities.items():
-            if name not in self.arrays:
-                self.arrays[name] = np.empty((*values.shape, len(self.names)))
-            self.arrays[name][..., index] = values
-        draws.quantities.clear()
-
-
 def subjects_tree(
     study: Study,
-    stack: DrawsStack,
     subject_draws: Sequence[SubjectDraws],
     settings: Settings,
     failed: Mapping[str, str],
     not_interpreted: Mapping[str, str],
 ) -> xr.DataTree:
-    """The tree of the draws of all subjects.
+    """The tree of the draws of all subjects of the study, which move there from their records.
 
-    `stack` has the draws, `subject_draws` what else is known of them. `failed` and
-    `not_interpreted` have the reason for each subject that they name.
+    `failed` and `not_interpreted` have the reason for each subject that they name.
     """
-    n_chains, n_draws, _ = stack.arrays["lp"].shape
+    n_chains, n_draws = subject_draws[0].quantities["lp"].shape
+    variables = {}
+    for quantity in list(subject_draws[0].quantities):
+        # The records lose their arrays here, so that memory holds only one quantity twice.
+        values = np.stack([row.quantities.pop(quantity) for row in subject_draws], axis=-1)
+        variables[quantity] = (BY_SUBJECT, values)
     n_walkers = settings.sampler.walkers
     # Draws are walker-major: those of the first walker come first.
     walker = np.repeat(np.arange(n_walkers), n_draws // n_walkers)
     coordinates = {
         "chain": np.arange(n_chains),
         "draw": np.arange(n_draws),
-        "subject": np.array(stack.names, object),
+        "subject": np.array(study.names, object),
         "walker": ("draw", walker),
     }
-    variables = {name: (BY_SUBJECT, values) for name, values in stack.arrays.items()}
     draws = xr.Dataset(variables, coordinates)
-    if failed:  # the study does not have them, and their places in the arrays are empty
-        draws = draws.sel(subject=list(study.names))
     posterior = draws.drop_vars("lp")
     for name, variable in posterior.items():
         variable.attrs["units"] = QUANTITY_BY_NAME[str(name)].unit
@@ -285,7 +264,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
     with reading(path):
         names = _group_names(path)
         tree = xr.DataTree.from_dict({f"/{name}": _read_group(path, name) for name in names})
-        tree.attrs |= _read_group(path, None).attrs
+        tree.attrs |= _read_group(path, name=None).attrs  # of the root
         if tree.attrs.get("format") != FORMAT:
             raise InputError("not a file of draws of this version")
     return tree

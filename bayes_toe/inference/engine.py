@@ -242,8 +242,9 @@ def mixture_of_points(points: FloatArray, is_free: BoolArray) -> PriorMixture:
 
 def _laplace_weights(maxima: Ascent) -> FloatArray:
     """Weights of maxima by the root of their Laplace evidence, (maxima,)."""
-    # Laplace's log evidence, but for a constant: the height, and half of the log determinant.
-    log_mass = maxima.value - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
+    # Laplace's log evidence, but for a constant: the height less half of the log determinant.
+    _, log_determinant = np.linalg.slogdet(maxima.curvature)
+    log_mass = maxima.value - 0.5 * log_determinant
     # No weight is below a twentieth of the largest one, because the approximation may be poor.
     weights = np.exp(0.5 * (log_mass - log_mass.max())) + 0.05
     return np.asarray(weights / weights.sum())
@@ -393,8 +394,8 @@ def _unfinished(
 ) -> list[int]:
     """The posteriors that need more draws; a mixture that fits badly is refitted.
 
-    A posterior whose evidence is at least 8 nats below the best one of its family, even with three
-    standard errors more, needs no more draws.
+    A posterior needs no more draws if its evidence, even with three standard errors more, is at
+    least 8 nats below the best one of its family: its share of their sum is below exp(-8).
     """
     log_evidences = np.array([state.fresh.log_evidence for state in states])
     unfinished = []

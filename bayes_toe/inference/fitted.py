@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -71,7 +72,8 @@ class Fitted:
 
     def fresh(self, rng: AnyRng, size: int) -> WeightedDraws:
         """`size` further draws of the mixture."""
-        return fresh_draws(self.array, [self.mixture], [rng], size)[0]
+        (draws,) = fresh_draws(self.array, [self.mixture], [rng], size)
+        return draws
 
     def original(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points of the posterior, (points, k), and log |dw/du| there, from points w (points, d).
@@ -110,8 +112,10 @@ def fit_posterior(
     array: PosteriorArray = target.array
     if isinstance(target, PaperPosterior):
         # A mixture cannot follow the funnel of this posterior, so it has coordinates without one.
-        funnel = funnel_of_maxima(target.rows, ends)
-        array = FunnelArray(array.likelihood, array.names, (), array.is_free, funnel)
+        funnel = funnel_of_maxima(target, ends)
+        array = FunnelArray(
+            array.likelihood, array.names, further_priors=(), is_free=array.is_free, funnel=funnel
+        )
         clouds = [funnel.forward(cloud[None])[0] for cloud in clouds]
 
     first_mixture = mixture_of_clouds(clouds, ends, array, rng)
@@ -141,7 +145,7 @@ def _distinct_ends(target: SubjectPosterior) -> Ascent:
         maxima_of_models = observer_maxima(order_posteriors(target.rows))
         coarse_ends = maxima_of_models[MODEL_NAMES.index(target.model.name)]
     else:
-        coarse_ends = paper_maxima(target.array)
+        coarse_ends = paper_maxima(cast(PaperPosterior, target))
     starts = coarse_ends.distinct().x
     owners = np.zeros(len(starts), np.intp)  # all are of one posterior
     return ascend_from(target.array, owners, starts, least_gain=POLISH_GAIN).distinct()

@@ -160,7 +160,7 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     maximum : ndarray, shape (k,)
         The point with the highest posterior density.
     """
-    rows = posterior.rows  # the one row of the subject
+    rows = posterior.rows  # counts have the shape (1, 1, questions): there is one row
     trials_of_question = (rows.n_yes + rows.n_no)[0, 0]  # (questions,)
     # Of three answers, the second question to a pair has no trial where all answers are 'equal'.
     asked = np.flatnonzero(trials_of_question)

@@ -226,7 +226,8 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
 def expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
     """The log density of each posterior about its own point; `points` has shape (posteriors, d).
 
-    The curvature is the Fisher information and the negative curvature of the log prior.
+    The curvature is the Fisher information plus the stand-in for the negative curvature of the log
+    prior, see :data:`bayes_toe.model.densities.PriorDensity`.
     """
     w = points[:, None, :]  # one point for each posterior
     is_free = array.is_free
@@ -260,7 +261,7 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     # number k of free coordinates. The determinant does not change by ones on the diagonal.
     curvature = _free_part(top.curvature, array.is_free)
     is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0  # the smallest eigenvalue
-    log_determinant = np.linalg.slogdet(curvature)[1]
+    _, log_determinant = np.linalg.slogdet(curvature)
     log_evidence = top.value + 0.5 * array.is_free.sum(axis=1) * LOG_2PI - 0.5 * log_determinant
     return top.x, np.where(is_proper, log_evidence, np.nan)
 

@@ -253,7 +253,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
 
         chain = self.get_chain()  # (steps, walkers, k)
         walker_major = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
-        w = self._fitted.target.full_points(walker_major)[0]
+        (w,) = self._fitted.target.full_points(walker_major)  # of the one posterior
         x, log_volume = self._fitted.original(w)
         log_density = self.get_log_prob().T.ravel() + log_volume
         return x, log_density, float(np.mean(self.acceptance_fraction))
@@ -296,8 +296,8 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
             # another one.
             jitter = 0.1 * (resampled - resampled[::-1])
             points = mean + 2.0 * (resampled + jitter - mean)
-            is_finite = np.isfinite(self.compute_log_prob(points)[0])
-            starts = np.concatenate([starts, points[is_finite]])
+            log_density, _ = self.compute_log_prob(points)
+            starts = np.concatenate([starts, points[np.isfinite(log_density)]])
         return emcee.State(starts[: self.nwalkers])
 
 

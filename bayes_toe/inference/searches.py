@@ -1,7 +1,8 @@
 """Searches for the maxima of posteriors, from which their mixtures begin.
 
 `observer_maxima` searches the posteriors of the four models and of conditions, `paper_maxima` those
-of the paper's model (H1). `funnel_of_maxima` makes the funnel of H1 from its maxima.
+of the paper's model (H1). `step_of_pairs` is the scale of H1's searches, and `funnel_of_maxima`
+makes the funnel of H1 from its maxima.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ import numpy as np
 from scipy.special import logit, ndtri
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.data.study import Subject
 from bayes_toe.inference.maxima import Ascent, ascend_from
 from bayes_toe.model.densities import probit_of_logit
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.paper_equations import pull
-from bayes_toe.model.paper_model import Funnel, PaperRows
+from bayes_toe.model.paper_model import Funnel, PaperPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE, NOISE, PEAK
 from bayes_toe.model.posterior_array import PosteriorArray
 
@@ -122,23 +124,24 @@ def _two_best_local(heights: FloatArray) -> IndexArray:
 # --- The paper's model ---------------------------------------------------------------------------
 
 
-def paper_maxima(array: PosteriorArray) -> Ascent:
+def step_of_pairs(subject: Subject) -> float:
+    """Root mean square of s2 - s1 over pairs of different stimuli: the scale of a search."""
+    differences = subject.s2 - subject.s1
+    if not differences.any():
+        return 0.3  # any value: without different stimuli the width is not determined
+    return float(np.sqrt(np.mean(np.square(differences[differences != 0.0]))))
+
+
+def paper_maxima(posterior: PaperPosterior) -> Ascent:
     """The ends of searches of one posterior, from a grid over offset, gamma, width and lapses.
 
-    Offset and width count in D, the root mean square difference of pairs with different stimuli.
+    Offset and width count in steps, see :func:`step_of_pairs`.
     """
-    row = cast(PaperRows, array.likelihood.rows)
-    n_yes = row.n_yes[0, 0]  # (pairs,)
-    n_trials = (row.n_yes + row.n_no)[0, 0]
-    has_trials = n_trials > 0.0
-    differences = np.abs(row.difference[0, 0, has_trials])
-    if differences.any():
-        step = float(np.sqrt(np.mean(np.square(differences[differences > 0.0]))))
-    else:  # any value: without different stimuli the width is not determined
-        step = 0.3
-
+    subject = posterior.subject
+    row = posterior.rows
+    step = step_of_pairs(subject)
     if row.task.lapses == "q0":  # the largest share of 'equal' of a pair, by Laplace's estimator
-        largest_q0 = ((n_yes + 1.0) / (n_trials + 2.0))[has_trials].max()
+        largest_q0 = ((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max()
         share_logits = [logit(largest_q0)]
     else:
         share_logits = [-3.0, -0.5]  # lapse rates of 5 and 38 %
@@ -152,8 +155,8 @@ def paper_maxima(array: PosteriorArray) -> Ascent:
 
     # The four coordinates of each point of the grid.
     p = pull(gamma)
-    width = step * np.exp(log_width)
-    mu1 = _mean_first(row) + offset * step / p  # as offset = p (mu1 - sbar)
+    width = step * np.exp(log_width)  # the grid has the log of the width in steps
+    mu1 = subject.mean_first + offset * step / p  # as offset = p (mu1 - sbar)
     mean, sd = row.prior.mu1_normal
     starts = np.column_stack(
         [
@@ -163,26 +166,27 @@ def paper_maxima(array: PosteriorArray) -> Ascent:
             probit_of_logit(share_logit),
         ]
     )
-    return ascend_from(array, np.zeros(len(starts), np.intp), starts)
+    return ascend_from(posterior.array, np.zeros(len(starts), np.intp), starts)
 
 
-def _mean_first(row: PaperRows) -> float:
-    """sbar, the mean first stimulus over the trials of one subject, natural-log intensity."""
-    return float(np.average(row.first[0, 0], weights=(row.n_yes + row.n_no)[0, 0]))
-
-
-def funnel_of_maxima(row: PaperRows, maxima: Ascent) -> Funnel:
+def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
     """The funnel of one posterior by its maxima, the highest first; symbols as in :class:`Funnel`.
 
-    Maxima at least 3 nats below the highest one do not count.
+    At the highest maximum, where w = w_0, the answers leave the offset p mu1 with the SD `spread`,
+    and `distance` is the SD of the offset between maxima. So there kappa / (w^2 + w_0^2) is to be
+    1 / (spread^2 + distance^2): kappa is 2 w_0^2 / (spread^2 + distance^2), or without 2 w_0^2 if
+    the precision does not follow the width.
+
+    Maxima at least 3 nats below the highest one have little of the posterior and do not count.
     """
+    row = posterior.rows
     u = maxima.x[None, maxima.value > maxima.value[0] - 3.0]  # (1, points, 4)
-    mean_first = _mean_first(row)
+    mean_first = posterior.subject.mean_first
     mean, sd = row.prior.mu1_normal
     offsets = row.pull(u)[0] * (row.mu1(u)[0] - mean_first)
-    log_width = row.log_width(u)[0, 0]
-    _, _, informations = row.scoring(u[:, :1])
-    information = informations[0, 0, 0, 0]  # on the score of mu1, at the highest maximum
+    log_width = row.log_width(u)[0, 0]  # of the one row at its highest maximum, as below
+    _, _, informations = row.scoring(u[:, :1])  # (1, 1, 4, 4)
+    information = informations[0, 0, 0, 0]  # on the score of mu1
 
     # The SD of the offset that the answers leave: that of mu1, 1/information^(1/2) scores, times p.
     # If there is no information, the width stands for it.
@@ -194,8 +198,7 @@ def funnel_of_maxima(row: PaperRows, maxima: Ascent) -> Funnel:
     # Several maxima: the answers leave the offset as open as the maxima are apart.
     distance = offsets.std()
     follows_width = 1.0 if distance < spread else 0.0
-    # The log of kappa sd^2, in scores of mu1. At one maximum w = w_0, and kappa / (w^2 + w_0^2) is
-    # to be 1 / (spread^2 + distance^2), so that kappa has the factor 2 w_0^2.
+    # The log of kappa sd^2, with the factor 2 w_0^2 if the precision follows the width.
     log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))
     log_precision += follows_width * (2.0 * log_width + np.log(2.0))
 

@@ -13,13 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, NamedArrays
-from bayes_toe.inference.diagnostics import (
-    Convergence,
-    Errors,
-    convergence_of,
-    errors_of,
-    worst,
-)
+from bayes_toe.inference.diagnostics import Errors, convergence_of, errors_of, worst
 from bayes_toe.inference.engine import SHARP
 from bayes_toe.inference.fitted import (
     Evidence,
@@ -71,12 +65,9 @@ class Settings:
 
 
 def fit_subject(target: SubjectPosterior, seed: int, *, has_chains: bool = False) -> Fitted:
-    """The mixture of one posterior; chains begin with the draws that judged it.
-
-    So chains need more of these draws.
-    """
+    """The mixture of one posterior; more draws judge it if chains follow, which begin with them."""
     rng = generator(seed, target.subject.name, target.model.name, "proposal")
-    return fit_posterior(target, rng, SHARP.most_draws if has_chains else 4000)
+    return fit_posterior(target, rng, judging_draws=SHARP.most_draws if has_chains else 4000)
 
 
 def model_evidence(fitted: Fitted, seed: int, size: int) -> Evidence:
@@ -147,7 +138,7 @@ def subject_draws(
 
     if summarised:
         reported = {name: quantities[name] for name in target.names.reported}
-        summary = summary_rows(target, reported, chains.diagnostics)
+        summary = summary_rows(target, reported)
     else:
         summary = ()
 
@@ -156,25 +147,15 @@ def subject_draws(
     return SubjectDraws(stored, chains.acceptance, statistics, fit, summary)
 
 
-def summary_rows(
-    target: SubjectPosterior,
-    values: NamedArrays,
-    convergences: Mapping[str, Convergence] | None = None,
-) -> tuple[SummaryRow, ...]:
-    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws).
-
-    `convergences` has the diagnostics that are computed already.
-    """
-    diagnostics = dict(convergences or {})
-    missing = {name: draws for name, draws in values.items() if name not in diagnostics}
-    diagnostics |= convergence_of(missing)
-
+def summary_rows(target: SubjectPosterior, values: NamedArrays) -> tuple[SummaryRow, ...]:
+    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws)."""
+    diagnostics = convergence_of(values)
     errors = errors_of(values)
     rows = []
     for name, draws in values.items():
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
-        # From the 5 to the 95 % quantile, the first and the last one.
-        contraction = posterior_contraction(target, name, quantiles[0], quantiles[-1])
+        # The first quantile is that of 5 %, and the last one that of 95 %.
+        contraction = posterior_contraction(target, name, low=quantiles[0], high=quantiles[-1])
         row = (  # in the order of SUMMARY_COLUMNS
             target.subject.name,
             name,

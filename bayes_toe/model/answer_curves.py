@@ -25,7 +25,7 @@ from bayes_toe.model.densities import Priors, half_normal_quantile, log_normal
 from bayes_toe.model.paper_equations import LN2
 
 #: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level:
-#: there, twelve leave no error but rounding. They come on (-1, 1).
+#: there, twelve leave no error but rounding. NumPy gives those of (-1, 1).
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS
@@ -169,7 +169,7 @@ def pair_arrays(
     others get further pairs that nobody answered: their counts are 0.
     """
     n_pairs = max(subject.n_pairs for subject in subjects)
-    arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))
+    arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))  # with an axis of one point
     for i, (subject, origin, unit) in enumerate(zip(subjects, origins, units, strict=True)):
         first = (subject.s1 - origin) / unit
         second = (subject.s2 - origin) / unit
@@ -214,7 +214,7 @@ class AnswerRows(ABC):
         """The prior of every coordinate."""
 
     def part(self, index: IndexArray) -> Self:
-        """Some rows, in this order; a row may come more than once."""
+        """The rows with these indices, in their order; an index may be there more than once."""
         names = (*_PAIR_ARRAYS, *self.row_numbers)
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
@@ -229,7 +229,7 @@ class AnswerRows(ABC):
 
     @abstractmethod
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
-        """Log probability of each answer, and its slopes in every coordinate."""
+        """Log probability of each answer, and its slopes, with the shapes of `AnswerSlopes`."""
 
     def log_likelihood(self, u: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (rows, points, k) -> (rows, points)."""

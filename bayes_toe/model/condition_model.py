@@ -98,7 +98,8 @@ class ConditionModels:
         positions = defaultdict(list)
         for i, unit in enumerate(self.units):
             positions[unit.task].append(i)
-        # Without a criterion, a task has fewer parameters; the first one must have all.
+        # A task without a criterion has fewer parameters, and the first task must have all of them:
+        # `parameters` and `loading` are those of the first task.
         tasks = sorted(positions, key=lambda task: not task.has_criterion)
         return [positions[task] for task in tasks]
 

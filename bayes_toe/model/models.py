@@ -127,7 +127,7 @@ class ObserverPosterior(SubjectPosterior):
 
     @property
     def monotone_in(self) -> Determined:
-        """The quantities that one coordinate determines: its name, and 1 if they rise, else -1."""
+        """The quantities that one coordinate alone determines, see :data:`Determined`."""
         return {name: (name, 1) for name in self.coordinates} | {"jnd": ("noise", 1)}
 
     def quantities(self, x: FloatArray) -> NamedArrays:
@@ -166,7 +166,7 @@ class ObserverPosterior(SubjectPosterior):
         """
         step = self.scales.step
         prior = self.prior
-        # Slopes and effects are multiples of their coordinates, and so have their units at 1.
+        # A slope or an effect is its coordinate times a unit: the quantity at the coordinate 1.
         units = self.quantities(np.ones(len(self.coordinates)))
         columns = []
         for name in self.coordinates:

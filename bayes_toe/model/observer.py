@@ -207,6 +207,7 @@ class ObserverRows(AnswerRows):
         """How often each answer was given: of three answers 'equal', 'second' and 'first'."""
         if not self.task.has_three_answers:
             return self.n_yes, self.n_no
+        # The first half of n_no, 'unequal', is no further answer: it is 'second' or 'first'.
         n_equal, n_second = np.split(self.n_yes, 2, axis=-1)
         return n_equal, n_second, self.n_no[..., n_equal.shape[-1] :]
 
@@ -286,9 +287,9 @@ class ObserverRows(AnswerRows):
     ) -> Slopes:
         """Slopes of the log likelihood of each pair, from its slope in the P of each answer.
 
-        P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P: that
-        is the slope in the lapse rate here. Its factor 1 - lambda is left out of
-        d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))), see :meth:`_slope_units`.
+        P = lambda blind + (1 - lambda) attending has the slope (blind - P)/(1 - lambda) in the
+        lapse rate lambda. The slope here is blind - P. The factor 1/(1 - lambda) cancels one of
+        d lambda/du = (1 - lambda) phi(u) / (b (1 - Phi(u))), see :meth:`_slope_units`.
         """
         lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
         z = curve.z
@@ -343,7 +344,7 @@ class ObserverRows(AnswerRows):
 
         They are in the order of :attr:`units`. That of the lapse rate lambda is over 1 - lambda.
         """
-        # phi(u) / (b (1 - Phi(u))), the slope of lambda over 1 - lambda.
+        # phi(u) / (b (1 - Phi(u))): d lambda/du over 1 - lambda, which `_pair_slopes` leaves out.
         lapse_rise = normal_hazard(values["lapse_score"]) / self.prior.lapse_rate_b
         slopes = self.units | {"lapse_score": lapse_rise}
         if self.task.has_criterion:

@@ -194,8 +194,8 @@ class PaperRows(AnswerRows):
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log probability of each answer, and its slopes, (rows, points, 4, pairs).
 
-        The first three coordinates act through z = distance / width, the fourth one through the
-        share of lapses or q0.
+        The first three coordinates act through z, the distance in widths, the fourth one through
+        the share of lapses or q0.
         """
         z = self.distance(u)  # (rows, points, pairs)
         logit_share = logit_of_probit(u[..., 3:])  # (rows, points, 1)
@@ -380,7 +380,7 @@ class PaperPosterior(SubjectPosterior):
 
     @property
     def monotone_in(self) -> Determined:
-        """The quantities that one coordinate determines: its name, and 1 if they rise, else -1."""
+        """The quantities that one coordinate alone determines, see :data:`Determined`."""
         by_coordinate = {name: (name, 1) for name in self.coordinates}
         by_coordinate |= {"pull": ("gamma", 1), "gain": ("gamma", -1)}
         if self.prior.spread == "width":

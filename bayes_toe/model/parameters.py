@@ -452,7 +452,7 @@ def group_parameters(task: Task) -> Parameters:
     >>> [parameter.name for parameter in group_parameters(TASKS[1])]
     ['constant_error', 'contraction', 'noise']
     """
-    parameters = CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
+    parameters = CONSTANT_ERROR, CONTRACTION, NOISE, PEAK  # the order of a group's tables
     return tuple(parameter for parameter in parameters if task in parameter.tasks)
 
 

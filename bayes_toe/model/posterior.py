@@ -55,8 +55,8 @@ def _in_table_order(names: set[str]) -> Texts:
     return tuple(filter(names.__contains__, QUANTITY_BY_NAME))
 
 
-#: By the name of a quantity: the coordinate that determines it alone, and 1 if it rises with it,
-#: else -1.
+#: By the name of a quantity: the coordinate that alone determines it, and 1 if the quantity rises
+#: with the coordinate, else -1.
 Determined = Mapping[str, tuple[str, int]]
 
 
@@ -95,7 +95,7 @@ class SubjectPosterior(ABC):
     @property
     @abstractmethod
     def monotone_in(self) -> Determined:
-        """The quantities that one coordinate determines: its name, and 1 if they rise, else -1."""
+        """The quantities that one coordinate alone determines, see :data:`Determined`."""
 
     @abstractmethod
     def for_subject(self, subject: Subject) -> Self:
@@ -144,16 +144,16 @@ class SubjectPosterior(ABC):
 
         Of three answers, those of the second question follow: (points, 2 pairs).
         """
-        yes, no = self.rows.log_answers(self.full_points(x))
+        yes, no = self.rows.log_answers(self.full_points(x))  # of one row, (1, points, pairs)
         return LogAnswers(yes[0], no[0])
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
-        return self.rows.log_likelihood(self.full_points(x))[0]
+        return self.rows.log_likelihood(self.full_points(x))[0]  # of the one row
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density of the coordinates, (points, k) -> (points,)."""
-        return self.array.log_prior(self.full_points(x))[0]
+        return self.array.log_prior(self.full_points(x))[0]  # of the one posterior
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
@@ -191,7 +191,8 @@ class SubjectPosterior(ABC):
         probabilities = np.full((1, len(self.array.names)), 0.5)  # (points, coordinates)
         coordinate_probability = probability if direction > 0 else 1.0 - probability
         probabilities[0, self.array.names.index(coordinate)] = coordinate_probability
-        return float(self.quantities(self._prior_points(probabilities))[name][0])
+        values = self.quantities(self._prior_points(probabilities))[name]  # at one point
+        return float(values[0])
 
     @cached_property
     def _prior_quantities(self) -> NamedArrays:

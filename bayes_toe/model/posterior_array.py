@@ -36,8 +36,8 @@ class LinearLikelihood:
     first_row : ndarray of int, shape (posteriors,)
         The rows of a posterior stand together.
     further : tuple of LinearLikelihood
-        Those of the answers to further tasks, with rows of every posterior. These rows have all
-        coordinates of the observer.
+        The likelihoods of the answers to further tasks, with rows of every posterior. `rows` are
+        those of the task that has all coordinates of the observer.
     """
 
     rows: AnswerRows
@@ -189,4 +189,4 @@ def independent_array(rows: AnswerRows, free_names: Sequence[Sequence[str]]) -> 
     loading = np.broadcast_to(np.eye(len(names)), (n_rows, len(names), len(names)))
     likelihood = LinearLikelihood(rows, loading, np.arange(n_rows))
     is_free = np.array([np.isin(names, list(free)) for free in free_names])
-    return PosteriorArray(likelihood, names, (), is_free)
+    return PosteriorArray(likelihood, names, further_priors=(), is_free=is_free)

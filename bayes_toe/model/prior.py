@@ -76,7 +76,9 @@ class ParameterHyperprior(PriorNumbers):
     @property
     def difference(self) -> ParameterHyperprior:
         """The prior of a difference between two conditions: normal, half as wide."""
-        return ParameterHyperprior(0.0, 0.5 * self.mean_scale, 0.5 * self.sd_scale)
+        return ParameterHyperprior(
+            mean=0.0, mean_scale=0.5 * self.mean_scale, sd_scale=0.5 * self.sd_scale
+        )
 
     def narrowed(self, share: float) -> ParameterHyperprior:
         """This prior with both scales multiplied by a share."""
@@ -110,6 +112,7 @@ class Hyperprior:
     'mean ~ Normal(0, 0.6); SD between subjects ~ half-normal, scale 0.15'
     """
 
+    # Each with the mean, the scale of the mean, and the scale of the SD between subjects.
     constant_error: ParameterHyperprior = ParameterHyperprior(0.0, 0.5, 0.3, has_heavy_tails=True)
     contraction: ParameterHyperprior = ParameterHyperprior(0.0, 0.2, 0.15)
     noise: ParameterHyperprior = ParameterHyperprior(0.0, 0.6, 0.4)
@@ -170,18 +173,19 @@ class Prior(PriorNumbers):
     'mu1 ~ Normal(0, 10), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)'
     """
 
+    # Each with its default, its smallest and its largest value, and what "stimuli" stands for.
     mu1_mean: float | Literal["stimuli"] = prior_number(0.0, -_LARGEST, _LARGEST, "M")
     mu1_sd: float | Literal["stimuli"] = prior_number(10.0, _SMALLEST, _LARGEST, "2.5 R")
     sigma_p_scale: float | Literal["stimuli"] = prior_number(1.0, _SMALLEST, _LARGEST, "D")
     width_median: float | Literal["stimuli"] | None = prior_number(None, _SMALLEST, _LARGEST, "D")
     width_sd: float = prior_number(1.0, _SMALLEST, _LARGEST)
     # With a smaller number a beta distribution is all but an atom at an edge.
-    gamma_a: float = prior_number(1.0, 0.05)
-    gamma_b: float = prior_number(1.0, 0.05)
-    q0_a: float = prior_number(1.0, 0.05)
-    q0_b: float = prior_number(1.0, 0.05)
-    lapse_rate_a: float = prior_number(1.0, 0.05)
-    lapse_rate_b: float = prior_number(9.0, 0.05)
+    gamma_a: float = prior_number(1.0, smallest=0.05)
+    gamma_b: float = prior_number(1.0, smallest=0.05)
+    q0_a: float = prior_number(1.0, smallest=0.05)
+    q0_b: float = prior_number(1.0, smallest=0.05)
+    lapse_rate_a: float = prior_number(1.0, smallest=0.05)
+    lapse_rate_b: float = prior_number(9.0, smallest=0.05)
     observer: ObserverPrior = field(default_factory=ObserverPrior)
     group: Hyperprior = field(default_factory=Hyperprior)
 
@@ -226,16 +230,6 @@ class Prior(PriorNumbers):
         """Mean and standard deviation of mu1, which are the penalty of a maximum-likelihood fit."""
         return cast(float, self.mu1_mean), cast(float, self.mu1_sd)
 
-    def spread_probability(self, low: float, high: float) -> float:
-        """Probability that the width, or sigma_p, lies between two numbers."""
-        from scipy import stats  # only here, because it loads slowly
-
-        if self.spread_sd is None:
-            density = stats.halfnorm(scale=self.spread_scale)
-        else:
-            density = stats.lognorm(self.spread_sd, scale=self.spread_scale)
-        return float(density.cdf(high) - density.cdf(low))
-
     # --- Numbers of the stimuli -------------------------------------------------------------------
 
     def for_subjects(self, *subjects: Subject) -> Self:
@@ -273,7 +267,7 @@ class Prior(PriorNumbers):
 
     def depends_on_stimuli(self, parameter: str) -> bool:
         """Whether a parameter's distribution has a number of the stimuli, and so their unit."""
-        # 'mu1_mean' and 'mu1_sd' are numbers of mu1.
+        # 'mu1_mean' and 'mu1_sd' are numbers of mu1: the part before the last '_' is the parameter.
         return any(name.rpartition("_")[0] == parameter for name in self._symbols())
 
     def _symbols(self) -> dict[str, str]:

@@ -46,7 +46,7 @@ def read_prior(path: StrPath) -> Prior:
 
 
 def hyperprior_from(source: Hyperprior | StrPath | None) -> Hyperprior:
-    """The prior of a group: the one given, that in the prior file of this path, or the default.
+    """The prior of a group: the given one, that of a prior file, or (None) the default.
 
     A file may also have nothing but the sections of [group], without `group.` in their names.
 

@@ -66,7 +66,10 @@ class TrialHistory:
 
     @property
     def name(self) -> str:
-        """The order model and its histories, as in 'both + carry-over + previous response'."""
+        """The order model and its histories, as in 'both + carry-over + previous response'.
+
+        Random streams are keyed by it. So it has an order of its own, which must stay.
+        """
         is_present = self.has_carry_over, self.has_previous_response
         histories = compress(("carry-over", "previous response"), is_present)
         return " + ".join([self.order.name, *histories])
@@ -182,7 +185,7 @@ class HistoryRows(ObserverRows):
         expected = expectations(
             self.first_of_trial,
             self.second_of_trial,
-            values["contraction"][0],
+            values["contraction"][0],  # (points,), of the one row
             values["carry_over"][0],
             self.trials.is_session_start,
         )
@@ -222,8 +225,8 @@ class HistoryRows(ObserverRows):
         cells = []
         for part in self._parts(u):
             probabilities = self.plain_answers_at(self.curve_at(part))
-            # The last one is 'different' or 'first', which the task does not count.
-            cells.append(probabilities[-2][0])
+            # The last answer is 'different' or 'first'. The one before it is 'equal' or 'second'.
+            cells.append(probabilities[-2][0])  # (points, cells), of the one row
         return np.concatenate(cells)[:, self.cell]
 
     def _parts(self, u: FloatArray, n_values: int = 1 << 17) -> list[FloatArray]:
@@ -387,11 +390,11 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
 
     Examples
     --------
-    >>> keys, ones = np.array([[0.0, 0.0], [0.0, 0.3], [0.3, 0.0]]), np.ones(60, int)
-    >>> sorted_keys = np.repeat(keys, 20, axis=0)
-    >>> looks_sorted(Answers(sorted_keys, ones, ones, None, (), True, np.arange(60)))
+    >>> pairs = np.array([[0.0, 0.0], [0.0, 0.3], [0.3, 0.0]])
+    >>> trials = {"n_yes": np.ones(60, int), "n_trials": np.ones(60, int), "place": np.arange(60)}
+    >>> looks_sorted(Answers(np.repeat(pairs, 20, axis=0), **trials))
     True
-    >>> looks_sorted(Answers(np.tile(keys, (20, 1)), ones, ones, None, (), True, np.arange(60)))
+    >>> looks_sorted(Answers(np.tile(pairs, (20, 1)), **trials))
     False
     """
     # Steps between trials of a session, in the rank of the pair by its stimuli.

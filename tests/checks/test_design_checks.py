@@ -8,13 +8,11 @@ from conftest import subject_of_pairs
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import Finding
-from bayes_toe.checks.design_checks import check_design, urgent_findings
+from bayes_toe.checks.design_checks import check_design
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.model.prior import Prior
-from bayes_toe.model.prior_file import prior_for
 
 GRID = list(itertools.product([-0.3, 0.0, 0.4], repeat=2))
 
@@ -59,26 +57,6 @@ def test_pairs_in_one_order_are_named_the_first_three_of_them():
         "4 pairs were presented in one order only: (0, 0.5), (0, 0.6), (0.7, 0), ... and 1 more."
     )
     assert messages(subject_of_pairs(pairs)) == {"one_order": message}
-
-
-def test_a_prior_in_another_unit_than_the_stimuli_is_named():
-    def message(step, prior="paper"):
-        """The finding about the prior for stimuli that differ by so much, or ''."""
-        study = Study((subject_of_pairs([(0.0, 0.0), (0.0, step), (step, 0.0), (7.0, 7.0)]),))
-        findings = urgent_findings(study, prior_for(study, prior))
-        texts = {finding.code: finding.message for finding in findings}
-        return texts.get("prior_scale", "")
-
-    # sigma_p ~ HalfNormal(1). A prior is far off where P(0.1 step < sigma_p < 10 step) is below
-    # 0.1, that is for steps below 0.0127 or above 16.4.
-    assert [message(step) for step in (0.013, 0.3, 1.0, 16.0)] == ["", "", "", ""]
-    start = "The prior is far too {} for these stimuli: sigma_p ~ HalfNormal(1), with steps of {} ("
-    assert message(0.012).startswith(start.format("wide", 0.012))
-    assert message(17.0).startswith(start.format("narrow", 17))
-    assert message(0.3, Prior(sigma_p_scale=0.01)).startswith("The prior is far too narrow")
-    assert [message(step, "default") for step in (1e-4, 0.3, 1e6)] == ["", "", ""]
-    only_equal = Study((subject_of_pairs([(0.0, 0.0), (2.0, 2.0)]),))
-    assert urgent_findings(only_equal, Prior()) == ()
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,7 @@ from processes import save_on_a_full_disk
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws_file import DrawsStack, study_tree
-from bayes_toe.inference.subject import SubjectDraws
+from bayes_toe.inference.draws_file import study_tree
 
 AGAIN = "; run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
@@ -44,17 +43,6 @@ def require_refusal(path, message):
 
 
 # --- What is saved is read ------------------------------------------------------------------------
-
-
-def test_draws_move_to_the_stack_when_they_arrive():
-    """Memory would otherwise hold the draws of all subjects twice."""
-    stack = DrawsStack(("A", "B"))
-    for index in (1, 0):  # results come in any order
-        draws = SubjectDraws({"q0": np.full((4, 3), float(index))}, np.ones(4), {}, None, ())
-        stack.take(index, draws)
-        assert not draws.quantities
-    # (chains, draws, subjects)
-    assert stack.arrays["q0"][0, 0].tolist() == [0.0, 1.0]
 
 
 def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis):

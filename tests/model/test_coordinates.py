@@ -17,7 +17,7 @@ CASES = hard_cases()
 def funnel(request):
     """The map to coordinates in which the posterior of a hard case has no funnel."""
     posterior = paper_posterior(CASES[request.param])
-    return funnel_of_maxima(posterior.rows, find_maxima(posterior))
+    return funnel_of_maxima(posterior, find_maxima(posterior))
 
 
 @given(x=st.tuples(*[st.floats(-40, 40)] * 4))
