@@ -37,7 +37,6 @@ from bayes_toe.plots.style import (
     Style,
     difference_axis,
     draw_band,
-    even_columns,
     explain_curves,
     grid_panels,
     grid_rows,
@@ -121,7 +120,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         stimulus_name = "first"
         groups = np.array_split(firsts, min(len(firsts), MOST_PANELS))
 
-    n_columns = even_columns(len(groups), largest=2)
+    n_columns = min(2, len(groups))
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * grid_rows(len(groups), n_columns) + 0.9)
     # The legend of a subfigure stands below the title of its figure.
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])

@@ -30,9 +30,6 @@ from bayes_toe.plots.style import (
     SMALL,
     Style,
     draw_intervals,
-    even_columns,
-    grid_panels,
-    grid_rows,
     legend_outside,
     name_rows,
     new_figure,
@@ -81,11 +78,8 @@ def population(result: PopulationResult) -> Figure:
     # takes 0.19, a comparison 0.4, and labels 0.9. The legend or title of a section takes 0.3.
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
     heights = [0.3 + forest_height, 1.4]
-    n_columns = 1
     if effects:
-        n_columns = even_columns(len(effects), largest=4)
-        panel_height = 0.85 + 0.4 * len(comparisons)
-        heights.append(0.3 + grid_rows(len(effects), n_columns) * panel_height)
+        heights.append(0.3 + 0.85 + 0.4 * len(comparisons))
 
     figure = new_figure(PAGE, 0.6 + sum(heights))
     colour = "black" if result.is_reliable else BAD
@@ -105,7 +99,7 @@ def population(result: PopulationResult) -> Figure:
         )
 
     if effects:
-        _draw_effects(sections[2], result, effects, comparisons, n_columns)
+        _draw_effects(sections[2], result, effects, comparisons)
     return figure
 
 
@@ -114,7 +108,6 @@ def _draw_effects(
     result: PopulationResult,
     effects: Mapping[str, tuple[FloatArray, str]],
     comparisons: Sequence[str],
-    n_columns: int,
 ) -> None:
     """Draw the effects on the means in a panel for each parameter, a row for each comparison.
 
@@ -125,7 +118,7 @@ def _draw_effects(
     else:
         title = "effects of covariates on the group means, 95 % intervals"
     section.suptitle(title, fontsize=SMALL)
-    panels = grid_panels(section, len(effects), n_columns, sharey=True)
+    panels = section.subplots(1, len(effects), squeeze=False, sharey=True)[0]
     row_names = [plain(fill(text, 22), 70) for text in comparisons]
     for (name, (quantiles, label)), ax in zip(effects.items(), panels, strict=True):
         ax.axvline(0.0, color="black", lw=0.8)
