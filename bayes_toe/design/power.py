@@ -36,7 +36,7 @@ from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import capitalized, join_names, join_words
 from bayes_toe.data.tables import Table
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.errors import InputError, require_kind
@@ -49,6 +49,9 @@ from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 
+#: The names of the default design, and of a single design without a name.
+PAPER_PAIRS = "the paper's pairs"
+GIVEN_PAIRS = "these pairs"
 #: The answer 'yes' or 'probably'.
 DETECTED = "yes or probably"
 _TAIL = 0.025  # probability beyond each end of a 95 % interval
@@ -292,8 +295,12 @@ def power(
     observer_prior = preset_or_file(prior).observer
     simulated: list[DataSet] = []
     # An observer has one task, so the designs of each task have observers of their own.
+    if design is None:
+        design = {PAPER_PAIRS: paper_study_design()}
+    elif isinstance(design, StudyDesign):
+        design = {GIVEN_PAIRS: design}
     by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
-    for name, pairs in name_designs(design).items():
+    for name, pairs in design.items():
         by_task[pairs.task][name] = pairs
     for designs in by_task.values():
         assumed = assume_observers(
@@ -305,17 +312,6 @@ def power(
                 sized_designs.append((name, pairs.with_total(total)))
         simulated += simulate_power(sized_designs, assumed, root, observer_prior, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
-
-
-def name_designs(
-    design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT
-) -> Mapping[str, StudyDesign]:
-    """Designs by name. A single design gets the name 'these pairs'; None is the paper's pairs."""
-    if design is None:
-        return {"the paper's pairs": paper_study_design(task=task)}
-    if isinstance(design, StudyDesign):
-        return {"these pairs": design}
-    return design
 
 
 def simulate_power(
