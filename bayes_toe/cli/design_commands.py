@@ -120,9 +120,10 @@ def power(
 
     context.require_folder(output, _POWER_FILES)
     designs = plan.designs(design or ())
+    n_of_each_size = _count_simulated(designs.values(), observers, plan.simulated)
     table = context.work(
         "simulating and analysing",
-        len(numbers_of_trials) * _count_simulated(designs.values(), observers, plan.simulated),
+        n_of_each_size * len(numbers_of_trials),
         bt.design.power,
         designs,
         numbers_of_trials,
@@ -139,7 +140,9 @@ def power(
             bt.plots.save_figure(bt.plots.power(table), folder / name)
 
     if numbers_of_subjects:
-        print_groups(context.out, table, groups, bt.ReadOptions(unit=plan.unit).stimulus_unit)
+        # Sizes are in natural logs so far; the screen has them in the unit of the design's file.
+        unit = bt.ReadOptions(unit=plan.unit).stimulus_unit
+        print_groups(context.out, table, groups, unit)
         sentences = groups.sentences()
     else:
         print_power(context.out, table)

@@ -345,12 +345,13 @@ def shorten(text: str, width: int) -> str:
     """
     if cell_width(text) <= width:
         return text
-    # Without the three dots, a third of the characters are from the end.
-    n_last = max(width - 3, 0) // 3
-    n_first = max(width - 3 - n_last, 0)
-    short = f"{text[:n_first]}...{text[len(text) - n_last :]}"
-    # Some characters take two columns.
-    return short if cell_width(short) <= width else shorten(text, width - 1)
+    # The most characters that fit beside the three dots; some characters take two columns.
+    for n_shown in range(width - 3, 0, -1):
+        n_last = n_shown // 3  # a third of them are from the end
+        short = f"{text[: n_shown - n_last]}...{text[len(text) - n_last :]}"
+        if cell_width(short) <= width:
+            return short
+    return "..."
 
 
 def cell_width(text: str) -> int:

@@ -413,7 +413,7 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
         observer = _from_point(f"earlier study {number}", "earlier study", posterior, x)
         observers.append(observer)
         no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
-        without_effect.append(Observer(f"none {number}", "none", no_effects, task))
+        without_effect.append(Observer(f"none {number}", "none", parameters=no_effects, task=task))
     return observers + without_effect
 
 

@@ -304,7 +304,12 @@ def power(
         by_task[pairs.task][name] = pairs
     for designs in by_task.values():
         assumed = assume_observers(
-            observers, data_sets, root, list(designs.values()), observer_prior, is_even=True
+            observers,
+            size=data_sets,
+            seed=root,
+            designs=list(designs.values()),
+            prior=observer_prior,
+            is_even=True,
         )
         sized_designs = []
         for name, pairs in designs.items():

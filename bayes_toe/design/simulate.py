@@ -22,14 +22,12 @@ from bayes_toe.data.covariates import level_words
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_study import Truth
-from bayes_toe.data.read_table import read_table
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject, units_by_subject, with_shared_scales
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
 from bayes_toe.design.observers import (
     KINDS,
-    REQUIRED,
     Observer,
     assume_observers,
     make_observer,
@@ -415,15 +413,9 @@ def draw_population(
 def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
     """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
     require_file(path, "--observers", POPULATIONS)
-    table = read_table(path, set)  # all columns: they decide which ones are required
-    if "mu1" in table.names:  # observers of the paper's model
-        required = natural_names(task)
-        optional = []
-    else:
-        parameters = parameter_names(task)
-        required = tuple(name for name in parameters if name in REQUIRED)
-        optional = [name for name in parameters if name not in REQUIRED]
-    subjects, columns = read_numbers(table, required, "subject", optional=optional)
+    # Which of them an observer must have is checked with the observers; both models have q0.
+    names = dict.fromkeys((*natural_names(task), *parameter_names(task)))
+    subjects, columns = read_numbers(path, names=(), key="subject", optional=tuple(names))
     truth = {}
     for i, subject in enumerate(subjects):
         truth[subject] = {name: float(column[i]) for name, column in columns.items()}

@@ -161,13 +161,13 @@ class Entry:
                 columns[name] = axis_values(name, values, self.unit)
         return columns
 
-    def packed(self, rows: int) -> Record:
-        """The entry as the page stores it, with at most so many draws in `rows`.
+    def packed(self, most_rows: int) -> Record:
+        """The entry as the page stores it: a row for each of at most so many of its draws.
 
         Contours, intervals and spans are of all draws.
         """
         draws = self.x.reshape(-1, self.x.shape[-1])  # of all chains, (draws, k)
-        n_rows = min(len(draws), rows)
+        n_rows = min(len(draws), most_rows)
         # Equally spaced draws; explorer.js inverts this rule to name the draw of a row.
         index = np.arange(n_rows) * len(draws) // n_rows
 
@@ -251,11 +251,6 @@ class Entry:
         `x` has shape (rows, k), and `index` the numbers of these draws among all.
         """
         subject = self.target.subject
-        low = float(subject.stimuli.min())
-        high = float(subject.stimuli.max())
-        pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
-        ends = [low - pad, high + pad]
-
         _, along = slice_and_position(subject)  # the place of each pair on the axis of its slice
         pairs = {
             "s1": subject.s1,
@@ -270,6 +265,12 @@ class Entry:
 
         describe = subject.unit.describe
         stimuli = [f"{describe(s1)}, {describe(s2)}".replace("-", "−") for s1, s2 in subject.pairs]
+
+        low = float(subject.stimuli.min())
+        high = float(subject.stimuli.max())
+        pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
+        ends = [low - pad, high + pad]
+        # The mean would count only where a scale is in per cent of it; the page then has logs.
         plane = stimulus_scale("first stimulus", subject.unit, mean=0.0, limits=ends)
 
         fitted = Predictor(self.target, x)
@@ -321,7 +322,8 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
         is_present = ~np.isnan(x + y)  # both are numbers
         contours: list[str] = []
         if _is_plottable(is_present):
-            grid = contour_grid(x[is_present], y[is_present], x_span, y_span)
+            # Middles of bins across and upward, counts, and levels of contours.
+            grid = contour_grid(x[is_present], y[is_present], across=x_span, up=y_span)
             lines = contour_data(*grid, want_fill=False).line_data
             assert lines is not None
             for points in zip(lines.xs, lines.ys, strict=True):
@@ -348,11 +350,11 @@ def entries_of(draws: Draws, label: str, subjects: Texts, truths: Truth) -> list
 
         entry = Entry(
             label,
-            draws.posterior(name),
-            draws.points(name),
-            badges(draws, name),
-            words,
-            truths.get(name, {}),
+            target=draws.posterior(name),
+            x=draws.points(name),
+            badges=badges(draws, name),
+            words=words,
+            truth=truths.get(name, {}),
             synthetic=draws.synthetic,
             description=f"{label}: {draws.study.source}, seed {draws.seed}, prior "
             f"{draws.described_prior()}.",
@@ -370,8 +372,8 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     # More draws than an answer needs, because the page shows them. The list has one result.
     (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
     average = evidence.averaged()
-    # The page takes draws of equal weight, here as one chain.
-    points = average.resampled(generator(draws.seed, subject.name, "explorer"), 4000)
+    # The page takes draws of equal weight, here as one chain of 4,000, as many as a file has.
+    points = average.resampled(generator(draws.seed, subject.name, "explorer"), size=4000)
     # The badge of the fit says whether the model fits.
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
     sizes = answer.sizes
@@ -380,7 +382,7 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
         entry,
         label=label,
         target=average.posterior,
-        x=points[None],
+        x=points[None],  # (1, draws, k)
         badges=(_fit_badge(answer.fit_p, answer.n_subjects), *flags),
         estimates={name: sizes[size] for name, size in _SIZES.items() if size in sizes},
         is_averaged=True,
@@ -451,7 +453,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         # The panel of the weakest stimulus also has the pairs of equal stimuli below it.
         low = min(fixed, float(position.min()))
 
-    # A curve goes on beyond its last pair. If all pairs are in one place, 1e-9 gives it a length.
+    # A curve goes on beyond its last pair. If all pairs are in one place, 1e-9 is its length.
     x = np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
     ends = [low, float(x[-1])]
     fixed_stimuli = np.full_like(x, fixed)
@@ -461,7 +463,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         scale = difference_scale(unit, ends)
     else:
         presented = {-1: (fixed_stimuli, x), 1: (x, fixed_stimuli), 0: (x, x)}
-        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)
+        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)  # as in the plane
     # P of the counted answer, (rows, POINTS) for each order, becomes (orders, POINTS, rows).
     curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
 
@@ -475,7 +477,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         "scale": _packed_scale(scale, unit, ends),
         "orders": orders,
         # Probabilities as whole numbers of 16 bits, which the page divides by the largest one.
-        "yes": to_base64(np.rint(curves * 65535), "<u2"),
+        "yes": to_base64(np.rint(curves * 65535), kind="<u2"),
     }
 
 
@@ -507,9 +509,9 @@ def _selected_slices(subject: Subject) -> tuple[list[float], int]:
     A slice without trials of different stimuli does not count, unless there are only such slices.
     """
     slice_of_pair, _ = slice_and_position(subject)
-    # `index` has the number of the slice of each pair.
-    fixed, index = np.unique(slice_of_pair, return_inverse=True)
-    n_trials = np.bincount(index, subject.n_trials * (subject.s1 != subject.s2))
+    # `slice_index` has the number of the slice of each pair.
+    fixed, slice_index = np.unique(slice_of_pair, return_inverse=True)
+    n_trials = np.bincount(slice_index, weights=subject.n_trials * (subject.s1 != subject.s2))
     n_slices = max(1, int(np.count_nonzero(n_trials)))
     most_first = np.argsort(-n_trials, kind="stable")
     selected = fixed[most_first][: min(MOST_SLICES, n_slices)]

@@ -556,7 +556,7 @@ def _write_key(
     for sample in samples:
         name = sample.target.subject.name
         warning = "\nNOT CONVERGED" if name in draws.not_converged else ""
-        names.append(plain(name, 24) + warning)
+        names.append(plain(name, limit=24) + warning)
 
     handles: list[Artist] = []
     if len(names) == 1:

@@ -213,7 +213,8 @@ def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) ->
     The curve is that of the middle one of `firsts`.
     """
     difference = subject.s2 - subject.s1
-    pad = 0.05 * max(float(np.ptp(difference)), 1e-9)  # above 0 if all differences are the same
+    # A margin of 5 %. If all differences are the same, 1e-9 is the width that a curve needs.
+    pad = 0.05 * max(float(np.ptp(difference)), 1e-9)
     x = np.linspace(difference.min() - pad, difference.max() + pad, POINTS)
     middle_first = np.full_like(x, firsts[len(firsts) // 2])  # of the sorted ones
     draw_band(ax, x, curve(middle_first, middle_first + x), _INK)
@@ -222,7 +223,7 @@ def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) ->
         rows = has_order & is_in_panel
         draw_shares(ax, difference[rows], subject.n_yes[rows], subject.n_trials[rows], mark)
     if subject.task == WHICH_STRONGER:
-        _draw_half(ax, "one half: PSE")
+        _draw_half(ax, label="one half: PSE")
     difference_axis(ax, subject.unit)
     ax.set_ylabel(f"proportion '{subject.task.yes}'")
 
@@ -271,7 +272,7 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
         weights = (groups & (order == sign)) * subject.n_trials
         _draw_pooled(ax, weights, middle, p_correct, n_correct, ORDERS[sign], shift)
 
-    _draw_half(ax, "chance")
+    _draw_half(ax, label="chance")
     stimulus_axis(ax, "middle of the pair", subject.unit, subject.mean_first)
     ax.set_ylabel("proportion correct")
 
@@ -327,7 +328,8 @@ def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
     """
     has_weaker = np.minimum(subject.s1, subject.s2) == weaker
     is_equal = subject.s1 == subject.s2
-    is_weakest = weaker <= _weaker(subject).min(initial=np.inf)  # also where none is weaker
+    # Without pairs of different stimuli, the only panel is that of the weakest one.
+    is_weakest = weaker <= _weaker(subject).min(initial=np.inf)
     return has_weaker | (is_equal & ((subject.s1 >= weaker) | is_weakest))
 
 
