@@ -13,8 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from bayes_toe.answers.group_answer import LABELS, group_estimate, log_factor_of_mean
-from bayes_toe.answers.order_effect import format_bayes_factor
+from bayes_toe.answers.group_answer import LABELS
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, percent
 from bayes_toe.groups.population import PopulationResult
@@ -153,10 +152,7 @@ def _effects(
 
 
 def _heading(result: PopulationResult) -> str:
-    """The title: a warning if the draws are not reliable, the number of subjects, both effects.
-
-    An effect has its mean and the Bayes factor, or 'cannot be told'.
-    """
+    """The title: a warning if the draws are not reliable, the subjects, what cannot be told."""
     synthetic = " (synthetic data)" if result.study.synthetic else ""
     lines = []
     if not result.is_reliable:
@@ -165,11 +161,7 @@ def _heading(result: PopulationResult) -> str:
     for name in EFFECTS:
         if name not in result.identified:
             lines.append(f"{LABELS[name]} cannot be told")
-            continue
-        mean = f"mean {LABELS[name]} {group_estimate(result, name)}"
-        factor = format_bayes_factor(log_factor_of_mean(result, name))
-        lines.append(f"{mean}, BF of a mean that is not 0: {factor}")
-    return "\n".join(lines).replace("-", "−")
+    return "\n".join(lines)
 
 
 def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
