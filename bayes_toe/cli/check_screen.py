@@ -214,7 +214,7 @@ def describe_pairs(study: Study) -> str:
     # Ordered pairs (s1, s2): a pair in both orders is there twice.
     pairs = set(chain.from_iterable(subject.pairs for subject in study))
     n_equal = sum(first == second for first, second in pairs)
-    n_single = sum(pair[::-1] not in pairs for pair in pairs)
+    n_single = sum((second, first) not in pairs for first, second in pairs)
     n_both = (len(pairs) - n_equal - n_single) // 2
     descriptions = []
     if n_equal:

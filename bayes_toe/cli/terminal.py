@@ -238,6 +238,7 @@ def with_options(command: str, options: Iterable[str]) -> str:
     for option in options:
         # ' --exclude B' or ' --exclude B:3', but not ' --exclude B2'
         command, n_typed = re.subn(rf" {re.escape(option)}(:\S+)?(?!\S)", "", command)
+        # An exclusion takes the place of narrower ones, and a swap only that of none.
         if not n_typed or "--exclude" in option:
             command += f" {option}"
     return command
@@ -271,6 +272,7 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
 
     fitting_rows = [row[:n_fitting] for row in (*_heading_rows(headings[:n_fitting]), *rows)]
     widths, gap = _column_widths(fitting_rows)
+    # The first column gives up the columns of the screen that are missing.
     excess = sum(widths) + gap * (n_fitting - 1) - WIDTH
     widths[0] -= max(excess, 0)
     table = [_table_line(row, widths, gap, numeric) for row in fitting_rows]

@@ -73,8 +73,9 @@ class Information:
         determinant det(total) / det(block of the others).
         """
         total = self.total(n_trials)
-        log_nuisance = np.linalg.slogdet(self._nuisance_block(total))[1]
-        return float(0.5 * (np.linalg.slogdet(total)[1] - log_nuisance).mean())
+        _, log_total = np.linalg.slogdet(total)  # (observers,)
+        _, log_nuisance = np.linalg.slogdet(self._nuisance_block(total))
+        return float(0.5 * (log_total - log_nuisance).mean())
 
     def utilities(self, n_trials: IntArray, n_more: float) -> FloatArray:
         """The utility with `n_more` trials added to one pair, for each pair: (pairs,)."""

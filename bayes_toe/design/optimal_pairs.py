@@ -86,9 +86,9 @@ class OptimalDesign:
     Attributes
     ----------
     designs : mapping of str to StudyDesign
-        The one that is asked for first.
+        Both designs by name, first the one that is asked for.
     power : PowerTable
-        That of both, by simulation.
+        The power of both designs, by simulation.
     plane : StudyDesign
         Every pair that can be shown, once.
     worth : ndarray, shape (pairs of the plane,)

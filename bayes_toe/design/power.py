@@ -102,10 +102,6 @@ class PowerEstimate(NamedTuple):
         return f"{100 * self.value:.0f} % [{100 * self.low:.0f}, {100 * self.high:.0f}]"
 
 
-#: Columns of power.csv.
-POWER_COLUMNS = PowerEstimate._fields
-
-
 @dataclass(frozen=True, eq=False)
 class PowerTable(Table[PowerEstimate]):
     """Shares of simulated data sets, one in each row.
@@ -167,8 +163,8 @@ class PowerTable(Table[PowerEstimate]):
         )
 
     def _full_frame(self) -> pd.DataFrame:
-        """The table with the columns of power.csv."""
-        return pd.DataFrame(self.rows, columns=list(POWER_COLUMNS))
+        """The table as power.csv has it: the fields of the rows are the columns."""
+        return pd.DataFrame(self.rows)
 
     def sentences(self) -> list[str]:
         """How often each design detects order effects, and which questions it cannot answer.
@@ -267,14 +263,14 @@ def power(
     Parameters
     ----------
     design : StudyDesign or mapping of str to StudyDesign, optional
-        Or several by name; by default the paper's 13 pairs. Observers of several tasks have the
-        same effects and the same noise.
+        A design, or several by name; by default the paper's 13 pairs. If the designs have several
+        tasks, the observers of each task have the same effects and the same noise.
     trials : sequence of int
         Numbers of trials of one subject, shared among the pairs as the design shares its own.
     observers : str, path or sequence of Observer, optional
         As :func:`bayes_toe.design.observers.assume_observers` takes them.
     data_sets : int
-        Observers of each kind, each with one data set a design and number of trials.
+        Observers of each kind. Each has one data set for every design and number of trials.
     seed, prior, workers, progress
         As in :func:`bayes_toe.analysis.evidence`.
 
@@ -420,10 +416,6 @@ class GroupPower(NamedTuple):
         return abs(self.true_mean) > 1e-6
 
 
-#: Columns of power_groups.csv.
-GROUP_COLUMNS = GroupPower._fields
-
-
 @dataclass(frozen=True, eq=False)
 class GroupPowerTable(Table[GroupPower]):
     """A row for each kind of observers, question and number of subjects."""
@@ -456,8 +448,8 @@ class GroupPowerTable(Table[GroupPower]):
         return lines
 
     def _full_frame(self) -> pd.DataFrame:
-        """The table with the columns of power_groups.csv."""
-        return pd.DataFrame(self.rows, columns=list(GROUP_COLUMNS))
+        """The table as power_groups.csv has it: the fields of the rows are the columns."""
+        return pd.DataFrame(self.rows)
 
 
 def group_power(

@@ -312,9 +312,10 @@ def simulate(  # each is a choice of its own, and has a default
     Parameters
     ----------
     observers : int or mapping
-        How many, drawn from the population; or by name the parameters of each: noise, q0,
-        lapse_rate, noise_slope, criterion_slope, constant_error and contraction, or those of the
-        paper's model, mu1, sigma_p, sigma_l and q0 (lapse_rate of 'which is stronger').
+        The number of observers, who are drawn from the population. Or the parameters of each
+        observer by its name: noise, q0, lapse_rate, noise_slope, criterion_slope, constant_error
+        and contraction. Those of the paper's model are mu1, sigma_p, sigma_l and q0 (lapse_rate in
+        'which is stronger').
     population : str
         "paper", of the paper's model; "none", "small constant error", "large constant error",
         "contraction", "repulsion" or "both", of the four models; or a CSV file of
@@ -393,7 +394,7 @@ def draw_population(
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
         # These observers expect stimuli mu1 between about -1 and 2, see `paper_population`. So they
-        # suit stimuli near the paper's reference, ln 0.
+        # suit stimuli near the paper's reference, whose natural log is 0.
         if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "

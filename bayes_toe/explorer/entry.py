@@ -105,7 +105,7 @@ class Entry:
     truth : mapping, optional
         Known values; those that the model does not have are ignored.
     estimates : mapping
-        By quantity the interval that tables have, where it is not of these draws.
+        The intervals that tables have, by quantity, if they are not those of these draws.
     is_averaged : bool
         Whether the draws are averaged over the four models; an effect that a draw lacks is 0.
     synthetic : bool
@@ -372,7 +372,7 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     # More draws than an answer needs, because the page shows them. The list has one result.
     (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
     average = evidence.averaged()
-    # The page takes draws of equal weight, here as one chain of 4,000, as many as a file has.
+    # The page takes draws of equal weight, here as one chain, as long as a file has by default.
     points = average.resampled(generator(draws.seed, subject.name, "explorer"), size=4000)
     # The badge of the fit says whether the model fits.
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
@@ -432,53 +432,56 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     """
     subject = fitted.target.subject
     unit = subject.unit
-    is_by_first = subject.task == WHICH_STRONGER
     slice_of_pair, position = slice_and_position(subject)
-    if is_by_first:  # Position is s2 - s1, of which all panels show the same range.
+    if subject.task == WHICH_STRONGER:
+        # The position is s2 - s1, of which all panels show the same range.
         is_member = slice_of_pair == fixed
         orders = [0]
-        start = float(position.min() - _CURVE_MARGIN * np.ptp(position))
-        end = float(position.max())
-        low = start
-    else:  # Position is the stronger stimulus, and curves start at the weaker one.
+        low = float(position.min() - _CURVE_MARGIN * np.ptp(position))
+        x = _curve_positions(low, float(position.max()))
+        ends = [low, float(x[-1])]
+        first = np.full_like(x, fixed)
+        presented = {0: (first, first + x)}
+        scale = difference_scale(unit, ends)
+    else:
+        # The position is the stronger stimulus. Curves start at the weaker one. The panel of the
+        # weakest stimulus also has the pairs of equal stimuli below it.
         is_member = pairs_with_weaker(subject, fixed)
-        position = position[is_member]
         order = presentation_order(subject)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
         # A single pair of equal stimuli is where the other curves begin, if there are any.
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
-        start = fixed
-        end = float(position.max())
-        # The panel of the weakest stimulus also has the pairs of equal stimuli below it.
-        low = min(fixed, float(position.min()))
-
-    # A curve goes on beyond its last pair. If all pairs are in one place, 1e-9 is its length.
-    x = np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
-    ends = [low, float(x[-1])]
-    fixed_stimuli = np.full_like(x, fixed)
-    # The first and the second stimuli of the curve of each order.
-    if is_by_first:
-        presented = {0: (fixed_stimuli, fixed_stimuli + x)}
-        scale = difference_scale(unit, ends)
-    else:
-        presented = {-1: (fixed_stimuli, x), 1: (x, fixed_stimuli), 0: (x, x)}
+        position = position[is_member]
+        x = _curve_positions(fixed, float(position.max()))
+        ends = [min(fixed, float(position.min())), float(x[-1])]
+        weaker = np.full_like(x, fixed)
+        presented = {-1: (weaker, x), 1: (x, weaker), 0: (x, x)}
         scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)  # as in the plane
-    # P of the counted answer, (rows, POINTS) for each order, becomes (orders, POINTS, rows).
-    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
 
+    # P of the counted answer to the first and second stimuli that are presented along the curve of
+    # each order. (rows, POINTS) for an order becomes (orders, POINTS, rows).
+    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
     title = f"{subject.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
     # The names by which explorer.js reads them.
     return {
         "title": title if has_title else "",
         "pairs": np.flatnonzero(is_member).tolist(),
-        "low": low,
+        "low": ends[0],
         "x": x.tolist(),
         "scale": _packed_scale(scale, unit, ends),
         "orders": orders,
         # Probabilities as whole numbers of 16 bits, which the page divides by the largest one.
         "yes": to_base64(np.rint(curves * 65535), kind="<u2"),
     }
+
+
+def _curve_positions(start: float, end: float) -> FloatArray:
+    """Positions along a curve from its start to beyond its last pair, which is at the end.
+
+    If all pairs are in one place, the curve has a length near 0.
+    """
+    return np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
 
 
 def _packed_scale(scale: Scale, unit: StimulusUnit, ends: Sequence[float]) -> Record | None:

@@ -88,7 +88,7 @@ def explore(
     Parameters
     ----------
     draws : Draws or sequence of Draws
-        Of one model or several, which are called by their models.
+        Draws of one model, or of several models, whose titles the page shows.
     subjects : sequence of str, optional
         Only these.
     truths : mapping of str to (mapping of str to float), optional

@@ -6,8 +6,8 @@ In 'same or different' a panel has the pairs with one weaker stimulus, over the 
 curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over s2 - s1;
 the curve crosses one half at the point of subjective equality (PSE). Such panels also show 'same or
 different' with more than six weaker stimuli. With three answers, each has a curve over s2 - s1.
-`responses_panel` pools the pairs of a subject in one
-panel. Bands are central 95 % intervals of the posterior.
+`responses_panel` pools the pairs of a subject in one panel. Bands are central 95 % intervals of the
+posterior.
 """
 
 from __future__ import annotations

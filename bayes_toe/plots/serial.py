@@ -50,7 +50,8 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if not rows:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
-        # Strongest evidence first: the log evidence of the best history over that of none.
+        # Strongest evidence first: the log evidence of the best model over that of the first one,
+        # which has no history.
         rows.sort(key=lambda row: row.log_evidence[0] - row.log_evidence.max())
         rows = rows[:MOST_ROWS]
 
