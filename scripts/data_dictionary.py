@@ -14,7 +14,7 @@ from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS
 from bayes_toe.classical.fit import fit_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.design.power import GROUP_COLUMNS, POWER_COLUMNS
+from bayes_toe.design.power import GroupPower, PowerEstimate
 from bayes_toe.design.study_design import DESIGN_COLUMNS
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
@@ -32,8 +32,8 @@ FILES = {
     "population_subjects.csv": SUBJECT_COLUMNS,
     "fit.csv": fit_columns(SAME_DIFFERENT),
     "asymmetry.csv": ASYMMETRY_COLUMNS,
-    "power.csv": POWER_COLUMNS,
-    "power_groups.csv": GROUP_COLUMNS,
+    "power.csv": PowerEstimate._fields,
+    "power_groups.csv": GroupPower._fields,
     "design.csv": DESIGN_COLUMNS,
 }
 

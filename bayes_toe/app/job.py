@@ -127,7 +127,8 @@ class Job:
 
     def run_state(self) -> str:
         """Whether the study is 'new', 'running', 'stopped', 'done', or 'changed' since its run."""
-        if running_job(self.folder.parent)[0] == self.name:
+        running, _ = running_job(self.folder.parent)
+        if running == self.name:
             return "running"
         command = self._last_command()  # None before the first run
         if command != self.command():
@@ -311,13 +312,14 @@ def require_options(content: bytes) -> Record:
     except (TypeError, ValueError, RecursionError):
         raise InputError("The options are no record") from None
     for name, value in options.items():
-        # Names and values of a dict, and items of a list, must be texts. A text and a flag have no
-        # items.
-        texts = [*value, *value.values()] if isinstance(value, dict) else value
-        is_valid = type(value) is _KINDS.get(name)
-        if isinstance(texts, list):
-            is_valid = is_valid and all(isinstance(text, str) for text in texts)
-        if not is_valid:
+        if isinstance(value, dict):
+            items = [*value, *value.values()]
+        elif isinstance(value, list):
+            items = value
+        else:  # a text or a flag
+            items = []
+        are_texts = all(isinstance(item, str) for item in items)
+        if type(value) is not _KINDS.get(name) or not are_texts:
             raise InputError(f"The option {name}, or its value, is unknown")
     return options
 

@@ -187,7 +187,7 @@ class Handler(RequestHandler):
 
         Tornado calls it with the exception in `details`.
         """
-        error = details["exc_info"][1]
+        _, error, _ = details["exc_info"]
         self.clear()  # headers and content of the answer so far
         if isinstance(error, InputError):
             self.set_status(400)

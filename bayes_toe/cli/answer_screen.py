@@ -166,7 +166,7 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
         out.notes(notes_of_mark, mark, file=file)
         if mark == "!" and len(options) > 1:
             out.line("To apply all of these, type:")
-            out.lines(command_lines(with_options(command, options), "  "))
+            out.lines(command_lines(with_options(command, options), start="  "))
 
 
 def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:

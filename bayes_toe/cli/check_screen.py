@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -43,7 +43,7 @@ def print_check(out: Terminal, study: Study, prior: Prior | None) -> None:
     lines, commands = answer_of_check(study, findings)
     out.answer(lines)
     for command in commands:
-        out.lines(command_lines(command, "  "))
+        out.lines(command_lines(command, start="  "))
 
 
 def _print_task(out: Terminal, study: Study, prior: Prior | None) -> tuple[Finding, ...]:
@@ -89,16 +89,9 @@ def _print_problems(
             continue
 
         subject = study[name]
-        if findings:
-            # A capital letter follows the end of a sentence, but not that of 'a.u.'.
-            sentence = re.split(r"\. (?=[A-Z])", findings[0].message)[0].rstrip(".")
-            problem = f"{sentence[0].lower()}{sentence[1:]}"
-        else:
-            problem = "none"
-        if name not in by_subject:  # a limit of the design: the answer has the reason, once for all
-            problem = problem.partition(", because")[0]
+        problem = _first_problem(findings)
         short = textwrap.shorten(problem, 52, placeholder="...")  # so that the row is one line
-        # The row has the first sentence of the first finding, if it is not too long.
+        # A first problem that is cut in its row stands below the table too, as all others do.
         not_in_rows += findings if short != problem else findings[1:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
         rows.append([name, str(subject.total_trials), share, short])
@@ -110,6 +103,19 @@ def _print_problems(
     out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, numeric=(1, 2))
     # A limit of the design has no subject, and stands in the answer.
     out.notes((item.subject, item.message, "") for item in not_in_rows if item.subject)
+
+
+def _first_problem(findings: Sequence[Finding]) -> str:
+    """The first sentence of the first finding, as a cell of the table; 'none' without findings."""
+    if not findings:
+        return "none"
+    # A capital letter follows the end of a sentence, but not that of 'a.u.'.
+    sentence = re.split(r"\. (?=[A-Z])", findings[0].message)[0].rstrip(".")
+    problem = f"{sentence[0].lower()}{sentence[1:]}"
+    if findings[0].subject:
+        return problem
+    # A limit of the design is one of all subjects. The answer has its reason, once for all.
+    return problem.partition(", because")[0]
 
 
 def _is_doubt(finding: Finding) -> bool:
@@ -209,7 +215,7 @@ def describe_pairs(study: Study) -> str:
     # Ordered pairs (s1, s2): a pair in both orders is there twice.
     pairs = set(chain.from_iterable(subject.pairs for subject in study))
     n_equal = sum(first == second for first, second in pairs)
-    n_single = sum(pair[::-1] not in pairs for pair in pairs)
+    n_single = sum((second, first) not in pairs for first, second in pairs)
     n_both = (len(pairs) - n_equal - n_single) // 2
     descriptions = []
     if n_equal:

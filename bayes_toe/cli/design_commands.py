@@ -65,24 +65,25 @@ class StudyPlan:
 
         Without a file it is the paper's design; a single file is called 'these pairs'.
         """
-        from bayes_toe.design.power import name_designs
+        from bayes_toe.data.tasks import task_of
+        from bayes_toe.design.power import GIVEN_PAIRS, PAPER_PAIRS
+        from bayes_toe.design.study_design import paper_study_design
 
         if self.unit and not files:
             raise bt.InputError("--unit: allowed with DESIGN.csv.")
         designs = {}
-        questions = self.questions.split(",")
-        for question in questions:
-            read = {}
+        tasks = dict.fromkeys(map(task_of, self.questions.split(",")))  # each once
+        for task in tasks:
+            of_task = f", {task.short_name}" if len(tasks) > 1 else ""
+            if not files:
+                designs[PAPER_PAIRS + of_task] = paper_study_design(task)
             for file in files:
-                name = file.stem if len(files) > 1 else "these pairs"
-                if name in read:
+                name = (file.stem if len(files) > 1 else GIVEN_PAIRS) + of_task
+                if name in designs:
                     raise bt.InputError(
-                        f"Two design files have the name {quoted(name)}. Names must differ."
+                        f"Two design files have the name {quoted(file.stem)}. Names must differ."
                     )
-                read[name] = bt.design.read_study_design(file, question, self.unit)
-            for name, design in name_designs(read or None, question).items():
-                task = f", {design.task.short_name}" if len(questions) > 1 else ""
-                designs[name + task] = design
+                designs[name] = bt.design.read_study_design(file, task, self.unit)
         return designs
 
 
@@ -119,9 +120,10 @@ def power(
 
     context.require_folder(output, _POWER_FILES)
     designs = plan.designs(design or ())
+    n_of_each_size = _count_simulated(designs.values(), observers, plan.simulated)
     table = context.work(
         "simulating and analysing",
-        len(numbers_of_trials) * _count_simulated(designs.values(), observers, plan.simulated),
+        n_of_each_size * len(numbers_of_trials),
         bt.design.power,
         designs,
         numbers_of_trials,
@@ -138,7 +140,9 @@ def power(
             bt.plots.save_figure(bt.plots.power(table), folder / name)
 
     if numbers_of_subjects:
-        print_groups(context.out, table, groups, bt.ReadOptions(unit=plan.unit).stimulus_unit)
+        # Sizes are in natural logs so far; the screen has them in the unit of the design's file.
+        unit = bt.ReadOptions(unit=plan.unit).stimulus_unit
+        print_groups(context.out, table, groups, unit)
         sentences = groups.sentences()
     else:
         print_power(context.out, table)

@@ -101,9 +101,8 @@ def contrast(
     from bayes_toe.answers.study_summary import study_lines
     from bayes_toe.cli.answer_screen import print_subjects
     from bayes_toe.cli.group_screen import print_contrast
-    from bayes_toe.plots.figure_files import picture_beside
 
-    figure_file = picture_beside(output)
+    figure_file = output.with_suffix(".png")
     context.require_files(output, figure_file)
     store = context.partial_folder(output)
     study, prior = context.read_and_describe(file, several_tasks=True)
@@ -156,9 +155,8 @@ def history(
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """
     from bayes_toe.cli.group_screen import history_lines, print_history
-    from bayes_toe.plots.figure_files import picture_beside
 
-    figure_file = picture_beside(output)
+    figure_file = output.with_suffix(".png")
     context.require_files(output, figure_file)
     study, prior = context.read_and_describe(file)
     table = context.work("serial dependence", len(study), bt.serial_dependence, study, prior=prior)

@@ -95,8 +95,8 @@ def folder_name(value: str | Path) -> Path:
 
 
 def file_name(value: str | Path) -> Path:
-    """Parse the name of a file that is written."""
-    if str(value).endswith(("/", os.sep)):
+    """Parse the name of a file that is written; '.' is none."""
+    if str(value).endswith(("/", os.sep)) or not Path(value).name:
         raise typer.BadParameter(f"found '{value}', allowed: the name of a file")
     return folder_name(value)
 

@@ -77,8 +77,8 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     """Write report.html, and subjects/*.html of more than :data:`MAX_SUBJECTS` subjects.
 
     `facts` is what a report has besides the analysis: the subjects that need action with the
-    reasons, the predictive check of the group, and the subjects with figures, the files of these
-    and their choice: "all", "flagged" or "none".
+    reasons, what contradicts a normal group, the names of files by subject, the curves of the
+    subjects with figures, and the choice of these subjects: "all", "flagged" or "none".
 
     Every text from outside is escaped by the template engine, its control characters too. Pages
     are written piece by piece: with its figures a report may be larger than memory.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from bayes_toe import plots
 from bayes_toe.analysis import Analysis
@@ -70,27 +69,23 @@ def write_results(
     products = list(PRODUCTS)
     for stem in stems.values():
         products += [f"corner/{stem}.png", f"subjects/{stem}.html"]
-    with (
-        whole_folder(folder, products, overwrite=context.overwrite) as new_folder,
-        # Curves of subjects stand only within the report, and have no files of their own.
-        TemporaryDirectory(dir=new_folder.absolute()) as curves,
-    ):
-        # Absolute paths, since a worker may be in another folder than this process.
+    with whole_folder(folder, products, overwrite=context.overwrite) as new_folder:
+        # An absolute path, since a worker may be in another folder than this process.
         target = new_folder.absolute()
         draws.save(target / "posterior.nc")
         _write_tables(analysis, target)
         write_methods(analysis, target / "methods.md")
         if has_explorer:
             explore(draws).save(target / "explorer.html")
-        jobs = _drawing_jobs(analysis, {name: stems[name] for name in names}, target, Path(curves))
-        context.draw(jobs, names)
+        jobs = _drawing_jobs(analysis, {name: stems[name] for name in names}, target)
+        curves = context.draw(jobs, names)
         facts = {
             "flagged": flagged_subjects,
             "contradictions": contradictions,
             "choice": figures,
-            "drawn": names,
             "stems": stems,
-            "curves": Path(curves),
+            # Curves stand within the report alone, and have no files of their own.
+            "curves": dict(zip(names, curves, strict=True)),
         }
         write_report(analysis, facts, target)
     return folder
@@ -116,12 +111,9 @@ def _write_tables(analysis: Analysis, folder: Path) -> None:
 
 
 def _drawing_jobs(
-    analysis: Analysis, stems: Mapping[str, str], folder: Path, curves: Path
-) -> list[partial[None]]:
-    """A call of :func:`_draw_subject` for each subject of `stems`, which names the files.
-
-    Corner plots stay in `folder`; the report takes the curves from `curves`, which is then removed.
-    """
+    analysis: Analysis, stems: Mapping[str, str], folder: Path
+) -> list[partial[bytes]]:
+    """A call of :func:`_draw_subject` for each subject of `stems`, which names the corner plots."""
     study = analysis.study
     truths: Truth = {}  # known only of the bundled example
     if study.source == EXAMPLE and study.task == SAME_DIFFERENT:
@@ -139,22 +131,16 @@ def _drawing_jobs(
                 truths,
                 analysis.curve(name),
                 folder / "corner" / f"{stem}.png",
-                curves / f"{stem}.png",
             )
         )
     return jobs
 
 
 def _draw_subject(
-    draws: Draws,
-    prior: Prior,
-    truths: Truth,
-    fitted: Predictor,
-    corner_file: Path,
-    curve_file: Path,
-) -> None:
-    """Write the corner plot and the curves of the only subject of the draws."""
+    draws: Draws, prior: Prior, truths: Truth, fitted: Predictor, corner_file: Path
+) -> bytes:
+    """Write the corner plot of the only subject of the draws; return its curves as a PNG file."""
     [name] = draws.names  # one subject, since a worker gets only the draws that it needs
     corner_file.write_bytes(png(corner(draws, name, truths=truths, prior=prior)))
     title = "synthetic data" if draws.synthetic else ""
-    curve_file.write_bytes(png(fitted_figure(fitted, title)))
+    return png(fitted_figure(fitted, title))

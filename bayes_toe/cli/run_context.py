@@ -134,13 +134,17 @@ class RunContext:
         with self.out.progress(label, total) as tick:
             return function(*values, seed=self.seed, workers=self.workers, progress=tick, **options)
 
-    def draw(self, jobs: Sequence[Callable[[], None]], names: Sequence[str]) -> None:
-        """Draw figures side by side, with a progress bar; names are those of subjects or files."""
+    def draw(self, jobs: Sequence[Callable[[], Result]], names: Sequence[str]) -> list[Result]:
+        """Draw figures side by side, with a progress bar; return what the jobs return.
+
+        `names` are those of the subjects or files of the jobs.
+        """
         from bayes_toe.workers import local_processes, run_in_order
 
         with self.out.progress("drawing", len(jobs)) as tick:
             # A job has a tuple of names, here of a single one.
-            run_in_order(jobs, local_processes(self.workers), tick, [(name,) for name in names])
+            names_of_jobs = [(name,) for name in names]
+            return run_in_order(jobs, local_processes(self.workers), tick, names_of_jobs)
 
     @cached_property
     def workers(self) -> Workers:
@@ -336,25 +340,25 @@ def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
 
 def print_error(error: BayesToeError, command: str) -> None:
     """Print the problems of an error, then what to type, one choice a line."""
-    problems = str(error)  # lines
     choices = []  # what to type, and what it means in the cases in which it helps
     if isinstance(error, InputError):
         # The text of the error itself goes on with what to type in Python.
-        problems = "\n".join(error.problems)
+        text = "\n".join(error.problems)
         for remedies, meanings in error.choices:
             choices.append((" ".join(remedy.typed for remedy in remedies), meanings))
+        if text == NO_FILE:  # an error without remedies, because the command is known only here
+            choices = [(f"bayes-toe {command} {study}", []) for study in ("STUDY.csv", "--example")]
     elif isinstance(error, OutputExistsError):
-        problems = error.problem
+        text = error.problem
         choices = [("--overwrite", ["to replace it"]), ("-o NAME", ["to write elsewhere"])]
-    if problems == NO_FILE:  # an error without remedies, because the command is known only here
-        choices = [(f"bayes-toe {command} {study}", []) for study in ("STUDY.csv", "--example")]
+    else:
+        text = str(error)
 
     stored = describe_stored()
     if stored:
-        problems = f"{problems}; {stored}"
-
-    for problem in problems.split("\n"):
-        print_labelled("error:", problem)
+        text = f"{text}; {stored}"
+    for line in text.split("\n"):
+        print_labelled("error:", line)
     _print_choices(choices)
 
 

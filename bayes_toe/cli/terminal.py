@@ -238,6 +238,7 @@ def with_options(command: str, options: Iterable[str]) -> str:
     for option in options:
         # ' --exclude B' or ' --exclude B:3', but not ' --exclude B2'
         command, n_typed = re.subn(rf" {re.escape(option)}(:\S+)?(?!\S)", "", command)
+        # An exclusion takes the place of narrower ones, and a swap only that of none.
         if not n_typed or "--exclude" in option:
             command += f" {option}"
     return command
@@ -271,6 +272,7 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
 
     fitting_rows = [row[:n_fitting] for row in (*_heading_rows(headings[:n_fitting]), *rows)]
     widths, gap = _column_widths(fitting_rows)
+    # The first column gives up the columns of the screen that are missing.
     excess = sum(widths) + gap * (n_fitting - 1) - WIDTH
     widths[0] -= max(excess, 0)
     table = [_table_line(row, widths, gap, numeric) for row in fitting_rows]
@@ -345,12 +347,13 @@ def shorten(text: str, width: int) -> str:
     """
     if cell_width(text) <= width:
         return text
-    # Without the three dots, a third of the characters are from the end.
-    n_last = max(width - 3, 0) // 3
-    n_first = max(width - 3 - n_last, 0)
-    short = f"{text[:n_first]}...{text[len(text) - n_last :]}"
-    # Some characters take two columns.
-    return short if cell_width(short) <= width else shorten(text, width - 1)
+    # The most characters that fit beside the three dots; some characters take two columns.
+    for n_shown in range(width - 3, 0, -1):
+        n_last = n_shown // 3  # a third of them are from the end
+        short = f"{text[: n_shown - n_last]}...{text[len(text) - n_last :]}"
+        if cell_width(short) <= width:
+            return short
+    return "..."
 
 
 def cell_width(text: str) -> int:

@@ -79,7 +79,7 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
     # All subjects of a file have the same quantities.
     quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
     optional = dict.fromkeys(quantities)  # each once, because several files of draws may have it
-    names, columns = read_numbers(path, (), key="subject", optional=list(optional), gaps=True)
+    names, columns = read_numbers(path, names=(), key="subject", optional=list(optional), gaps=True)
     truth: dict[str, dict[str, float]] = {name: {} for name in names}
     for key, column in columns.items():
         for name, value in zip(names, column.tolist(), strict=True):
@@ -88,7 +88,7 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
     if not any(truth.get(name) for name in subjects):
         raise bt.InputError(
             f"{display_name(path.name)}: there are no true values of "
-            f"{join_names([*map(quoted, subjects)], 3)}. Each subject needs a row."
+            f"{join_names(list(map(quoted, subjects)), max_items=3)}. Each subject needs a row."
         )
     return truth
 

@@ -309,7 +309,8 @@ class Adaptive:
         InputError
             Before the first answer to different stimuli.
         """
-        return answer_subject(self.subject, self.seed, self.prior)[0]
+        answer, _ = answer_subject(self.subject, self.seed, self.prior)  # without its evidence
+        return answer
 
     # --- Files ------------------------------------------------------------------------------------
 

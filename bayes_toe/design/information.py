@@ -73,8 +73,9 @@ class Information:
         determinant det(total) / det(block of the others).
         """
         total = self.total(n_trials)
-        log_nuisance = np.linalg.slogdet(self._nuisance_block(total))[1]
-        return float(0.5 * (np.linalg.slogdet(total)[1] - log_nuisance).mean())
+        _, log_total = np.linalg.slogdet(total)  # (observers,)
+        _, log_nuisance = np.linalg.slogdet(self._nuisance_block(total))
+        return float(0.5 * (log_total - log_nuisance).mean())
 
     def utilities(self, n_trials: IntArray, n_more: float) -> FloatArray:
         """The utility with `n_more` trials added to one pair, for each pair: (pairs,)."""
@@ -129,9 +130,9 @@ def information(
         scaled_slope = times_counts(np.exp(0.5 * log_p)[..., None, :], slope)
         rows.append(np.swapaxes(scaled_slope[0], 1, 2))  # (observers, pairs, k)
 
-    curvature = posterior.array.prior_slopes(points)[1][0]  # (observers, k)
+    _, curvature = posterior.array.prior_slopes(points)  # (1, observers, k)
     is_target = np.isin(posterior.coordinates, AIMS[aim])
-    prior_curvature = curvature[:, :, None] * np.eye(len(is_target))  # on the diagonal
+    prior_curvature = curvature[0][:, :, None] * np.eye(len(is_target))  # on the diagonal
     return Information(np.stack(rows, axis=2), prior_curvature, is_target)
 
 
@@ -155,7 +156,7 @@ def exchange_trials(
     trials : int
         To distribute.
     most_pairs : int
-        Different pairs that the design may have, of which both orders count; 0 if none may be new.
+        Ordered pairs that the design may have: two stimuli in both orders are two of them.
     fixed : ndarray of int, shape (pairs,)
         Trials that stay with their pairs.
     turned : ndarray of int, shape (pairs,)
@@ -166,8 +167,10 @@ def exchange_trials(
     ndarray of int, shape (pairs,)
         All trials of each pair.
     """
-    # About two portions for each pair, and two halves of a portion, one in each order.
-    half = max(1, trials // (2 * 2 * most_pairs))
+    # The trials are about two portions for each pair. A portion has two halves: trials of a pair,
+    # and as many of the same stimuli in the other order.
+    n_portions = 2 * most_pairs
+    half = max(1, trials // (2 * n_portions))
     portion = 2 * half
     n_trials = fixed
     for _ in range(trials // portion):
@@ -192,8 +195,8 @@ def exchange_trials(
                 n_trials = moved
                 utility = utility_of_move
 
-    # What is left of the last portion goes to pairs that the design has: none may be new. Two at a
-    # time keep both orders equally frequent, and an odd one comes last.
+    # What is left of the last portion goes to pairs that the design has: with `most_pairs=0` none
+    # may be new. Two at a time keep both orders equally frequent, and an odd one comes last.
     for _ in range(trials % portion // 2):
         n_trials = _add_trials(information, n_trials, turned, size=2, most_pairs=0)
     if trials % 2:
@@ -207,7 +210,7 @@ def _add_trials(
     """The trials of every pair, with `size` more of the pair for which the utility rises most.
 
     Half of them are in the other order of that pair. It may be a new pair if the design then has at
-    most `most_pairs`.
+    most `most_pairs` ordered pairs; 0 allows no new one.
     """
     is_new = n_trials == 0
     # With its other order, which equal stimuli lack, a pair makes 0, 1 or 2 new ones.

@@ -171,7 +171,7 @@ class Observer:
         The random stream is keyed by the name of the observer and the number of trials.
         """
         rng = generator(seed, self.name, "answers", design.total)
-        probabilities = self.p_design(design)
+        probabilities = self.p_design(design)  # (questions, pairs)
         n_yes = rng.binomial(design.n_trials, probabilities[0])
         n_second = None
         if self.task.has_three_answers:  # 'which was stronger?' follows an answer 'not equal'
@@ -373,7 +373,7 @@ def _from_prior(prior: ObserverPrior, pairs: Subject, size: int, seed: int) -> l
         posterior = OrderModel(model).posterior(pairs, prior)
         for number in range(1, size + 1):
             name = f"{model} {number}"
-            x = posterior.sample_prior(generator(seed, name, "observer"), 1)
+            x = posterior.sample_prior(generator(seed, name, "observer"), size=1)
             observers.append(_from_point(name, model, posterior, x))
     return observers
 
@@ -386,9 +386,10 @@ def _from_point(name: str, kind: str, posterior: SubjectPosterior, x: FloatArray
 
 
 def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
-    """Observers at random draws of random subjects of a posterior.nc, then without an order effect.
+    """Observers with the parameters of random subjects in a posterior.nc, and without effects.
 
-    These are of the kinds 'earlier study' and 'none', which has the false positives.
+    An observer of the kind 'earlier study' is at a random draw. One of the kind 'none', for false
+    positives, has the same parameters without constant error and contraction.
     """
     from bayes_toe.inference.draws import load_draws
 
@@ -413,7 +414,7 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
         observer = _from_point(f"earlier study {number}", "earlier study", posterior, x)
         observers.append(observer)
         no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
-        without_effect.append(Observer(f"none {number}", "none", no_effects, task))
+        without_effect.append(Observer(f"none {number}", "none", parameters=no_effects, task=task))
     return observers + without_effect
 
 
@@ -425,7 +426,9 @@ def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None
     p_yes = defaultdict(list)
     for observer in observers:
         attentive = {**observer.parameters, "lapse_rate": 0.0}
-        p_yes[observer.kind].append(replace(observer, parameters=attentive).p_design(design)[0])
+        # P of the answer that the first question counts, (pairs,).
+        p_first, *_ = replace(observer, parameters=attentive).p_design(design)
+        p_yes[observer.kind].append(p_first)
     task = design.task
     for kind, p_of_kind in p_yes.items():
         highest_p = {task.yes: np.max(p_of_kind), task.no: 1.0 - np.min(p_of_kind)}

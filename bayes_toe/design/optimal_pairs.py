@@ -86,9 +86,9 @@ class OptimalDesign:
     Attributes
     ----------
     designs : mapping of str to StudyDesign
-        The one that is asked for first.
+        Both designs by name, first the one that is asked for.
     power : PowerTable
-        That of both, by simulation.
+        The power of both designs, by simulation.
     plane : StudyDesign
         Every pair that can be shown, once.
     worth : ndarray, shape (pairs of the plane,)
@@ -294,7 +294,7 @@ def optimal_design(
     # parameters. The power is a share of simulated answers, and needs more.
     assumed = assume_observers(observers, size=5, seed=root, designs=[plane], prior=observer_prior)
     power_observers = assume_observers(
-        observers, data_sets, root, [plane], observer_prior, is_even=True
+        observers, size=data_sets, seed=root, designs=[plane], prior=observer_prior, is_even=True
     )
 
     best, worth = best_design(levels, trials, goal, assumed, observer_prior)

@@ -36,7 +36,7 @@ from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import capitalized, join_names, join_words
 from bayes_toe.data.tables import Table
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.errors import InputError, require_kind
@@ -49,6 +49,9 @@ from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 
+#: The names of the default design, and of a single design without a name.
+PAPER_PAIRS = "the paper's pairs"
+GIVEN_PAIRS = "these pairs"
 #: The answer 'yes' or 'probably'.
 DETECTED = "yes or probably"
 _TAIL = 0.025  # probability beyond each end of a 95 % interval
@@ -97,10 +100,6 @@ class PowerEstimate(NamedTuple):
     def percent(self) -> str:
         """The share with its interval, such as '35 % [17, 57]'."""
         return f"{100 * self.value:.0f} % [{100 * self.low:.0f}, {100 * self.high:.0f}]"
-
-
-#: Columns of power.csv.
-POWER_COLUMNS = PowerEstimate._fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +163,8 @@ class PowerTable(Table[PowerEstimate]):
         )
 
     def _full_frame(self) -> pd.DataFrame:
-        """The table with the columns of power.csv."""
-        return pd.DataFrame(self.rows, columns=list(POWER_COLUMNS))
+        """The table as power.csv has it: the fields of the rows are the columns."""
+        return pd.DataFrame(self.rows)
 
     def sentences(self) -> list[str]:
         """How often each design detects order effects, and which questions it cannot answer.
@@ -264,14 +263,14 @@ def power(
     Parameters
     ----------
     design : StudyDesign or mapping of str to StudyDesign, optional
-        Or several by name; by default the paper's 13 pairs. Observers of several tasks have the
-        same effects and the same noise.
+        A design, or several by name; by default the paper's 13 pairs. If the designs have several
+        tasks, the observers of each task have the same effects and the same noise.
     trials : sequence of int
         Numbers of trials of one subject, shared among the pairs as the design shares its own.
     observers : str, path or sequence of Observer, optional
         As :func:`bayes_toe.design.observers.assume_observers` takes them.
     data_sets : int
-        Observers of each kind, each with one data set a design and number of trials.
+        Observers of each kind. Each has one data set for every design and number of trials.
     seed, prior, workers, progress
         As in :func:`bayes_toe.analysis.evidence`.
 
@@ -292,12 +291,21 @@ def power(
     observer_prior = preset_or_file(prior).observer
     simulated: list[DataSet] = []
     # An observer has one task, so the designs of each task have observers of their own.
+    if design is None:
+        design = {PAPER_PAIRS: paper_study_design()}
+    elif isinstance(design, StudyDesign):
+        design = {GIVEN_PAIRS: design}
     by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
-    for name, pairs in name_designs(design).items():
+    for name, pairs in design.items():
         by_task[pairs.task][name] = pairs
     for designs in by_task.values():
         assumed = assume_observers(
-            observers, data_sets, root, list(designs.values()), observer_prior, is_even=True
+            observers,
+            size=data_sets,
+            seed=root,
+            designs=list(designs.values()),
+            prior=observer_prior,
+            is_even=True,
         )
         sized_designs = []
         for name, pairs in designs.items():
@@ -305,17 +313,6 @@ def power(
                 sized_designs.append((name, pairs.with_total(total)))
         simulated += simulate_power(sized_designs, assumed, root, observer_prior, workers, progress)
     return PowerTable.from_data_sets(simulated, root)
-
-
-def name_designs(
-    design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT
-) -> Mapping[str, StudyDesign]:
-    """Designs by name. A single design gets the name 'these pairs'; None is the paper's pairs."""
-    if design is None:
-        return {"the paper's pairs": paper_study_design(task=task)}
-    if isinstance(design, StudyDesign):
-        return {"these pairs": design}
-    return design
 
 
 def simulate_power(
@@ -419,10 +416,6 @@ class GroupPower(NamedTuple):
         return abs(self.true_mean) > 1e-6
 
 
-#: Columns of power_groups.csv.
-GROUP_COLUMNS = GroupPower._fields
-
-
 @dataclass(frozen=True, eq=False)
 class GroupPowerTable(Table[GroupPower]):
     """A row for each kind of observers, question and number of subjects."""
@@ -455,8 +448,8 @@ class GroupPowerTable(Table[GroupPower]):
         return lines
 
     def _full_frame(self) -> pd.DataFrame:
-        """The table with the columns of power_groups.csv."""
-        return pd.DataFrame(self.rows, columns=list(GROUP_COLUMNS))
+        """The table as power_groups.csv has it: the fields of the rows are the columns."""
+        return pd.DataFrame(self.rows)
 
 
 def group_power(

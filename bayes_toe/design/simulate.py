@@ -28,7 +28,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, read_numbers
 from bayes_toe.design.observers import (
     KINDS,
-    REQUIRED,
     Observer,
     assume_observers,
     make_observer,
@@ -313,9 +312,10 @@ def simulate(  # each is a choice of its own, and has a default
     Parameters
     ----------
     observers : int or mapping
-        How many, drawn from the population; or by name the parameters of each: noise, q0,
-        lapse_rate, noise_slope, criterion_slope, constant_error and contraction, or those of the
-        paper's model, mu1, sigma_p, sigma_l and q0 (lapse_rate of 'which is stronger').
+        The number of observers, who are drawn from the population. Or the parameters of each
+        observer by its name: noise, q0, lapse_rate, noise_slope, criterion_slope, constant_error
+        and contraction. Those of the paper's model are mu1, sigma_p, sigma_l and q0 (lapse_rate in
+        'which is stronger').
     population : str
         "paper", of the paper's model; "none", "small constant error", "large constant error",
         "contraction", "repulsion" or "both", of the four models; or a CSV file of
@@ -394,7 +394,7 @@ def draw_population(
     if population == PAPER:
         mean = np.average(design.s1, weights=design.n_trials)
         # These observers expect stimuli mu1 between about -1 and 2, see `paper_population`. So they
-        # suit stimuli near the paper's reference, ln 0.
+        # suit stimuli near the paper's reference, whose natural log is 0.
         if abs(mean) > 2.0:
             raise InputError(
                 f"--observers paper: found stimuli about ln {mean:.3g}, far from those of the "
@@ -414,18 +414,9 @@ def draw_population(
 def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
     """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
     require_file(path, "--observers", POPULATIONS)
-    # The header decides which columns are required. A file without line breaks is read in part
-    # only, and one in another encoding is refused below.
-    with open(path, encoding="utf-8-sig", errors="replace") as file:
-        header = file.readline(10_000)
-    if "mu1" in header:  # observers of the paper's model
-        required = natural_names(task)
-        optional = []
-    else:
-        parameters = parameter_names(task)
-        required = tuple(name for name in parameters if name in REQUIRED)
-        optional = [name for name in parameters if name not in REQUIRED]
-    subjects, columns = read_numbers(path, required, "subject", optional=optional)
+    # Which of them an observer must have is checked with the observers; both models have q0.
+    names = dict.fromkeys((*natural_names(task), *parameter_names(task)))
+    subjects, columns = read_numbers(path, names=(), key="subject", optional=tuple(names))
     truth = {}
     for i, subject in enumerate(subjects):
         truth[subject] = {name: float(column[i]) for name, column in columns.items()}

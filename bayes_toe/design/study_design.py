@@ -294,7 +294,8 @@ def stimulus_columns(
 ) -> dict[str, FloatArray]:
     """The columns s1 and s2, and with a unit of intensities i1 and i2, as a command reads them.
 
-    The arguments are natural logs. The columns s1 and s2 are, too, or are in the log unit.
+    The arguments are natural logs. The columns s1 and s2 are natural logs too, or in the log unit
+    that `unit` is.
 
     Examples
     --------

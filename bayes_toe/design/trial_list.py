@@ -65,7 +65,7 @@ def trial_list(
     [10, 10, 10, 10, 10]
     """
     # Nobody is simulated, so that nothing differs between the conditions.
-    study_conditions = simulated_conditions(conditions, {})
+    study_conditions = simulated_conditions(conditions, sizes={})
     levels = () if study_conditions is None else study_conditions.levels
     rng = generator(seed, subject, "order of trials")
     n_levels = max(1, len(levels))

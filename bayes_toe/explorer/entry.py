@@ -105,7 +105,7 @@ class Entry:
     truth : mapping, optional
         Known values; those that the model does not have are ignored.
     estimates : mapping
-        By quantity the interval that tables have, where it is not of these draws.
+        The intervals that tables have, by quantity, if they are not those of these draws.
     is_averaged : bool
         Whether the draws are averaged over the four models; an effect that a draw lacks is 0.
     synthetic : bool
@@ -161,13 +161,13 @@ class Entry:
                 columns[name] = axis_values(name, values, self.unit)
         return columns
 
-    def packed(self, rows: int) -> Record:
-        """The entry as the page stores it, with at most so many draws in `rows`.
+    def packed(self, most_rows: int) -> Record:
+        """The entry as the page stores it: a row for each of at most so many of its draws.
 
         Contours, intervals and spans are of all draws.
         """
         draws = self.x.reshape(-1, self.x.shape[-1])  # of all chains, (draws, k)
-        n_rows = min(len(draws), rows)
+        n_rows = min(len(draws), most_rows)
         # Equally spaced draws; explorer.js inverts this rule to name the draw of a row.
         index = np.arange(n_rows) * len(draws) // n_rows
 
@@ -251,11 +251,6 @@ class Entry:
         `x` has shape (rows, k), and `index` the numbers of these draws among all.
         """
         subject = self.target.subject
-        low = float(subject.stimuli.min())
-        high = float(subject.stimuli.max())
-        pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
-        ends = [low - pad, high + pad]
-
         _, along = slice_and_position(subject)  # the place of each pair on the axis of its slice
         pairs = {
             "s1": subject.s1,
@@ -270,6 +265,12 @@ class Entry:
 
         describe = subject.unit.describe
         stimuli = [f"{describe(s1)}, {describe(s2)}".replace("-", "−") for s1, s2 in subject.pairs]
+
+        low = float(subject.stimuli.min())
+        high = float(subject.stimuli.max())
+        pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
+        ends = [low - pad, high + pad]
+        # The mean would count only where a scale is in per cent of it; the page then has logs.
         plane = stimulus_scale("first stimulus", subject.unit, mean=0.0, limits=ends)
 
         fitted = Predictor(self.target, x)
@@ -321,7 +322,8 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
         is_present = ~np.isnan(x + y)  # both are numbers
         contours: list[str] = []
         if _is_plottable(is_present):
-            grid = contour_grid(x[is_present], y[is_present], x_span, y_span)
+            # Middles of bins across and upward, counts, and levels of contours.
+            grid = contour_grid(x[is_present], y[is_present], across=x_span, up=y_span)
             lines = contour_data(*grid, want_fill=False).line_data
             assert lines is not None
             for points in zip(lines.xs, lines.ys, strict=True):
@@ -348,11 +350,11 @@ def entries_of(draws: Draws, label: str, subjects: Texts, truths: Truth) -> list
 
         entry = Entry(
             label,
-            draws.posterior(name),
-            draws.points(name),
-            badges(draws, name),
-            words,
-            truths.get(name, {}),
+            target=draws.posterior(name),
+            x=draws.points(name),
+            badges=badges(draws, name),
+            words=words,
+            truth=truths.get(name, {}),
             synthetic=draws.synthetic,
             description=f"{label}: {draws.study.source}, seed {draws.seed}, prior "
             f"{draws.described_prior()}.",
@@ -370,8 +372,8 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     # More draws than an answer needs, because the page shows them. The list has one result.
     (evidence,) = order_evidence([subject], draws.seed, prior, Precision(effective_draws=3000.0))
     average = evidence.averaged()
-    # The page takes draws of equal weight, here as one chain.
-    points = average.resampled(generator(draws.seed, subject.name, "explorer"), 4000)
+    # The page takes draws of equal weight, here as one chain, as long as a file has by default.
+    points = average.resampled(generator(draws.seed, subject.name, "explorer"), size=4000)
     # The badge of the fit says whether the model fits.
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
     sizes = answer.sizes
@@ -380,7 +382,7 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
         entry,
         label=label,
         target=average.posterior,
-        x=points[None],
+        x=points[None],  # (1, draws, k)
         badges=(_fit_badge(answer.fit_p, answer.n_subjects), *flags),
         estimates={name: sizes[size] for name, size in _SIZES.items() if size in sizes},
         is_averaged=True,
@@ -430,53 +432,56 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
     """
     subject = fitted.target.subject
     unit = subject.unit
-    is_by_first = subject.task == WHICH_STRONGER
     slice_of_pair, position = slice_and_position(subject)
-    if is_by_first:  # Position is s2 - s1, of which all panels show the same range.
+    if subject.task == WHICH_STRONGER:
+        # The position is s2 - s1, of which all panels show the same range.
         is_member = slice_of_pair == fixed
         orders = [0]
-        start = float(position.min() - _CURVE_MARGIN * np.ptp(position))
-        end = float(position.max())
-        low = start
-    else:  # Position is the stronger stimulus, and curves start at the weaker one.
+        low = float(position.min() - _CURVE_MARGIN * np.ptp(position))
+        x = _curve_positions(low, float(position.max()))
+        ends = [low, float(x[-1])]
+        first = np.full_like(x, fixed)
+        presented = {0: (first, first + x)}
+        scale = difference_scale(unit, ends)
+    else:
+        # The position is the stronger stimulus. Curves start at the weaker one. The panel of the
+        # weakest stimulus also has the pairs of equal stimuli below it.
         is_member = pairs_with_weaker(subject, fixed)
-        position = position[is_member]
         order = presentation_order(subject)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
         # A single pair of equal stimuli is where the other curves begin, if there are any.
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
-        start = fixed
-        end = float(position.max())
-        # The panel of the weakest stimulus also has the pairs of equal stimuli below it.
-        low = min(fixed, float(position.min()))
+        position = position[is_member]
+        x = _curve_positions(fixed, float(position.max()))
+        ends = [min(fixed, float(position.min())), float(x[-1])]
+        weaker = np.full_like(x, fixed)
+        presented = {-1: (weaker, x), 1: (x, weaker), 0: (x, x)}
+        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)  # as in the plane
 
-    # A curve goes on beyond its last pair. If all pairs are in one place, 1e-9 gives it a length.
-    x = np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
-    ends = [low, float(x[-1])]
-    fixed_stimuli = np.full_like(x, fixed)
-    # The first and the second stimuli of the curve of each order.
-    if is_by_first:
-        presented = {0: (fixed_stimuli, fixed_stimuli + x)}
-        scale = difference_scale(unit, ends)
-    else:
-        presented = {-1: (fixed_stimuli, x), 1: (x, fixed_stimuli), 0: (x, x)}
-        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)
-    # P of the counted answer, (rows, POINTS) for each order, becomes (orders, POINTS, rows).
+    # P of the counted answer to the first and second stimuli that are presented along the curve of
+    # each order. (rows, POINTS) for an order becomes (orders, POINTS, rows).
     curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
-
     title = f"{subject.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
     # The names by which explorer.js reads them.
     return {
         "title": title if has_title else "",
         "pairs": np.flatnonzero(is_member).tolist(),
-        "low": low,
+        "low": ends[0],
         "x": x.tolist(),
         "scale": _packed_scale(scale, unit, ends),
         "orders": orders,
         # Probabilities as whole numbers of 16 bits, which the page divides by the largest one.
-        "yes": to_base64(np.rint(curves * 65535), "<u2"),
+        "yes": to_base64(np.rint(curves * 65535), kind="<u2"),
     }
+
+
+def _curve_positions(start: float, end: float) -> FloatArray:
+    """Positions along a curve from its start to beyond its last pair, which is at the end.
+
+    If all pairs are in one place, the curve has a length near 0.
+    """
+    return np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
 
 
 def _packed_scale(scale: Scale, unit: StimulusUnit, ends: Sequence[float]) -> Record | None:
@@ -507,9 +512,9 @@ def _selected_slices(subject: Subject) -> tuple[list[float], int]:
     A slice without trials of different stimuli does not count, unless there are only such slices.
     """
     slice_of_pair, _ = slice_and_position(subject)
-    # `index` has the number of the slice of each pair.
-    fixed, index = np.unique(slice_of_pair, return_inverse=True)
-    n_trials = np.bincount(index, subject.n_trials * (subject.s1 != subject.s2))
+    # `slice_index` has the number of the slice of each pair.
+    fixed, slice_index = np.unique(slice_of_pair, return_inverse=True)
+    n_trials = np.bincount(slice_index, weights=subject.n_trials * (subject.s1 != subject.s2))
     n_slices = max(1, int(np.count_nonzero(n_trials)))
     most_first = np.argsort(-n_trials, kind="stable")
     selected = fixed[most_first][: min(MOST_SLICES, n_slices)]

@@ -88,7 +88,7 @@ def explore(
     Parameters
     ----------
     draws : Draws or sequence of Draws
-        Of one model or several, which are called by their models.
+        Draws of one model, or of several models, whose titles the page shows.
     subjects : sequence of str, optional
         Only these.
     truths : mapping of str to (mapping of str to float), optional
@@ -122,7 +122,7 @@ def entries(
     names = all_names if subjects is None else dict.fromkeys(name_list(subjects))
     for name in names:
         if name not in all_names:
-            listing = join_names(list(map(repr, all_names)), 20)
+            listing = join_names(list(map(repr, all_names)), max_items=20)
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
 
     n_entries = 0

@@ -150,7 +150,9 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
 
     It has the prior, histograms of all draws and of the brushed ones, and the true value.
     """
-    plot = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width")
+    plot = _panel(
+        f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), dimensions="width"
+    )
     # Columns of the sources.
     x = f"x{i}"
     y = f"y{i}"
@@ -197,7 +199,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     # Columns of the source of true values.
     x = f"{j}"
     y = f"{i}"
-    plot = _panel(name, ranges[j], ranges[i], "both")
+    plot = _panel(name, ranges[j], ranges[i], dimensions="both")
     for letter, look in LETTERS.items():
         draws = sources.get_source(f"all-{letter}-{i}-{j}", "x", "y")
         plot.add_glyph(draws, _dots(look, size=3, alpha=0.12))

@@ -108,7 +108,7 @@ def _draw_subjects(
         names = []
     else:
         subjects = list(table.subjects)
-        names = [plain(name, 16) for name in subjects]
+        names = [plain(name, limit=16) for name in subjects]
 
     zero_line(ax)
     # The legend explains each word of the table, which this panel may lack.

@@ -119,7 +119,7 @@ def corner(
         Its marginals are drawn in grey on the diagonal;
         `draws.prior` is the one that the draws were made under.
     fig : matplotlib Figure or SubFigure, optional
-        Drawn into, where given.
+        The figure to draw into; by default a new one.
 
     Raises
     ------
@@ -204,29 +204,27 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
 
     For the four models, 'natural' has constant error, contraction and JND.
     """
-    if len(coordinates) == 0:
-        raise InputError(
-            f"coordinates: found none, allowed: {', '.join(COORDINATES)} or some of "
-            f"{', '.join(target.names.all)}"
-        )
-    if not isinstance(coordinates, str):
-        names = list(coordinates)
-        for name in names:
-            if name not in target.names.all or names.count(name) > 1:
-                raise InputError(
-                    f"parameters {', '.join(names)}: {name!r} is unknown or named twice; there "
-                    f"are: {', '.join(target.names.all)}"
-                )
-        return tuple(names)
-    if coordinates not in COORDINATES:
-        raise InputError(f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}")
     if coordinates == "identified":
         return target.names.identified
-    if isinstance(target, ObserverPosterior):
-        return tuple(
-            name for name in ("constant_error", "contraction", "jnd") if name in target.names.all
+    if coordinates == "natural" and isinstance(target, ObserverPosterior):
+        effects_and_jnd = ("constant_error", "contraction", "jnd")
+        return tuple(name for name in effects_and_jnd if name in target.names.all)
+    if coordinates == "natural":
+        return target.names.natural
+
+    all_names = ", ".join(target.names.all)
+    if isinstance(coordinates, str) or len(coordinates) == 0:
+        raise InputError(
+            f"coordinates {coordinates!r}, allowed: {', '.join(COORDINATES)} or some of {all_names}"
         )
-    return target.names.natural
+    names = tuple(coordinates)
+    for name in names:
+        if name not in target.names.all or names.count(name) > 1:
+            raise InputError(
+                f"parameters {', '.join(names)}: {name!r} is unknown or named twice; there are: "
+                f"{all_names}"
+            )
+    return names
 
 
 def shown_unit(unit: StimulusUnit, draws_by_subject: Iterable[NamedArrays]) -> StimulusUnit:
@@ -556,7 +554,7 @@ def _write_key(
     for sample in samples:
         name = sample.target.subject.name
         warning = "\nNOT CONVERGED" if name in draws.not_converged else ""
-        names.append(plain(name, 24) + warning)
+        names.append(plain(name, limit=24) + warning)
 
     handles: list[Artist] = []
     if len(names) == 1:

@@ -6,8 +6,8 @@ In 'same or different' a panel has the pairs with one weaker stimulus, over the 
 curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over s2 - s1;
 the curve crosses one half at the point of subjective equality (PSE). Such panels also show 'same or
 different' with more than six weaker stimuli. With three answers, each has a curve over s2 - s1.
-`responses_panel` pools the pairs of a subject in one
-panel. Bands are central 95 % intervals of the posterior.
+`responses_panel` pools the pairs of a subject in one panel. Bands are central 95 % intervals of the
+posterior.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ from bayes_toe.plots.style import (
     Style,
     difference_axis,
     draw_band,
-    even_columns,
     explain_curves,
     grid_panels,
     grid_rows,
@@ -121,7 +120,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         stimulus_name = "first"
         groups = np.array_split(firsts, min(len(firsts), MOST_PANELS))
 
-    n_columns = even_columns(len(groups), largest=2)
+    n_columns = min(2, len(groups))
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * grid_rows(len(groups), n_columns) + 0.9)
     # The legend of a subfigure stands below the title of its figure.
     below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
@@ -214,7 +213,8 @@ def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) ->
     The curve is that of the middle one of `firsts`.
     """
     difference = subject.s2 - subject.s1
-    pad = 0.05 * max(float(np.ptp(difference)), 1e-9)  # above 0 if all differences are the same
+    # A margin of 5 %. If all differences are the same, 1e-9 is the width that a curve needs.
+    pad = 0.05 * max(float(np.ptp(difference)), 1e-9)
     x = np.linspace(difference.min() - pad, difference.max() + pad, POINTS)
     middle_first = np.full_like(x, firsts[len(firsts) // 2])  # of the sorted ones
     draw_band(ax, x, curve(middle_first, middle_first + x), _INK)
@@ -223,7 +223,7 @@ def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) ->
         rows = has_order & is_in_panel
         draw_shares(ax, difference[rows], subject.n_yes[rows], subject.n_trials[rows], mark)
     if subject.task == WHICH_STRONGER:
-        _draw_half(ax, "one half: PSE")
+        _draw_half(ax, label="one half: PSE")
     difference_axis(ax, subject.unit)
     ax.set_ylabel(f"proportion '{subject.task.yes}'")
 
@@ -272,7 +272,7 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
         weights = (groups & (order == sign)) * subject.n_trials
         _draw_pooled(ax, weights, middle, p_correct, n_correct, ORDERS[sign], shift)
 
-    _draw_half(ax, "chance")
+    _draw_half(ax, label="chance")
     stimulus_axis(ax, "middle of the pair", subject.unit, subject.mean_first)
     ax.set_ylabel("proportion correct")
 
@@ -328,7 +328,8 @@ def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
     """
     has_weaker = np.minimum(subject.s1, subject.s2) == weaker
     is_equal = subject.s1 == subject.s2
-    is_weakest = weaker <= _weaker(subject).min(initial=np.inf)  # also where none is weaker
+    # Without pairs of different stimuli, the only panel is that of the weakest one.
+    is_weakest = weaker <= _weaker(subject).min(initial=np.inf)
     return has_weaker | (is_equal & ((subject.s1 >= weaker) | is_weakest))
 
 

@@ -70,17 +70,6 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
     return Path(path)
 
 
-def picture_beside(table: Path) -> Path:
-    """The PNG file of a table's figure; refused if the table has that name."""
-    picture = table.with_name(f"{table.stem}.png")
-    if picture == table:
-        raise InputError(
-            f"{table}: found the name of the figure for the table, allowed: another suffix, such "
-            "as .csv"
-        )
-    return picture
-
-
 def require_suffix(path: StrPath) -> str:
     """The format that a file's name says: 'S01.PNG' -> 'png'; unknown formats are refused."""
     suffix = Path(path).suffix.lstrip(".").lower()

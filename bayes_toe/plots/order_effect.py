@@ -236,7 +236,7 @@ def _write_names(
         label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
         ax.set_ylabel(label, fontsize=LETTERS)
     else:
-        names = {float(row): plain(answer.subject, 20) for row, answer in enumerate(answers)}
+        names = {float(row): plain(answer.subject, limit=20) for row, answer in enumerate(answers)}
     if group is not None:
         reliable = "" if group.is_reliable else "\nNOT RELIABLE"
         names[len(answers) + 0.25] = f"group of {len(group.subjects)}{reliable}"

@@ -6,19 +6,18 @@ differences between conditions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from bayes_toe.answers.group_answer import LABELS, group_estimate, log_factor_of_mean
-from bayes_toe.answers.order_effect import format_bayes_factor
+from bayes_toe.answers.group_answer import LABELS
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, percent
 from bayes_toe.groups.population import PopulationResult
-from bayes_toe.groups.population_table import EFFECTS
+from bayes_toe.groups.population_table import EFFECTS, PopulationRow
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 from bayes_toe.plots.style import (
     BAD,
@@ -30,9 +29,6 @@ from bayes_toe.plots.style import (
     SMALL,
     Style,
     draw_intervals,
-    even_columns,
-    grid_panels,
-    grid_rows,
     legend_outside,
     name_rows,
     new_figure,
@@ -67,7 +63,6 @@ def population(result: PopulationResult) -> Figure:
     Below: what covariates or conditions do to the means.
     """
     names = result.names
-    effects = _effects(result)
     conditions = result.study.conditions
     if conditions is None:
         comparisons = [column.meaning for column in result.regressors.columns]
@@ -81,11 +76,8 @@ def population(result: PopulationResult) -> Figure:
     # takes 0.19, a comparison 0.4, and labels 0.9. The legend or title of a section takes 0.3.
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
     heights = [0.3 + forest_height, 1.4]
-    n_columns = 1
-    if effects:
-        n_columns = even_columns(len(effects), largest=4)
-        panel_height = 0.85 + 0.4 * len(comparisons)
-        heights.append(0.3 + grid_rows(len(effects), n_columns) * panel_height)
+    if comparisons:
+        heights.append(0.3 + 0.85 + 0.4 * len(comparisons))
 
     figure = new_figure(PAGE, 0.6 + sum(heights))
     colour = "black" if result.is_reliable else BAD
@@ -104,45 +96,63 @@ def population(result: PopulationResult) -> Figure:
             f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS
         )
 
-    if effects:
-        _draw_effects(sections[2], result, effects, comparisons, n_columns)
+    if comparisons:
+        _draw_effects(sections[2], result, comparisons)
     return figure
 
 
-def _draw_effects(
-    section: SubFigure,
-    result: PopulationResult,
-    effects: Mapping[str, tuple[FloatArray, str]],
-    comparisons: Sequence[str],
-    n_columns: int,
-) -> None:
+def _draw_effects(section: SubFigure, result: PopulationResult, comparisons: Sequence[str]) -> None:
     """Draw the effects on the means in a panel for each parameter, a row for each comparison.
 
-    `effects` is what :func:`_effects` returns, and `comparisons` has the labels of the rows.
+    `comparisons` has the labels of the rows.
     """
     if result.comparisons:
         title = "differences of the group means between conditions, 95 % intervals"
+        rows = result.table.select("difference")
     else:
         title = "effects of covariates on the group means, 95 % intervals"
+        rows = result.table.select("effect")
     section.suptitle(title, fontsize=SMALL)
-    panels = grid_panels(section, len(effects), n_columns, sharey=True)
-    row_names = [plain(fill(text, 22), 70) for text in comparisons]
-    for (name, (quantiles, label)), ax in zip(effects.items(), panels, strict=True):
+
+    names = list(dict.fromkeys(row.parameter for row in rows))  # each once
+    panels = section.subplots(1, len(names), squeeze=False, sharey=True)[0]
+    labels = [plain(fill(text, 22), limit=70) for text in comparisons]
+    for name, ax in zip(names, panels, strict=True):
+        quantiles, axis_label = _effects(
+            result, name, [row for row in rows if row.parameter == name]
+        )
         ax.axvline(0.0, color="black", lw=0.8)
-        draw_intervals(ax, range(len(row_names)), quantiles)
-        name_rows(ax, len(row_names), row_names)
+        draw_intervals(ax, range(len(labels)), quantiles)
+        name_rows(ax, len(labels), labels)
         # 0 is in the middle, so that the side of an effect is seen; 8 % are a margin.
         reach = 1.08 * float(np.abs(quantiles).max())
-        ax.set(xlim=(-reach, reach), xlabel=label)
+        ax.set(xlim=(-reach, reach), xlabel=axis_label)
         ax.spines["left"].set_visible(False)
         quantity_ticks(ax, name)
 
 
-def _heading(result: PopulationResult) -> str:
-    """The title: a warning if the draws are not reliable, the number of subjects, both effects.
+def _effects(
+    result: PopulationResult, name: str, rows: Sequence[PopulationRow]
+) -> tuple[FloatArray, str]:
+    """Effects on the mean of a parameter, and the label of their axis.
 
-    An effect has its mean and the Bayes factor, or 'cannot be told'.
+    The effects are medians between the ends of 95 % intervals, shape (3, effects).
     """
+    quantiles = np.stack([row.interval for row in rows], axis=1)
+    label = _EFFECT_LABELS[name]
+    if name == CONSTANT_ERROR.name:
+        quantiles = result.scales.step * quantiles  # from units of D to natural logs
+        unit = result.study.unit
+    elif name == NOISE.name:  # an effect on the JND is a ratio, in per cent whatever the unit
+        unit = UNKNOWN_UNIT
+    else:  # a share, or a logit
+        return quantiles, label
+    unit = unit.for_percent(percent(quantiles))
+    return unit.differences(quantiles), label.format(unit=unit.of_differences)
+
+
+def _heading(result: PopulationResult) -> str:
+    """The title: a warning if the draws are not reliable, the subjects, what cannot be told."""
     synthetic = " (synthetic data)" if result.study.synthetic else ""
     lines = []
     if not result.is_reliable:
@@ -151,11 +161,7 @@ def _heading(result: PopulationResult) -> str:
     for name in EFFECTS:
         if name not in result.identified:
             lines.append(f"{LABELS[name]} cannot be told")
-            continue
-        mean = f"mean {LABELS[name]} {group_estimate(result, name)}"
-        factor = format_bayes_factor(log_factor_of_mean(result, name))
-        lines.append(f"{mean}, BF of a mean that is not 0: {factor}")
-    return "\n".join(lines).replace("-", "−")
+    return "\n".join(lines)
 
 
 def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
@@ -177,7 +183,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     prior = np.exp(log_prior[:, j]) / np.gradient(values, x)
 
     draws = result.in_units(name, draws, unit)
-    ax.hist(draws, 30, density=True, color=_MEAN_COLOUR, label="posterior of the group mean")
+    ax.hist(draws, bins=30, density=True, color=_MEAN_COLOUR, label="posterior of the group mean")
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
     label = _LABELS[name].format(unit=unit.of_differences)
     ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
@@ -218,29 +224,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
         style |= {"ms": 1.6, "line": min(1.6, 160.0 / n_subjects)}
         names = []
     else:
-        names = [plain(subject, 14) for subject in result.subjects]
+        names = [plain(subject, limit=14) for subject in result.subjects]
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
     name_rows(ax, n_subjects, names)
     ax.set_xlabel(_LABELS[name].format(unit=unit.of_differences))
-
-
-def _effects(result: PopulationResult) -> dict[str, tuple[FloatArray, str]]:
-    """Effects on the means by parameter: medians and 95 % intervals, (3, effects), and a label."""
-    # An effect on the JND is a ratio, in per cent whatever the unit of the study.
-    units = {CONSTANT_ERROR.name: result.study.unit, NOISE.name: UNKNOWN_UNIT}
-    effects = {}
-    for name in result.names:
-        # One of these is empty: conditions and covariates are not analysed together.
-        rows = (*result.table.select("effect", name), *result.table.select("difference", name))
-        if not rows:
-            continue
-        quantiles = np.stack([row.interval for row in rows], axis=1)  # (3, effects)
-        label = _EFFECT_LABELS[name]
-        if name == CONSTANT_ERROR.name:
-            quantiles = result.scales.step * quantiles  # from units of D to natural logs
-        if name in units:
-            unit = units[name].for_percent(percent(quantiles))
-            quantiles = unit.differences(quantiles)
-            label = label.format(unit=unit.of_differences)
-        effects[name] = quantiles, label
-    return effects

@@ -72,9 +72,8 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     if has_room:
         n_columns = len(selected)
         n_pairs = max(subject.n_pairs for subject in selected)
-        height = min(
-            max(_PAIR * n_pairs, 1.2), 6.0
-        )  # of a panel, inches: it is readable, on a page
+        # Inches of a panel: at least what can be read, at most what a page has room for.
+        height = min(max(_PAIR * n_pairs, 1.2), 6.0)
     else:
         n_columns = 5
         height = 1.0
@@ -91,6 +90,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
         if has_room and _PAIR * len(index) <= height:
             _label_pairs(ax, subject, index)
     label_outer(panels, n_columns)
+    # The legend has five entries at most; beside a single panel there is room for two in a row.
     legend_outside(below_title, columns=2 if n_columns == 1 else 5, side="upper")
     mark_synthetic(figure, analysis.study.synthetic)
     return figure
@@ -134,7 +134,15 @@ def _draw_subject(
     y = np.arange(len(index))
 
     low, high = predictive_interval(analysis.curve(subject.name), analysis.settings.seed)[:, index]
-    ax.barh(y, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
+    ax.barh(
+        y,
+        width=high - low,
+        height=0.7,
+        left=low,
+        color=_INTERVAL,
+        lw=0,
+        label="95 % predictive interval",
+    )
     # A bar without length is not seen, but a line in its middle is.
     ax.vlines(0.5 * (low + high), y - 0.35, y + 0.35, color=_INTERVAL, lw=1.0)
     size = 4.5 if has_room and len(index) <= 40 else 2.8  # of marks, smaller if they are close
@@ -154,7 +162,7 @@ def _draw_subject(
         mew=1.0,
     )
 
-    title = plain(subject.name, 20)
+    title = plain(subject.name, limit=20)
     if not analysis.evidence[subject.name].answer.is_interpretable:
         title += "\nnot interpreted"
     elif has_room:

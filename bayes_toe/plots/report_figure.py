@@ -53,7 +53,7 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
     panels = grid_panels(figure, len(names), n_columns, sharey=True)
     for ax, name in zip(panels, names, strict=True):
         responses_panel(ax, analysis.study[name], analysis.curve(name))
-        ax.set_title(plain(name, 24), loc="left", fontsize=LETTERS)
+        ax.set_title(plain(name, limit=24), loc="left", fontsize=LETTERS)
     finish_panels(panels, n_columns)
     legend_outside(figure, side="upper")
     return figure
@@ -79,7 +79,7 @@ def sizes_figure(
 def report_height(analysis: Analysis) -> float:
     """Inches of the responses and of the sizes, which stand side by side, at least 2.6."""
     # 1.2 for each row of panels, and 1.0 for legend and labels.
-    responses_height = 1.0 + 1.2 * grid_rows(len(shown_subjects(analysis.answers)), 2)
+    responses_height = 1.0 + 1.2 * grid_rows(len(shown_subjects(analysis.answers)), n_columns=2)
     return max(responses_height, forest_height(len(analysis.answers)), 2.6)
 
 

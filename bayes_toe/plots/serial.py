@@ -50,7 +50,8 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if not rows:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
-        # Strongest evidence first: the log evidence of the best history over that of none.
+        # Strongest evidence first: the log evidence of the best model over that of the first one,
+        # which has no history.
         rows.sort(key=lambda row: row.log_evidence[0] - row.log_evidence.max())
         rows = rows[:MOST_ROWS]
 
@@ -75,12 +76,12 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
 
 def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
     """Draw both panels of a subject, of the trials that have a trial before."""
-    # `row.draws` are those of the model without history, and those of the best of the four.
-    static = table.posterior(row, "static")
+    static = table.posterior(row, "static")  # the model without history
     best = table.posterior(row, row.best_history)
+    static_draws, best_draws = row.draws
     # P of the counted response in each answered trial, without history.
-    expected = static.trial_probabilities(row.draws[0]).mean(axis=0)
-    change = best.trial_probabilities(row.draws[1]) - expected  # (draws, answered trials)
+    expected = static.trial_probabilities(static_draws).mean(axis=0)
+    change = best.trial_probabilities(best_draws) - expected  # (draws, answered trials)
     trials = static.rows.trials
     answered = np.flatnonzero(trials.is_answered)
     # 1 or 0 for the response, of which +1 is the counted one and -1 any other, minus P.
@@ -101,6 +102,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     # The groups have the shape (responses, trials).
     _draw_residuals(right, response, response == responses[:, None], *residuals)
 
+    # The last two answers of a task: of three answers, 'second' and 'first'.
     *_, yes, no = static.subject.task.answers
     mean_of_trials = float(np.average(0.5 * (trials.first + trials.second)))
     stimulus_axis(left, "mean stimulus of the trial before", static.subject.unit, mean_of_trials)
@@ -108,7 +110,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
     left.set_title(
-        f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\n"
+        f"{plain(row.subject, limit=24)}, carry-over: {row.word('carry_over')}\n"
         f"rho {row.size('carry_over')}"
     )
     right.set_title(

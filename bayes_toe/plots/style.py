@@ -129,19 +129,6 @@ def grid_rows(n_panels: int, n_columns: int) -> int:
     return -(-n_panels // n_columns)  # rounded up
 
 
-def even_columns(n_panels: int, largest: int) -> int:
-    """The fewest columns that need no more rows of panels than the largest number does.
-
-    Examples
-    --------
-    >>> even_columns(4, largest=3), even_columns(7, largest=3), even_columns(2, largest=3)
-    (2, 3, 2)
-    """
-    # Columns are to rows what rows are to columns.
-    n_rows = grid_rows(n_panels, largest)
-    return grid_rows(n_panels, n_rows)
-
-
 def grid_panels(
     figure: Figure | SubFigure,
     n_panels: int,

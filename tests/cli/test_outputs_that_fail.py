@@ -131,8 +131,8 @@ REFUSED_NAMES = f"""
     sample study.csv -o {LONG} | File name too long
     run study.csv -o {LONG} | File name too long
     evidence study.csv -o {LONG} | File name too long
-    evidence study.csv -o '' | is a folder
-    sample study.csv -o . | is a folder
+    evidence study.csv -o '' | allowed: the name of a file
+    sample study.csv -o . | allowed: the name of a file
     fit study.csv -o .. | is a folder
     fit --example -o - | allowed: the name of a file
     fit --example -o new/ | allowed: the name of a file
@@ -141,6 +141,7 @@ REFUSED_NAMES = f"""
     fit --example --asymmetry new/ | allowed: the name of a file
     simulate -o a.csv --truth new/ | allowed: the name of a file
     simulate -o a.csv --truth a.csv | error: a.csv: named for two outputs. Use two names.
+    history study.csv -o a.png | error: a.png: named for two outputs. Use two names.
 """
 
 

@@ -144,8 +144,9 @@ def test_conditions_of_a_group_have_a_line_and_a_table():
     assert group == "4 subjects, median [95 % interval]"
     assert [row[0] for row in rows] == ["constant error", "contraction", "JND"]
 
-    # The third cell of the last row has the difference with its interval. That of the JND is the
-    # difference of log noise, as a ratio.
+    # The rows are those of constant error, contraction and JND. The third cell has the difference
+    # with its interval. That of the JND is the difference of log noise, as a ratio.
+    _, _, (_, _, jnd_difference, *_) = differences
     [ratio] = result.table.select("difference", "noise")
     low, median, high = np.exp([ratio.q025, ratio.q50, ratio.q975])
-    assert differences[2][2] == f"{median:.2f} [{low:.2f}, {high:.2f}]"
+    assert jnd_difference == f"{median:.2f} [{low:.2f}, {high:.2f}]"

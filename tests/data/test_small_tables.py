@@ -80,7 +80,6 @@ REFUSED = """
     population | subject,mu1,sigma_p,sigma_l,q0 / a,0,1,nan,1 | row 2, column sigma_l: found 'nan'
     population | subject,mu1,sigma_p,sigma_l,q0 / a,0,1,1_0,1 | row 2, column sigma_l: found '1_0'
     population | subject,mu1,sigma_p,q0,q0 / a,0,1,1,1 | row 1, column q0: found 2 columns of this n
-    population | subject,mu1,sigma_p,q0 / a,0,1,1 | row 1, column sigma_l: missing, found 'subject'
     population | subject,mu1,sigma_p,sigma_l,q0 / a,0,1,1,.9 / ,0,1,1,.9 | row 3, column subject: fo
     population | subject,mu1,sigma_p,sigma_l,q0 / a,0,1,1,.9 / a,0,1,1,.9 | row 3, column subject: f
     covariates | subject,age / a,23 / a,24 | row 3, column subject: found 'a', allowed: each name on

@@ -32,8 +32,7 @@ CONTRACTION = make_observer(
 
 def answer_pair(session, pair, rng, observer=CONTRACTION):
     """Let an observer answer a pair in a session."""
-    # The task has only one question.
-    p_yes = observer.p_questions(*pair, sbar=float(LEVELS.mean()))[0]
+    [p_yes] = observer.p_questions(*pair, sbar=float(LEVELS.mean()))  # of the only question
     session.answer(pair, bool(rng.uniform() < p_yes))
 
 

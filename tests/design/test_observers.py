@@ -59,12 +59,12 @@ def test_a_file_has_ranges_or_values_of_each_kind_of_observers(tmp_path):
     path.write_text('[weak]\ncontraction = 0.1\nnoise = [0.3, 0.4]\n["no effect"]\nq0 = 0.9\n')
     kinds = read_ranges(path)
     assert kinds["weak"]["contraction"] == (0.1, 0.1)
-    observers = assume_observers(path, 2, 1, [PAPER])
-    names = [observer.name for observer in observers]
-    assert names == ["weak 1", "weak 2", "no effect 1", "no effect 2"]
-    assert observers[0].parameters["contraction"] == 0.1
-    assert 0.85 <= observers[0].parameters["q0"] <= 0.98  # the range if the file has none
-    assert observers[2].parameters["q0"] == 0.9
+    observers = assume_observers(path, size=2, seed=1, designs=[PAPER])
+    parameters = {observer.name: observer.parameters for observer in observers}
+    assert list(parameters) == ["weak 1", "weak 2", "no effect 1", "no effect 2"]
+    assert parameters["weak 1"]["contraction"] == 0.1
+    assert 0.85 <= parameters["weak 1"]["q0"] <= 0.98  # the range if the file has none
+    assert parameters["no effect 1"]["q0"] == 0.9
 
 
 @pytest.mark.parametrize(

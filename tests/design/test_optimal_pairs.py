@@ -55,12 +55,13 @@ def test_information_is_the_expected_square_of_the_slopes():
     def p_yes(name, change):
         """P(equal) of each pair where a parameter is larger by `change`."""
         moved = make_observer("name", "kind", {**base, name: base[name] + change}, task)
-        return moved.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
+        [p_equal] = moved.p_questions(PAIRS.s1, PAIRS.s2, sbar)  # of the only question
+        return p_equal
 
     observer = make_observer("name", "kind", base, task)
     # Of the only observer: (pairs, answers, coordinates).
-    rows = information_about("order-effect", [observer]).rows[0]
-    q = observer.p_questions(PAIRS.s1, PAIRS.s2, sbar)[0]
+    [rows] = information_about("order-effect", [observer]).rows
+    [q] = observer.p_questions(PAIRS.s1, PAIRS.s2, sbar)
     units = {"constant_error": PAIRS.unanswered.scales.step / 2, "contraction": 0.25}
     for (name, unit), by_answer in zip(units.items(), rows[:, :, -2:].T, strict=True):
         slope = (p_yes(name, 1e-6) - p_yes(name, -1e-6)) / 2e-6 * unit

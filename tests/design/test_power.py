@@ -37,12 +37,12 @@ def table(designs):
     """The power of both designs for three observers of each of three kinds."""
     observers = []
     for kind in ("none", "large constant error", "contraction"):
-        observers += assume_observers(kind, 3, 1, list(designs.values()))
+        observers += assume_observers(kind, size=3, seed=1, designs=list(designs.values()))
     return power(designs, [650], observers, seed=1)
 
 
 def test_a_data_set_is_answered_as_a_subject_is(table, designs):
-    data_set = table.data_sets[1]
+    _, data_set, *_ = table.data_sets  # any one of the first design, the paper's pairs
     subject = data_set.observer.answers(designs["paper"], seed=1)
     expected, _ = answer_subject(subject, seed=4)
     # Fewer draws than those of a subject: Monte Carlo errors.
@@ -97,7 +97,8 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
 
     Subjects are drawn from twelve observers, whose effects differ.
     """
-    observers = assume_observers("groups", 12, 1, [designs["wide"]], is_even=True)
+    designs_shown = [designs["wide"]]
+    observers = assume_observers("groups", size=12, seed=1, designs=designs_shown, is_even=True)
     kinds = ("mean 0", "contraction 20 %")
     selected = [observer for observer in observers if observer.kind in kinds]
     single = power({"wide": designs["wide"]}, [650], selected, seed=1)
@@ -110,10 +111,13 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
     assert (of_10.true_mean, of_10.true_sd) == pytest.approx((0.2, 0.098), abs=2e-3)
     assert 0.9 < of_10.power <= of_20.power
     assert of_10.detected_low < of_10.detected < of_20.detected <= 20
-    assert groups.sentences()[0].startswith("Wide, 650 trials: studies detect the mean of 'contr")
+    first_sentence, *_ = groups.sentences()
+    assert first_sentence.startswith("Wide, 650 trials: studies detect the mean of 'contraction 20")
     # A prior by which every mean is about 0.
-    strict = Prior(group=Hyperprior(contraction=ParameterHyperprior(0.0, 0.001, 0.15)))
-    assert group_power(single, [20], strict).rows[-1].power < 0.1
+    near_0 = ParameterHyperprior(mean=0.0, mean_scale=0.001, sd_scale=0.15)
+    strict = Prior(group=Hyperprior(contraction=near_0))
+    *_, of_contraction = group_power(single, [20], strict).rows
+    assert of_contraction.power < 0.1
 
 
 def test_the_command_writes_tables_and_a_figure_and_one_of_groups(tmp_path):

@@ -62,11 +62,6 @@ def test_the_bundled_studies_are_what_their_commands_write(tmp_path, command):
         assert written.read_text() == (data / written.name).read_text()
 
 
-def test_what_is_carried_over_is_in_the_truth():
-    _, truth = bt.simulate({"A": PAPER}, batches=30, seed=1, carry_over=0.8)
-    assert truth["A"] == {**PAPER, "carry_over": 0.8}
-
-
 def test_expectations_of_trials_are_those_of_serial_dependence():
     """The model's probabilities with the simulation's random numbers give the same answers."""
     options = {"task": "2afc", "design": "full", "batches": 20, "seed": 1}

@@ -92,8 +92,8 @@ def test_contours_hold_their_shares_of_the_draws(draw, n):
 @pytest.mark.parametrize(
     "options, message",
     [
-        ({"coordinates": "polar"}, "must be one of"),
-        ({"coordinates": []}, "found none, allowed: natural"),
+        ({"coordinates": "polar"}, "coordinates 'polar', allowed: natural"),
+        ({"coordinates": []}, "allowed: natural, identified or some of"),
         ({"truths": {"A": {"mu_1": 0.0}}}, "unknown quantity 'mu_1'"),
         ({"truths": {"A": {"mu1": float("nan")}}}, "mu1=nan"),
         ({"truths": {"A": {"sigma_p": 0.0}}}, "a positive finite number"),
@@ -136,7 +136,8 @@ def test_only_true_values_that_are_known_are_shown(analysis):
     # Of two by two panels, 0 is that of mu1 and 3 that of the gain.
     assert true_values_in(figure.axes[0]) == ([-0.7], [])
     # The gain follows from sigma_p and sigma_l, not from mu1.
-    assert true_values_in(figure.axes[3])[0] == []
+    x_of_true_gains, _ = true_values_in(figure.axes[3])
+    assert x_of_true_gains == []
     assert "true value" in legend_text(figure)
     assert "true value" not in legend_text(bt.plots.corner(analysis.draws, "A", coordinates=["q0"]))
 
@@ -164,7 +165,8 @@ def test_several_subjects_share_their_panels(analysis):
     # A square marks the true gain and offset of C, the second subject. The gain follows from the
     # ratio of sigma_l, .17, and sigma_p, .25.
     *_, square = marks_of(axes[1, 0], "s")
-    assert square.get_color() == OVERLAID[1][0]
+    _, (colour_of_c, _), *_ = OVERLAID
+    assert square.get_color() == colour_of_c
     assert square.get_xdata()[0] == pytest.approx(bt.model.gain((0.17 / 0.25) ** 2))
     assert "A, median\nC, median\n50 and 95 % of the draws\nprior\ntrue values" in legend_text(
         figure
