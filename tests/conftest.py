@@ -25,6 +25,7 @@ from bayes_toe.data.options import parse_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.inference.order_evidence import MODEL_NAMES
+from bayes_toe.workers import run_in_order
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -269,6 +270,16 @@ def s1_s2_yes_trials(subject):
     """The pairs of a subject: tuples of s1, s2, n_yes (answers that the task counts), n_trials."""
     columns = subject.s1, subject.s2, subject.n_yes, subject.n_trials
     return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def results_of(jobs, workers):
+    """The results of jobs that have no names and whose progress is not reported, in their order."""
+    return run_in_order(jobs, workers, progress=None, names=[()] * len(jobs))
+
+
+def refused(message):
+    """A block that must be refused with an InputError whose text has this pattern."""
+    return pytest.raises(bt.InputError, match=message)
 
 
 def problems(call, *arguments, **options):
