@@ -17,6 +17,7 @@ from browsers import launched_browser
 from hypothesis import settings
 from reference.hard_cases import hard_cases
 from scipy.special import ndtr
+from serial_observers import STEP, neighbouring_pairs
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
@@ -168,8 +169,8 @@ def small_study():
     design, subjects = reference_design(), []
     for name, parameters in kinds.items():
         p_equal = bt.model.equal_probability(design.s1, design.s2, *parameters)
-        n_yes = np.rint(50 * p_equal).astype(int)
-        subjects.append(bt.Subject(name, design.s1, design.s2, n_yes, np.full(len(n_yes), 50)))
+        n_equal = np.rint(design.n_trials * p_equal).astype(int)
+        subjects.append(design.answered(n_equal, name))
     return bt.Study(subjects, source="three kinds")
 
 
@@ -199,11 +200,10 @@ def analysis(small_study):
 def expected_counts(name="S", c=0.0, p=0.0, n=100, noise=0.2, step=0.25, level=0.0):
     """Rounded expected counts of an observer of 2AFC with constant error c and contraction p.
 
-    The ten pairs are neighbours among six levels, in both orders, with n trials each. The lapse
-    rate is .02.
+    The ten pairs are neighbours among six levels, in both orders, with n trials each. The lowest
+    level and the distance of two are given. The lapse rate is .02.
     """
-    levels = level + step * np.arange(6.0)
-    s1, s2 = np.r_[levels[:-1], levels[1:]], np.r_[levels[1:], levels[:-1]]
+    s1, s2 = level + step / STEP * neighbouring_pairs(WHICH_STRONGER).T
     p_second = 0.01 + 0.98 * ndtr((s2 - s1 - c + p * (s1 - s1.mean())) / noise)
     n_yes = np.rint(n * p_second).astype(int)
     return bt.Subject(name, s1, s2, n_yes, [n] * 10, task=WHICH_STRONGER)
