@@ -42,7 +42,7 @@ def table(study):
     return bt.serial_dependence(study, seed=1)
 
 
-def test_words_are_those_of_the_truth(table):
+def test_words_name_the_true_serial_dependence_and_no_other(table):
     carry_over = {row.subject: row.word("carry_over") for row in table}
     response = {row.subject: row.word("previous_response") for row in table}
     assert carry_over["carries"] == "yes"
@@ -170,7 +170,7 @@ def test_a_point_of_the_figure_is_the_residual_of_the_static_model_after_one_res
     assert residual > 0.03  # so that the point is not 0 by itself
 
 
-def test_listeners_carry_over(real_data):
+def test_two_real_listeners_carry_over_as_in_an_earlier_analysis(real_data):
     """Log Bayes factors are those of an earlier analysis, to its Monte Carlo error."""
     study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
     first = "Sub01_Bimodal_l2"

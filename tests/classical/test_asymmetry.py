@@ -18,7 +18,7 @@ from bayes_toe.classical.asymmetry import (
 # Rows of subjects are s1, s2, number of 'equal', trials.
 
 
-def test_one_comparison_by_hand():
+def test_asymmetry_and_p_value_of_one_comparison_are_those_by_scipy():
     subject = made_subject("0 0.3 12 50, 0.3 0 25 40")
     row = bt.asymmetry(bt.Study([subject]))["S"].maximal
     # Posteriors of P(equal) after 12 'equal' in 50 trials and 25 in 40, from a uniform prior.

@@ -63,7 +63,7 @@ def test_the_paragraphs_have_the_length_that_a_journal_prints(
     assert 400 < len(paragraphs.split()) <= 760  # words
 
 
-def test_citations_are_those_of_the_text(analysis, tmp_path):
+def test_all_that_the_text_cites_is_in_the_bibliography(analysis, tmp_path):
     # Entries of methods.bib begin with '@article{cornuet2012,', and the text cites with
     # '@cornuet2012'. All that is cited has an entry, and at least these three are cited.
     text = methods_text(analysis, tmp_path)
@@ -130,7 +130,7 @@ def test_the_group_has_its_prior_and_sampler_and_is_said_to_be_unreliable(
     assert ("NOT RELIABLE" in text) == bool(n_divergent)
 
 
-def test_names_are_no_markup(analysis, tmp_path):
+def test_names_of_subjects_are_no_markup_in_methods(analysis, tmp_path):
     # The name of the first subject has signs of Markdown and one that turns text around.
     changed = with_answers(analysis, {"subject": "*[x](y)\u202e"})
     assert r"| \*\[x\](y)\\u202e |" in methods_text(changed, tmp_path)

@@ -90,7 +90,7 @@ def test_output_into_a_program_that_reads_nothing_is_no_error():
     output_of(run_in_shell('"$@" | :', "--help"))
 
 
-def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder, tmp_path):
+def test_run_needs_no_home_no_temporary_folder_and_no_letters_beyond_ascii(study_folder, tmp_path):
     """Libraries with a cache at home fail there, or leave a folder ~ in the working folder.
 
     The folders for these are below a file, so that nobody can make them, and text is ASCII.

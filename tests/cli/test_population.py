@@ -68,7 +68,9 @@ def test_the_command_writes_four_files_and_answers_with_mean_and_sd(screen, grou
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
 
 
-def test_files_are_those_of_the_group(screen, group_folder):
+def test_files_of_a_group_have_the_numbers_of_the_screen_and_no_subject_without_age(
+    screen, group_folder
+):
     # What the screen says is what the files have, and P005 without an age is left out.
     result = bt.load(group_folder / "group.nc")
     text = on_one_line(screen)

@@ -198,7 +198,7 @@ def folder_with_conditions(study_with_conditions, tmp_path_factory):
     return write_results(analysis, tmp_path_factory.mktemp("hands") / "out", NEW, **NO_FIGURES)
 
 
-def test_tables_of_a_run_with_conditions_have_them(folder_with_conditions):
+def test_tables_of_a_run_name_its_conditions(folder_with_conditions):
     contrast = pd.read_csv(folder_with_conditions / "contrast.csv")
     assert contrast[contrast.quantity == "constant error"].word.tolist() == ["differs"]
     assert contrast.seed.unique().tolist() == [1]

@@ -259,7 +259,7 @@ def check_answer(tmp_path):
     return check
 
 
-def test_limits_of_one_subject_are_not_those_of_the_study(check_answer):
+def test_subjects_whose_design_can_show_an_effect_are_counted(check_answer):
     # Subject Z has the stronger stimulus always second, and A, B and C have both orders.
     text = check_answer(SECOND_STRONGER.format("Z") + "".join(map(BOTH_ORDERS.format, "ABC")))
     effects = "a constant error (3 of 4 subjects) and a contraction (3 of 4 subjects)."
@@ -270,7 +270,7 @@ def test_limits_of_one_subject_are_not_those_of_the_study(check_answer):
     assert check_answer("".join(map(BOTH_ORDERS.format, "zZ"))).endswith(command)
 
 
-def test_a_decision_that_was_made_stays(check_answer):
+def test_a_decision_that_was_typed_stays_in_what_is_proposed(check_answer):
     # A and B respond by the stimuli, and C and D the wrong way round: two need a decision. With
     # --swap C, this option stays in what is proposed for D.
     rows = "".join([*map(BOTH_ORDERS.format, "AB"), *map(REVERSED.format, "CD")])

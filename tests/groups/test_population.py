@@ -135,7 +135,7 @@ AGES = {"age": {"P000": 20.0, "P001": 30.0}}
         (two_conditions(1, n_subjects=2), {"covariates": AGES}, "a condition and covariates are "),
     ],
 )
-def test_groups_that_are_refused(study, options, message):
+def test_a_group_of_one_and_covariates_beside_a_condition_are_refused(study, options, message):
     with refused(message):
         bt.population(study, **options)
 

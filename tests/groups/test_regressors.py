@@ -125,6 +125,6 @@ def test_covariates_that_cannot_be_used_are_refused_in_one_line(columns, message
     assert line.startswith(message)
 
 
-def test_no_number_from_python_is_not_finite():
+def test_a_number_from_python_that_is_not_finite_is_refused():
     with refused("covariate age: found a number that is not finite"):
         regressors({"age": {**AGES, NAMES[0]: float("nan")}}, NAMES)

@@ -127,7 +127,7 @@ UNREADABLE = [
 
 
 @pytest.mark.parametrize("text, message", [*text_table(REFUSED), *UNREADABLE])
-def test_files_that_are_refused(read, text, message):
+def test_wrong_prior_files_are_refused_with_what_is_allowed(read, text, message):
     (line,) = problems(read, text)
     path, _, problem = line.partition("prior.toml: ")
     assert message in problem
