@@ -15,17 +15,18 @@ from subprocess import CompletedProcess
 PROGRAM = [sys.executable, "-m", "bayes_toe"]
 
 
-def call(*args, cwd=None, **environment):
-    """Run the command in a process of its own, as a user does, with these environment variables."""
+def run_python(*words, **options):
+    """Run Python with words such as `-c` and a script, in a process of its own.
+
+    The result has the exit code, stdout and stderr.
+    """
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, **options)
+
+
+def call(line, cwd=None, **environment):
+    """Run a command as a user does, in a process of its own with these environment variables."""
     env = {**os.environ, "OMP_NUM_THREADS": "1", **environment}
-    return subprocess.run(
-        [*PROGRAM, *map(str, args)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        env=env,
-        encoding="utf-8",
-    )
+    return run_python("-m", "bayes_toe", *line.split(), cwd=cwd, env=env, encoding="utf-8")
 
 
 def run_command(*args, cwd="."):

@@ -17,6 +17,7 @@ from browsers import launched_browser
 from hypothesis import settings
 from reference.hard_cases import hard_cases
 from scipy.special import ndtr
+from serial_observers import STEP, neighbouring_pairs
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
@@ -25,6 +26,7 @@ from bayes_toe.data.options import parse_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.inference.order_evidence import MODEL_NAMES
+from bayes_toe.workers import run_in_order
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -167,8 +169,8 @@ def small_study():
     design, subjects = reference_design(), []
     for name, parameters in kinds.items():
         p_equal = bt.model.equal_probability(design.s1, design.s2, *parameters)
-        n_yes = np.rint(50 * p_equal).astype(int)
-        subjects.append(bt.Subject(name, design.s1, design.s2, n_yes, np.full(len(n_yes), 50)))
+        n_equal = np.rint(design.n_trials * p_equal).astype(int)
+        subjects.append(design.answered(n_equal, name))
     return bt.Study(subjects, source="three kinds")
 
 
@@ -198,11 +200,10 @@ def analysis(small_study):
 def expected_counts(name="S", c=0.0, p=0.0, n=100, noise=0.2, step=0.25, level=0.0):
     """Rounded expected counts of an observer of 2AFC with constant error c and contraction p.
 
-    The ten pairs are neighbours among six levels, in both orders, with n trials each. The lapse
-    rate is .02.
+    The ten pairs are neighbours among six levels, in both orders, with n trials each. The lowest
+    level and the distance of two are given. The lapse rate is .02.
     """
-    levels = level + step * np.arange(6.0)
-    s1, s2 = np.r_[levels[:-1], levels[1:]], np.r_[levels[1:], levels[:-1]]
+    s1, s2 = level + step / STEP * neighbouring_pairs(WHICH_STRONGER).T
     p_second = 0.01 + 0.98 * ndtr((s2 - s1 - c + p * (s1 - s1.mean())) / noise)
     n_yes = np.rint(n * p_second).astype(int)
     return bt.Subject(name, s1, s2, n_yes, [n] * 10, task=WHICH_STRONGER)
@@ -269,6 +270,16 @@ def s1_s2_yes_trials(subject):
     """The pairs of a subject: tuples of s1, s2, n_yes (answers that the task counts), n_trials."""
     columns = subject.s1, subject.s2, subject.n_yes, subject.n_trials
     return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def results_of(jobs, workers):
+    """The results of jobs that have no names and whose progress is not reported, in their order."""
+    return run_in_order(jobs, workers, progress=None, names=[()] * len(jobs))
+
+
+def refused(message):
+    """A block that must be refused with an InputError whose text has this pattern."""
+    return pytest.raises(bt.InputError, match=message)
 
 
 def problems(call, *arguments, **options):

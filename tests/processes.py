@@ -3,13 +3,12 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from commands import PROGRAM
+from commands import PROGRAM, run_python
 
 from bayes_toe.errors import InputError
 
@@ -18,12 +17,12 @@ needs_proc = pytest.mark.skipif(
 )
 
 
-def start_command(*args, cwd, **options):
-    """Start the command as a user does, in a session of its own; the process is still running."""
+def start_command(line, cwd):
+    """Start a command as a user does, in a session of its own; the process is still running."""
     env = {**os.environ, "OMP_NUM_THREADS": "1"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(
-        [*PROGRAM, *map(str, args)], cwd=cwd, env=env, start_new_session=True, **pipes, **options
+        [*PROGRAM, *line.split()], cwd=cwd, env=env, start_new_session=True, **pipes
     )
 
 
@@ -102,18 +101,15 @@ def save_on_a_full_disk(source, target, room):
     and nobody could import them later.
     """
     saves = (
-        "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); room = "
-        "int(sys.argv[3]); "
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)); draws.save(sys.argv[2])"
+        "import resource, sys, bayes_toe as bt; _, source, target, room = sys.argv; "
+        "draws = bt.load(source); "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (int(room), int(room))); draws.save(target)"
     )
-    ended = subprocess.run(
-        [sys.executable, "-B", "-c", saves, str(source), str(target), str(room)],
-        capture_output=True,
-        text=True,
-    )
+    ended = run_python("-B", "-c", saves, str(source), str(target), str(room))
     assert ended.returncode == 1
-    assert "OutputError: " in ended.stderr.splitlines()[-1]
-    assert f"{target.name}: cannot be written (File too large)" in ended.stderr.splitlines()[-1]
+    *_, last_line = ended.stderr.splitlines()
+    assert "OutputError: " in last_line
+    assert f"{target.name}: cannot be written (File too large)" in last_line
 
 
 def wait_until(is_true, running=None):

@@ -11,12 +11,12 @@ from threading import Timer
 import pytest
 import xarray as xr
 from commands import refusal_of, run_ok
-from conftest import quick_study, write_counts
+from conftest import quick_study, refused, results_of, write_counts
 from processes import blas_threads, kill_this_worker, raise_input_error, return_slowly, wait_until
 
 import bayes_toe as bt
 from bayes_toe import cluster
-from bayes_toe.errors import InputError, WorkerError
+from bayes_toe.errors import WorkerError
 from bayes_toe.workers import run_in_order
 
 distributed = pytest.importorskip("distributed")
@@ -81,19 +81,18 @@ def test_an_interrupt_cancels_all_jobs(client, delay):
         if len(reported) == 1:
             interrupt_later.start()
 
+    jobs = [partial(return_slowly, k, 0.05) for k in range(500)]
     # The traceback refers to the jobs under way, as in a session, where they must end, too.
     with pytest.raises(KeyboardInterrupt) as error:
-        run_in_order(
-            [partial(return_slowly, k, 0.05) for k in range(500)], client, progress, [("",)] * 500
-        )
+        run_in_order(jobs, client, progress, names=[("",)] * 500)
     wait_until(lambda: n_tasks_on(client) == 0)
     assert error.tb is not None
 
 
 def test_workers_have_one_blas_thread_take_large_jobs_and_keep_no_results(client):
-    # Dask warns of jobs of more than 10 MiB, such as the third one. The jobs have no names.
+    # Dask warns of jobs of more than 10 MiB, such as the third one.
     jobs = [blas_threads, blas_threads, partial(len, bytes(11_000_000))]
-    first, second, size = run_in_order(jobs, client, None, [()] * 3)
+    first, second, size = results_of(jobs, client)
     assert {*first, *second} == {1}
     assert size == 11_000_000
     wait_until(lambda: n_tasks_on(client) == 0)
@@ -106,14 +105,14 @@ def test_a_worker_refuses_work_of_another_version(client, monkeypatch):
     message = (
         r"^the worker on \S+ has bayes_toe [\d.]+, this process 9\.9: they have to be the same$"
     )
-    with pytest.raises(InputError, match=message):
-        run_in_order([partial(return_slowly, 1, 0.1)], client, None, [()])
+    with refused(message):
+        results_of([partial(return_slowly, 1, 0.1)], client)
 
 
 def test_errors_of_a_job_are_those_of_this_process(client):
     # The job raises InputError('no') in a worker.
-    with pytest.raises(InputError, match=r"^no$"):
-        run_in_order([partial(raise_input_error)], client, None, [()])
+    with refused(r"^no$"):
+        results_of([raise_input_error], client)
 
 
 def test_a_closed_client_is_refused(dask):
@@ -172,5 +171,5 @@ def test_a_job_whose_workers_die_ends_the_work_in_one_line(client):
     # The first of nine jobs kills each worker that runs it.
     jobs = [partial(kill_this_worker, os.getpid()), *[partial(return_slowly, 1, 0.1)] * 8]
     with pytest.raises(WorkerError, match=r"^a worker died \(killed, or out of memory\)"):
-        run_in_order(jobs, client, None, [()] * 9)
+        results_of(jobs, client)
     wait_until(lambda: n_tasks_on(client) == 0)

@@ -2,12 +2,11 @@
 
 import ast
 import inspect
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from commands import run_python
 
 PACKAGES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.design", "bayes_toe.model")
 
@@ -42,6 +41,4 @@ def test_every_name_is_there_once_and_comes_unchanged_from_where_the_stub_says(p
 def test_a_figure_keeps_its_name_where_its_file_has_the_same():
     # The second print shows that the first use has not put the module in the place of the function.
     code = "import bayes_toe.plots.corner, bayes_toe as bt\nfor _ in 'ab': print(bt.plots.corner)"
-    words = [sys.executable, "-c", code]
-    finished = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert finished.stdout.count("<function corner") == 2
+    assert run_python("-c", code).stdout.count("<function corner") == 2

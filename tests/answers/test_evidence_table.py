@@ -76,13 +76,13 @@ def h1_evidence(subject, draws, seed, **prior):
     return model_evidence(fit_subject(posterior, seed), seed, draws).value
 
 
-def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
+def test_the_evidence_of_h1_is_by_as_many_draws_as_asked_for(small_study):
     subject = small_study["A"]
     row = bt.evidence(bt.Study([subject]), draws=2000, seed=5)["A"]
     assert row.log_evidence_h1 == h1_evidence(subject, draws=2000, seed=5)
 
 
-def test_real_vibrotactile_subjects_go_both_ways(vibrotactile):
+def test_six_of_eleven_vibrotactile_subjects_favour_h1(vibrotactile):
     """Log Bayes factors of H1 against H0 under the paper's prior: 6 of 11 subjects favour H1.
 
     Their number and their range are those of an earlier analysis.

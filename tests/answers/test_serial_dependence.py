@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import run_command, run_ok
+from conftest import refused
 from legible import marks_of, titles_of
 from scipy.stats import norm
 from serial_observers import answered
@@ -41,7 +42,7 @@ def table(study):
     return bt.serial_dependence(study, seed=1)
 
 
-def test_words_are_those_of_the_truth(table):
+def test_words_name_the_true_serial_dependence_and_no_other(table):
     carry_over = {row.subject: row.word("carry_over") for row in table}
     response = {row.subject: row.word("previous_response") for row in table}
     assert carry_over["carries"] == "yes"
@@ -59,28 +60,31 @@ def test_intervals_hold_the_true_sizes(table):
     low, median, high = table["carries"].rho
     assert low < 0.9 < high
     assert median > 0.5
-    assert table["repeats"].kappa[0] > 0.0 > table["alternates"].kappa[2]
+    low_kappa_of_repetition, *_ = table["repeats"].kappa
+    *_, high_kappa_of_alternation = table["alternates"].kappa
+    assert low_kappa_of_repetition > 0.0 > high_kappa_of_alternation
 
 
 @pytest.mark.parametrize("kind", ["none", "repeats"])
 def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, study, kind):
-    """Of the mean likelihood ratio over draws without the effect, which the table has.
+    """Of the mean likelihood ratio over draws of the static model, which the table has.
 
-    Models are static, previous response, carry-over, both. The score of kappa has a normal prior.
+    The score of kappa has a normal prior.
     """
     row = table[kind]
     posterior = table.posterior(row, "previous_response")
-    without_effects = row.draws[0]  # (draws, coordinates)
-    static = posterior.observer.log_likelihood(without_effects)
+    static_draws, *_ = row.draws  # (draws, coordinates)
+    static_log_likelihood = posterior.observer.log_likelihood(static_draws)
     scores = np.linspace(-1.5, 1.5, 301)  # beyond, the likelihood is negligible
     ratio = np.zeros(len(scores))
     for i, score in enumerate(scores):
-        moved = np.column_stack([without_effects, np.full(len(without_effects), score)])
-        log_likelihood = posterior.array.likelihood.plain_value(moved[None])[0]
-        ratio[i] = np.exp(log_likelihood - static).mean()
+        with_kappa = np.column_stack([static_draws, np.full(len(static_draws), score)])
+        log_likelihood = posterior.array.likelihood.plain_value(with_kappa[None])[0]
+        ratio[i] = np.exp(log_likelihood - static_log_likelihood).mean()
     expected = np.log(np.trapezoid(ratio * norm.pdf(scores), scores))
+    static, previous_response, *_ = row.log_evidence
     # The tolerance is the Monte Carlo error of the mean ratio, which a few draws dominate.
-    assert row.log_evidence[1] - row.log_evidence[0] == pytest.approx(expected, abs=0.25)
+    assert previous_response - static == pytest.approx(expected, abs=0.25)
 
 
 def test_same_or_different_has_both_effects_too():
@@ -101,8 +105,8 @@ def test_the_file_of_a_table_has_its_columns_words_and_numbers(table, tmp_path):
     row = table["carries"]
     cells = frame.set_index("subject").loc["carries"]
     assert cells.carry_over == row.word("carry_over")
-    # rho[1] is the median.
-    numbers = [row.log_bayes_factor("carry_over"), row.rho[1], row.screen.joint_p]
+    _, median_rho, _ = row.rho
+    numbers = [row.log_bayes_factor("carry_over"), median_rho, row.screen.joint_p]
     assert cells[["ln_bf_carry_over", "rho_q50", "history_p"]].tolist() == pytest.approx(numbers)
 
 
@@ -114,7 +118,7 @@ def test_a_seed_gives_the_same_numbers_whoever_else_is_in_the_study(table, study
 
 def test_an_unknown_order_is_refused_in_a_line(study):
     unordered = bt.Study([replace(study["none"], answers=None)])
-    with pytest.raises(bt.InputError, match="needs the order of trials"):
+    with refused("needs the order of trials"):
         bt.serial_dependence(unordered, seed=1)
 
 
@@ -155,17 +159,18 @@ def test_a_point_of_the_figure_is_the_residual_of_the_static_model_after_one_res
     row = table["repeats"]
     posterior = table.posterior(row, "static")
     trials = posterior.rows.trials
-    # The first draws of a row are those of the static model.
-    p_second = posterior.trial_probabilities(row.draws[0]).mean(axis=0)  # (trials,)
+    static_draws, *_ = row.draws
+    p_second = posterior.trial_probabilities(static_draws).mean(axis=0)  # (trials,)
     is_second = trials.answer > 0
     is_after_second = np.r_[False, is_second[:-1]] & ~trials.is_session_start
     residual = (is_second - p_second)[is_after_second].mean()
     (points,) = marks_of(right, "o")
-    assert points.get_ydata()[1] == pytest.approx(residual)  # the first point is after 'first'
+    _, after_second = points.get_ydata()
+    assert after_second == pytest.approx(residual)
     assert residual > 0.03  # so that the point is not 0 by itself
 
 
-def test_listeners_carry_over(real_data):
+def test_two_real_listeners_carry_over_as_in_an_earlier_analysis(real_data):
     """Log Bayes factors are those of an earlier analysis, to its Monte Carlo error."""
     study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
     first = "Sub01_Bimodal_l2"

@@ -3,14 +3,12 @@
 import os
 import re
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 import xarray as xr
-from commands import refusal_of, run_command, run_ok
+from commands import refusal_of, run_command, run_ok, run_python
 from conftest import quick_study, write_counts
 from processes import needs_proc, start_command, wait_until, wait_until_gone
 
@@ -39,9 +37,9 @@ def test_a_subject_that_fails_is_marked_and_the_study_goes_on(folder, monkeypatc
     assert f"! A  No result: {FAILURE}" in completed.stdout
     table = pd.read_csv(folder / "out" / "evidence.csv", dtype=str)
     assert table.subject.tolist() == ["B", "C", "D", "A"]
-    assert table.n_pairs[0] == "4", "a whole number, beside a missing one"
-    # A has the last row, without any number.
-    assert table.iloc[-1].drop(["subject", "prior", "seed"]).isna().all()
+    assert table.n_pairs[0] == "4"  # and not 4.0, although A has no number
+    row_of_a = table.iloc[-1].drop(["subject", "prior", "seed"])
+    assert row_of_a.isna().all()
     draws = bt.load(folder / "out" / "posterior.nc")
     assert draws.names == ("B", "C", "D")
     assert draws.failed == {"A": FAILURE}
@@ -51,22 +49,26 @@ def test_a_subject_that_fails_is_marked_and_the_study_goes_on(folder, monkeypatc
 
 
 def is_listening(running):
-    """Whether a process catches SIGTERM: its bit in the mask SigCgt, such as 0000000000004002."""
+    """Whether a process catches SIGTERM, by the mask SigCgt, such as 0000000000004002.
+
+    Bit n - 1 of this hexadecimal number is that of signal n.
+    """
     status = Path(f"/proc/{running.pid}/status").read_text()
-    caught = re.search(r"SigCgt:\s*(\w+)", status)[1]
-    return int(caught, 16) >> (signal.SIGTERM - 1) & 1
+    mask = int(re.search(r"SigCgt:\s*(\w+)", status)[1], 16)
+    return mask & 1 << (signal.SIGTERM - 1)
 
 
 @needs_proc
 def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
     # The signal comes as soon as the command catches it, which is before its work.
-    running = start_command(*["run", "study.csv", "-o", "out", "--seed", "1"], cwd=folder)
+    running = start_command("run study.csv -o out --seed 1", cwd=folder)
     wait_until(lambda: is_listening(running), running)
     running.terminate()
     wait_until_gone(running.pid)
-    assert running.communicate()[1] == "stopped by SIGTERM\n"
+    _, errors = running.communicate()
+    assert errors == "stopped by SIGTERM\n"
     assert running.returncode == 128 + signal.SIGTERM
-    assert [path.name for path in folder.iterdir()] == ["study.csv"]
+    assert os.listdir(folder) == ["study.csv"]
 
 
 SAMPLE = "sample study.csv --seed 1 --draws 100 --model none -o"
@@ -77,7 +79,7 @@ def code_and_errors_after_signal(folder, send, number):
 
     `send` is os.kill, or os.killpg for all its processes, as Ctrl+C in a terminal does.
     """
-    running = start_command(*f"{SAMPLE} posterior.nc --workers 2".split(), cwd=folder)
+    running = start_command(f"{SAMPLE} posterior.nc --workers 2", cwd=folder)
     wait_until(lambda: list(folder.glob("*.partial/*.result")), running)
     send(running.pid, number)
     wait_until_gone(running.pid)
@@ -101,8 +103,7 @@ def test_a_command_that_was_killed_and_is_resumed_gives_the_same_draws(folder):
     assert code == -signal.SIGKILL
     screen = run_ok(f"{SAMPLE} posterior.nc --resume", cwd=folder)
     assert "of 4 subjects taken from posterior.nc.partial" in screen
-    files = sorted(path.name for path in folder.iterdir())
-    assert files == ["posterior.nc", "study.csv"]
+    assert sorted(os.listdir(folder)) == ["posterior.nc", "study.csv"]
 
     run_ok(f"{SAMPLE} without_a_stop.nc", cwd=folder)
     names = ("posterior.nc", "without_a_stop.nc")
@@ -119,12 +120,10 @@ def test_stored_results_are_thrown_away_with_overwrite(tmp_path):
     partial.mkdir()
     (partial / f"{'0' * 32}.result").write_text("of an earlier command")
     line = "evidence study.csv -o evidence.csv --seed 1"
-    assert "evidence.csv.partial holds 1 result of a stopped command" in refusal_of(
-        line, cwd=tmp_path
-    )
+    refusal = refusal_of(line, cwd=tmp_path)
+    assert "evidence.csv.partial holds 1 result of a stopped command" in refusal
     run_ok(f"{line} --overwrite", cwd=tmp_path)
-    files = sorted(path.name for path in tmp_path.iterdir())
-    assert files == ["evidence.csv", "study.csv"]
+    assert sorted(os.listdir(tmp_path)) == ["evidence.csv", "study.csv"]
 
 
 #: A thread fails after the signal has come and before the program says that it stopped.
@@ -157,12 +156,11 @@ signal.raise_signal(signal.SIGTERM)
 
 def test_a_thread_that_fails_after_a_signal_prints_nothing():
     # The script waits for the thread, which raises KeyError(2), before it prints that it stopped.
-    words = [sys.executable, "-c", FAILING_THREAD]
-    finished = subprocess.run(words, timeout=60, capture_output=True, text=True)
+    finished = run_python("-c", FAILING_THREAD, timeout=60)
     assert finished.stderr == "stopped by SIGTERM\n"
 
 
 def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
     # The script ignores SIGTERM, as `nohup` does with another signal, listens, and sends itself
     # SIGTERM.
-    assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0
+    assert run_python("-c", UNDER_NOHUP, timeout=60).returncode == 0

@@ -63,7 +63,7 @@ def test_the_paragraphs_have_the_length_that_a_journal_prints(
     assert 400 < len(paragraphs.split()) <= 760  # words
 
 
-def test_citations_are_those_of_the_text(analysis, tmp_path):
+def test_all_that_the_text_cites_is_in_the_bibliography(analysis, tmp_path):
     # Entries of methods.bib begin with '@article{cornuet2012,', and the text cites with
     # '@cornuet2012'. All that is cited has an entry, and at least these three are cited.
     text = methods_text(analysis, tmp_path)
@@ -77,42 +77,42 @@ def test_citations_are_those_of_the_text(analysis, tmp_path):
 
 def test_poor_fits_and_subjects_that_are_not_interpreted_are_named(analysis, tmp_path):
     # A has a poor fit, B is not interpreted, and the fit of C cannot be tested.
-    words = dict.fromkeys(analysis.answers[0].words, Word.NOT_INTERPRETABLE)
+    words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
     poor_fit = {"fit_p": 0.001}
     problems = {"keys look swapped": Problem("")}
     not_interpreted = {"words": words, "is_interpretable": False, "problems": problems}
     untestable_fit = {"fit_p": None}
     text = methods_text(with_answers(analysis, poor_fit, not_interpreted, untestable_fit), tmp_path)
-    first, second, third = analysis.draws.names
-    assert f"The fit was poor for {first} (p = .0010)." in text
-    assert f"The fit was not testable for {third}." in text
-    assert f"{second} was not interpreted: keys look swapped." in text
+    assert "The fit was poor for A (p = .0010)." in text
+    assert "B was not interpreted: keys look swapped." in text
+    assert "The fit was not testable for C." in text
     assert "of 2 participants" in text
     assert " ! marks a poor fit." in text
 
-    # One subject remains, whose fit is good.
+    # Only A remains, whose fit is good.
+    good_fit = {"fit_p": 0.5}
     text = methods_text(
-        with_answers(analysis, {"fit_p": 0.5}, not_interpreted, not_interpreted), tmp_path
+        with_answers(analysis, good_fit, not_interpreted, not_interpreted), tmp_path
     )
     assert "The order changed the response: the first stimulus was" in text
     assert "No fit was poor." in text
     assert " ! marks a poor fit." not in text
 
 
-def test_words_are_counted_by_direction(analysis, tmp_path):
+def test_words_are_counted_by_direction_and_trials_of_all_subjects(analysis, tmp_path):
     # All three effects are present in A, with a contraction, and in B, with a repulsion, but not in
     # C. A has one more trial of each of the 13 pairs than the others, who have 650 trials.
     present = dict.fromkeys(QUESTIONS, Word.YES)
     absent = dict.fromkeys(QUESTIONS, Word.NO)
     changes = {"words": present}, {"words": present, "direction": "repulsion"}, {"words": absent}
-    first, *other_subjects = analysis.study.subjects
-    subject_with_more_trials = replace(first, n_trials=first.n_trials + 1)
-    study = replace(analysis.study, subjects=(subject_with_more_trials, *other_subjects))
+    a, b, c = analysis.study
+    a_with_more_trials = replace(a, n_trials=a.n_trials + 1)
+    study = replace(analysis.study, subjects=(a_with_more_trials, b, c))
     text = methods_text(replace(with_answers(analysis, *changes), study=study), tmp_path)
     assert "An order effect was present in 2 of 3 participants and absent in 1." in text
     assert "A contraction was present in 1, reversed (repulsion) in 1 and absent in 1." in text
     assert "| yes, repulsion (" in text
-    assert f"({1950 + first.n_pairs:,} trials, 650 to {650 + first.n_pairs} each;" in text
+    assert "(1,963 trials, 650 to 663 each;" in text
 
 
 @pytest.mark.parametrize("n_divergent", [0, 10**6])
@@ -130,18 +130,18 @@ def test_the_group_has_its_prior_and_sampler_and_is_said_to_be_unreliable(
     assert ("NOT RELIABLE" in text) == bool(n_divergent)
 
 
-def test_names_are_no_markup(analysis, tmp_path):
-    # The name has signs of Markdown and one that turns text around.
+def test_names_of_subjects_are_no_markup_in_methods(analysis, tmp_path):
+    # The name of the first subject has signs of Markdown and one that turns text around.
     changed = with_answers(analysis, {"subject": "*[x](y)\u202e"})
     assert r"| \*\[x\](y)\\u202e |" in methods_text(changed, tmp_path)
 
 
 def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_path):
-    # A flag says that another prior scale changes the word 'order effect' of A.
-    no_problem = {"problems": {}}
-    depends_on_prior = {"problems": {f"{PRIOR_FLAG}: order effect": Problem("")}}
-    unchanged = methods_text(with_answers(analysis, no_problem, no_problem, no_problem), tmp_path)
-    assert "no conclusion 'yes' or 'no' became undecided." in unchanged
-    text = methods_text(with_answers(analysis, depends_on_prior, no_problem, no_problem), tmp_path)
-    assert f"a 'yes' or a 'no' became undecided for {analysis.draws.names[0]}." in text
+    # No subject has a problem. Then a flag says that another prior scale changes a word of A.
+    unchanged = with_answers(analysis, *[{"problems": {}}] * 3)
+    text = methods_text(unchanged, tmp_path)
+    assert "no conclusion 'yes' or 'no' became undecided." in text
+    flag = {f"{PRIOR_FLAG}: order effect": Problem("")}
+    text = methods_text(with_answers(unchanged, {"problems": flag}), tmp_path)
+    assert "a 'yes' or a 'no' became undecided for A." in text
     assert " ? marks a 'yes' or a 'no' that became undecided with another prior scale." in text

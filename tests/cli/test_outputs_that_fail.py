@@ -29,10 +29,10 @@ def error_line(finished):
     return finished.stderr
 
 
-def run_in_shell(ending, line, **options):
-    """Run a command in a shell, with an ending such as `>/dev/full` for its streams."""
-    words = ["sh", "-c", f'"$@" {ending}', "sh", *PROGRAM, *line.split()]
-    return subprocess.run(words, capture_output=True, text=True, **options)
+def run_in_shell(script, line, cwd=None):
+    """Run a command in a shell, by a script in which "$@" stands for it, such as '"$@" | :'."""
+    words = ["sh", "-c", script, "sh", *PROGRAM, *line.split()]
+    return subprocess.run(words, capture_output=True, text=True, cwd=cwd)
 
 
 def test_a_full_disk_is_one_line_and_leaves_what_was_there(study_folder, tmp_path):
@@ -40,13 +40,13 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(study_folder, tmp_pat
     file.parent.mkdir()
     file.write_text("old")
     # No file may have more than 100,000 bytes, and the draws need more.
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    soft_limit, hard_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard_limit))
     try:
-        words = "--draws 100 --seed 1 --overwrite -q"
-        finished = run_command(f"run {study_folder}/study.csv -o {file.parent} {words}")
+        options = "--draws 100 --seed 1 --overwrite -q"
+        finished = run_command(f"run {study_folder}/study.csv -o {file.parent} {options}")
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft_limit, hard_limit))
     assert "out.partial: cannot be written (File too large)" in error_line(finished)
     assert ".bayes_toe" not in finished.stderr  # the name of a temporary folder
     assert file.read_text() == "old"
@@ -70,22 +70,27 @@ def test_if_one_of_two_files_cannot_be_written_none_is_replaced(tmp_path, monkey
     assert sorted(tmp_path.iterdir()) == files
 
 
-def test_closed_and_full_streams_cost_no_results(tmp_path):
-    """Results with streams closed, also those of workers, are the same as with open ones."""
+def test_results_with_closed_streams_also_of_workers_are_those_with_open_ones(tmp_path):
     write_counts(tmp_path / "study.csv", quick_study("AB"))
     line = "fit study.csv --seed 1 --replicates 5"
     run_ok(f"{line} -o open.csv", cwd=tmp_path)
-    output_of(run_in_shell("<&- >&- 2>&-", f"{line} -o closed.csv --workers 2", cwd=tmp_path))
+    closed = '"$@" <&- >&- 2>&-'
+    output_of(run_in_shell(closed, f"{line} -o closed.csv --workers 2", cwd=tmp_path))
     assert (tmp_path / "closed.csv").read_bytes() == (tmp_path / "open.csv").read_bytes()
 
-    full = run_in_shell(">/dev/full", "simulate -o full.csv --subjects 1 --seed 1", cwd=tmp_path)
-    assert error_line(full).startswith("error: standard output: cannot be written (No space left")
+
+def test_a_full_standard_output_is_one_line_and_the_results_stay(tmp_path):
+    line = "simulate -o full.csv --subjects 1 --seed 1"
+    error = error_line(run_in_shell('"$@" >/dev/full', line, cwd=tmp_path))
+    assert error.startswith("error: standard output: cannot be written (No space left")
     assert (tmp_path / "full.csv").exists()
 
-    output_of(run_in_shell("| :", "--help"))  # into a program that reads nothing
+
+def test_output_into_a_program_that_reads_nothing_is_no_error():
+    output_of(run_in_shell('"$@" | :', "--help"))
 
 
-def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder, tmp_path):
+def test_run_needs_no_home_no_temporary_folder_and_no_letters_beyond_ascii(study_folder, tmp_path):
     """Libraries with a cache at home fail there, or leave a folder ~ in the working folder.
 
     The folders for these are below a file, so that nobody can make them, and text is ASCII.
@@ -95,9 +100,9 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder,
     plain |= dict.fromkeys(["HOME", "TMPDIR"], str(study_folder / "study.csv" / "home"))
     write_counts(tmp_path / "study.csv", quick_study(["\xe9"]))
     line = "run study.csv -o out --figures none --draws 100 --seed 1"  # the report has figures
-    output = output_of(call(*line.split(), cwd=tmp_path, **plain))
+    output = output_of(call(line, cwd=tmp_path, **plain))
     assert r"\xe9" in output  # a letter that ASCII lacks
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "study.csv"]
+    assert sorted(os.listdir(tmp_path)) == ["out", "study.csv"]
 
 
 def test_pipes_and_devices_are_refused(study_folder, tmp_path):
@@ -112,15 +117,13 @@ def test_a_working_folder_that_is_gone_is_refused_in_one_line(tmp_path):
     # The shell removes its working folder and then starts the command.
     removed = tmp_path / "gone"
     removed.mkdir()
-    script = f'cd "{removed}" && rmdir "{removed}" && "$@"'
-    words = ["sh", "-c", script, "sh", *PROGRAM, "check", "study.csv"]
-    finished = subprocess.run(words, capture_output=True, text=True)
+    finished = run_in_shell(f'cd "{removed}" && rmdir "{removed}" && "$@"', "check study.csv")
     assert "the working folder cannot be used" in error_line(finished)
 
 
 def test_python_without_docstrings_is_refused_in_one_line():
     # Python at the optimisation level 2 has no docstrings, from which the help is made.
-    finished = call("check", "study.csv", PYTHONOPTIMIZE="2", PYTHONDONTWRITEBYTECODE="1")
+    finished = call("check study.csv", PYTHONOPTIMIZE="2", PYTHONDONTWRITEBYTECODE="1")
     assert "unset the variable" in error_line(finished)
 
 
@@ -151,4 +154,4 @@ def test_names_that_no_output_can_have_are_refused(study_folder, line, message):
     finished = run_command(line, cwd=study_folder)
     assert (finished.returncode, finished.stdout) == (2, "")
     assert message in on_one_line(finished.stderr)
-    assert [path.name for path in study_folder.iterdir()] == ["study.csv"]
+    assert os.listdir(study_folder) == ["study.csv"]

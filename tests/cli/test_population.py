@@ -68,7 +68,9 @@ def test_the_command_writes_four_files_and_answers_with_mean_and_sd(screen, grou
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
 
 
-def test_files_are_those_of_the_group(screen, group_folder):
+def test_files_of_a_group_have_the_numbers_of_the_screen_and_no_subject_without_age(
+    screen, group_folder
+):
     # What the screen says is what the files have, and P005 without an age is left out.
     result = bt.load(group_folder / "group.nc")
     text = on_one_line(screen)
@@ -124,10 +126,12 @@ def test_a_group_with_divergent_trajectories_is_not_reliable(tmp_path, monkeypat
 def test_an_sd_near_zero_is_given_as_a_bound():
     # The draws of the SD of the constant error are set to 1 D, and those of the contraction to
     # values from .001 to .021, whose upper bound is 2 %.
-    group = made_result(simulated_group(1, n_subjects=6))
-    sd = group.draws.sd.copy()
-    sd[..., 0] = 1.0
-    sd[..., 1] = 0.001 + 0.02 * np.random.default_rng(1).uniform(size=sd.shape[:2])
+    group = made_result(simulated_group(seed=1, n_subjects=6))
+    sd = group.draws.sd.copy()  # (chains, draws, coefficients)
+    sd[..., group.index("constant_error")] = 1.0
+    sd[..., group.index("contraction")] = np.random.default_rng(1).uniform(
+        0.001, 0.021, sd.shape[:2]
+    )
     [line] = group_answer(replace(group, draws=replace(group.draws, sd=sd)))
     shift, _, contraction = line.partition("contraction")
     assert "], and the SD between subjects is at most 2 %. " in contraction
@@ -135,18 +139,18 @@ def test_an_sd_near_zero_is_given_as_a_bound():
 
 
 def test_conditions_of_a_group_have_a_line_and_a_table():
-    result = made_result(two_conditions(1, n_subjects=4))
-    lines = group_answer(result)
-    assert lines[1].startswith("Difference right - left in the group: PSE shift ")
-    assert lines[1].count("BF") == 3  # of constant error, contraction and JND
+    result = made_result(two_conditions(seed=1, n_subjects=4))
+    _, line = group_answer(result)
+    assert line.startswith("Difference right - left in the group: PSE shift ")
+    assert line.count("BF") == 3  # of constant error, contraction and JND
     (title, _, differences), (group, _, rows) = group_tables(result)
     assert title == "Differences between conditions"
     assert group == "4 subjects, median [95 % interval]"
     assert [row[0] for row in rows] == ["constant error", "contraction", "JND"]
 
-    # The rows are those of constant error, contraction and JND. The third cell has the difference
-    # with its interval. That of the JND is the difference of log noise, as a ratio.
-    _, _, (_, _, jnd_difference, *_) = differences
-    [ratio] = result.table.select("difference", "noise")
-    low, median, high = np.exp([ratio.q025, ratio.q50, ratio.q975])
-    assert jnd_difference == f"{median:.2f} [{low:.2f}, {high:.2f}]"
+    # The last row is that of the JND, whose difference is that of log noise, as a ratio.
+    *_, (_, label, difference_of_jnd, *_) = differences
+    assert label == "JND (ratio)"
+    [log_ratio] = result.table.select("difference", "noise")
+    low, median, high = np.exp([log_ratio.q025, log_ratio.q50, log_ratio.q975])
+    assert difference_of_jnd == f"{median:.2f} [{low:.2f}, {high:.2f}]"

@@ -1,5 +1,6 @@
 """The results folder of a study: figures, one report or an index with pages, explorer, group."""
 
+import os
 import re
 from dataclasses import replace
 
@@ -19,8 +20,9 @@ from bayes_toe.groups.regressors import Regressor, Regressors
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
 NO_FIGURES = {"figures": "none"}
-FIRST = RunContext()
-AGAIN = RunContext(overwrite=True)
+#: Writing into a folder that is not there, and into one with earlier results.
+NEW = RunContext()
+OVERWRITE = RunContext(overwrite=True)
 
 
 def text_of(folder, name="report.html"):
@@ -39,24 +41,26 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     analysis_with_problems, tmp_path, choice, subjects_with_figures, note
 ):
     # Of the subjects A, B and C, A does not fit and C is not interpreted: both are flagged.
-    out = write_results(analysis_with_problems, tmp_path / "out", FIRST, figures=choice)
+    out = write_results(analysis_with_problems, tmp_path / "out", NEW, figures=choice)
     assert sorted(file.stem for file in out.glob("corner/*")) == list(subjects_with_figures)
     assert (out / "corner").exists() == bool(subjects_with_figures)
+    assert set(os.listdir(out)) <= set(results_folder.PRODUCTS)
     text = text_of(out)
     # Two pictures of each subject with figures, and a line about them for each of the others.
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
     assert counts == (2 * len(subjects_with_figures), 3 - len(subjects_with_figures))
     assert note in text
+    require_sentences_and_small_figures(text)
 
-    # Paragraphs and definitions end with one point.
+
+def require_sentences_and_small_figures(text):
+    """Paragraphs and definitions of a report end with one point, and its figures load at once."""
     sentences = re.findall(r'(?:<p class="lead">|<dd>)(.*?)</(?:p|dd)>', text)
     assert len(sentences) > 8
     assert [words for words in sentences if not re.search(r"[^.]\.$", words)] == []
     figures = re.findall(r"<svg.*?</svg>", text)
-    # Among them is the figure of a poor fit. Each is small enough for a page that loads at once.
-    assert len(figures) == 4
-    assert max(map(len, figures)) < 90_000
-    assert {path.name for path in out.iterdir()} <= set(results_folder.PRODUCTS)
+    assert len(figures) == 4  # among them that of a poor fit
+    assert max(map(len, figures)) < 90_000  # characters
 
 
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
@@ -64,7 +68,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
 ):
     # Three subjects are too many for one page if it may have two: A and C are flagged.
     monkeypatch.setattr(report, "MAX_SUBJECTS", 2)
-    out = write_results(analysis_with_problems, tmp_path / "out", FIRST, figures="flagged")
+    out = write_results(analysis_with_problems, tmp_path / "out", NEW, figures="flagged")
     index = text_of(out)
     links = re.findall(r'href="subjects/([^"]+).html"', index)
     assert links[:3] == ["A", "C", "B"]  # flagged ones first
@@ -75,16 +79,18 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     # A does not fit one pair, B has no problem, and C is not interpreted.
     pages = [text_of(out / "subjects", f"{name}.html") for name in "ABC"]
     assert [text.count("data:image/png") for text in pages] == [2, 0, 2]
+    for text in pages:
+        assert 'href="../report.html#read"' in text
+    page_of_a, _, page_of_c = pages
     misfit = "For (s1, s2) = (0, 0.3), 90 % of the responses are &#39;equal&#39;, and the model"
-    assert misfit in pages[0]
-    assert "Not interpreted: responses look swapped" in pages[2]
-    assert "<code>--swap C:2</code>" in pages[2]
-    assert all('href="../report.html#read"' in text for text in pages)
-    assert 'href="../corner/A.png"' in pages[0]
+    assert misfit in page_of_a
+    assert 'href="../corner/A.png"' in page_of_a
+    assert "Not interpreted: responses look swapped" in page_of_c
+    assert "<code>--swap C:2</code>" in page_of_c
 
     # If the page may have three, there are no others, and the old ones are removed.
     monkeypatch.setattr(report, "MAX_SUBJECTS", 3)
-    write_results(analysis_with_problems, out, AGAIN, **NO_FIGURES)
+    write_results(analysis_with_problems, out, OVERWRITE, **NO_FIGURES)
     assert not [*out.glob("corner*"), *out.glob("subjects*")]
 
 
@@ -95,17 +101,18 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(analysis_with_pr
     covariates = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
     group = made_result(study, covariates, n_divergent=2)
 
-    # The spread of the accuracy between subjects is .3, but .1 to .2 in simulated groups: p = .004.
-    large_spread = Statistic("spread", "accuracy", 0.3, 0.1, 0.2, 0.004, is_above=True)
+    large_spread = Statistic(
+        "spread", "accuracy", observed=0.3, q05=0.1, q95=0.2, p_value=0.004, is_above=True
+    )
     out = write_results(
         replace(analysis_with_problems, group=group),
         tmp_path / "out",
-        FIRST,
+        NEW,
         (large_spread.warning,),
         **NO_FIGURES,
     )
-    section = text_of(out).partition('<summary id="group">')[2].partition('id="subjects"')[0]
-
+    _, _, text_from_group_on = text_of(out).partition('<summary id="group">')
+    section, _, _ = text_from_group_on.partition('id="subjects"')
     texts_in_order = [
         "not reliable</span>",
         "the group&#39;s result is not reliable: 2 of 1600 trajectories diverged",
@@ -125,7 +132,7 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(analysis_with_pr
     assert len(group_files) == 4
     assert min(path.stat().st_size for path in group_files) > 500
 
-    write_results(analysis_with_problems, out, AGAIN, **NO_FIGURES)
+    write_results(analysis_with_problems, out, OVERWRITE, **NO_FIGURES)
     assert 'id="group"' not in text_of(out)
     assert not list(out.glob("population*"))
 
@@ -142,7 +149,7 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(
 
     monkeypatch.setattr(results_folder, "explore", explore)
     out = write_results(
-        analysis_with_problems, tmp_path / "out", FIRST, has_explorer=True, **NO_FIGURES
+        analysis_with_problems, tmp_path / "out", NEW, has_explorer=True, **NO_FIGURES
     )
     assert text_of(out, "explorer.html") == "explored"
     assert explored == [analysis_with_problems.draws]
@@ -162,7 +169,7 @@ def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_pa
 
 def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
     # Words that only one of the two tasks has: those of same/different must be absent.
-    out = write_results(stronger, tmp_path / "out", FIRST)
+    out = write_results(stronger, tmp_path / "out", NEW)
     methods = text_of(out, "methods.md")
     limit = "a constant error and a response bias predict the same responses"
     assert limit in methods
@@ -188,10 +195,10 @@ def study_with_conditions():
 def folder_with_conditions(study_with_conditions, tmp_path_factory):
     """The results folder of the study with conditions."""
     analysis = bt.run(study_with_conditions, draws=100, seed=1)
-    return write_results(analysis, tmp_path_factory.mktemp("hands") / "out", FIRST, **NO_FIGURES)
+    return write_results(analysis, tmp_path_factory.mktemp("hands") / "out", NEW, **NO_FIGURES)
 
 
-def test_tables_of_a_run_with_conditions_have_them(folder_with_conditions):
+def test_tables_of_a_run_name_its_conditions(folder_with_conditions):
     contrast = pd.read_csv(folder_with_conditions / "contrast.csv")
     assert contrast[contrast.quantity == "constant error"].word.tolist() == ["differs"]
     assert contrast.seed.unique().tolist() == [1]
@@ -232,14 +239,14 @@ def test_report_and_methods_of_a_run_with_conditions_name_them(folder_with_condi
 
 
 def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(analysis, tmp_path):
-    # Only B, the second of three subjects, who has no poor fit.
+    # Only B, who has no poor fit.
     only_b = replace(
         analysis,
         study=analysis.study.select(["B"]),
         draws=analysis.draws["B"],
-        evidence=replace(analysis.evidence, rows=analysis.evidence.rows[1:2]),
+        evidence=replace(analysis.evidence, rows=(analysis.evidence["B"],)),
     )
-    text = text_of(write_results(only_b, tmp_path / "out", FIRST, **NO_FIGURES))
+    text = text_of(write_results(only_b, tmp_path / "out", NEW, **NO_FIGURES))
     assert 'type="search"' not in text
     assert 'class="misfits"' not in text
     assert "1 subject, 650 trials, same-different task, 13 pairs" in text

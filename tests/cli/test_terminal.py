@@ -26,6 +26,7 @@ from bayes_toe.cli.terminal import (
 @pytest.fixture
 def hundred_answers(analysis):
     """Answers of a hundred subjects S0 to S99: the blocks of S98 differ, and S99 does not fit."""
+    # The answers of A, B and C again and again.
     answers = [replace(analysis.answers[i % 3], subject=f"S{i}", problems={}) for i in range(100)]
     differs = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
     misfit = Problem("The model does not fit.", "--exclude S99")
@@ -37,7 +38,7 @@ def hundred_answers(analysis):
 def test_of_many_subjects_the_table_has_those_that_need_action(
     hundred_answers, capsys, monkeypatch
 ):
-    # In the answers of a hundred subjects, the blocks of S98 differ, and S99 does not fit.
+    # The blocks of S98 differ, and S99 does not fit.
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv", "--exclude", "S99:2"])
     print_subjects(Terminal(), hundred_answers, "evidence.csv")
     text = capsys.readouterr().out
@@ -52,9 +53,11 @@ def test_of_many_subjects_the_table_has_those_that_need_action(
 def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(hundred_answers):
     # Neither may a subject have a problem, such as S98 and S99, nor draws that did not converge.
     without_problems = hundred_answers[:98]
-    assert without_decision(without_problems, {}) == ["No subject needs a decision."]
+    all_converged = {}
+    sentence = ["No subject needs a decision."]
+    assert without_decision(without_problems, all_converged) == sentence
     assert without_decision(without_problems, {"S3": "R-hat 1.2"}) == []
-    assert without_decision(hundred_answers, {}) == []
+    assert without_decision(hundred_answers, all_converged) == []
 
 
 def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
@@ -63,7 +66,8 @@ def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
     # response is 1, 'undecided': half the models with it have carry-over, and half without it.
     log_evidence = np.where(EFFECT_MODELS["carry_over"], -1.5, 0.0)
     row = SubjectDependence("A", ("none", "contraction"), log_evidence, **sizes)
-    print_history(Terminal(), SerialDependence((row,), small_study, 1, bt.Prior()), "history.csv")
+    table = SerialDependence((row,), small_study, seed=1, prior=bt.Prior())
+    print_history(Terminal(), table, "history.csv")
     text = capsys.readouterr().out
     # Carry-over with rho, then the previous response with kappa.
     assert re.search(r"^A +probably not +- +undecided +.40 \[.20, .60\]$", text, re.MULTILINE)
@@ -80,10 +84,12 @@ def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeyp
     assert "! C  The draws did not converge: few draws." in text
 
 
-def test_notes_that_are_cut_say_so(capsys):
-    # Of 25 notes, 20 are printed.
+def test_of_25_notes_20_are_printed_and_the_others_counted(capsys):
+    # A note has a subject, a text and an option.
     Terminal().notes([("", f"note {i}", "") for i in range(25)])
-    assert "... and 5 more in the output" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert text.count("note ") == 20
+    assert "... and 5 more in the output" in text
 
 
 @pytest.mark.parametrize(
@@ -115,7 +121,8 @@ def test_notes_that_are_cut_say_so(capsys):
     ],
 )
 def test_tables_have_fixed_columns_and_fit_the_screen(headings, rows, expected):
-    lines = format_table(headings, rows, (1,))
+    # The second column has numbers, which are aligned to the right.
+    lines = format_table(headings, rows, numeric=[1])
     assert lines == expected
     assert max(map(cell_width, lines)) <= WIDTH
 
@@ -124,7 +131,8 @@ def test_an_estimate_stays_on_one_line_with_its_interval():
     # 13 words of 5 characters leave 15 columns of 80: 'PSE shift' stays, and the estimate begins a
     # new line.
     text = "word " * 13 + "PSE shift +0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
-    assert wrap_line(text)[1] == "+0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
+    _, second_line = wrap_line(text)
+    assert second_line == "+0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
 
 
 def test_an_option_stays_on_one_line_with_its_value():
@@ -159,6 +167,10 @@ def test_digits_end_where_the_error_begins(largest, n_effective, decimals, expec
 
 
 def test_subjects_that_need_action_are_flagged_with_the_reasons(analysis_with_problems):
-    # A does not fit, C is not interpreted, and the draws of B did not converge in the second case.
-    assert flagged(analysis_with_problems.answers) == {"A": ["poor fit"], "C": ["not interpreted"]}
-    assert flagged(analysis_with_problems.answers, {"B": "few draws"})["B"] == ["not converged"]
+    # A does not fit, C is not interpreted, and the draws of B did not converge.
+    not_converged = {"B": "few draws"}
+    assert flagged(analysis_with_problems.answers, not_converged) == {
+        "A": ["poor fit"],
+        "B": ["not converged"],
+        "C": ["not interpreted"],
+    }

@@ -141,7 +141,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize("call, message", REFUSED)
-def test_what_a_session_refuses(tmp_path, monkeypatch, call, message):
+def test_wrong_sessions_and_answers_are_refused(tmp_path, monkeypatch, call, message):
     monkeypatch.chdir(tmp_path)  # where old.json is, a file of an earlier version
     (tmp_path / "old.json").write_text('{"format": "bayes-toe adaptive 1"}')
     with pytest.raises(InputError) as caught:

@@ -3,12 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import BOTH_TASKS, problems
+from conftest import BOTH_TASKS, problems, refused
 
 import bayes_toe as bt
 from bayes_toe.design.observers import KINDS, assume_observers, make_observer, read_ranges
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
-from bayes_toe.errors import InputError
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 
@@ -111,7 +110,7 @@ def test_draws_of_an_earlier_study_are_observers(tmp_path):
             "contraction": 0.0,
             "constant_error": 0.0,
         }
-    with pytest.raises(InputError, match="draws of the task 'same/different'"):
+    with refused("draws of the task 'same/different'"):
         assume_observers(path, 1, 1, [PAPER_2AFC])
 
 
@@ -130,5 +129,5 @@ FAR_APART = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
     ],
 )
 def test_observers_that_are_refused(observers, size, design, message):
-    with pytest.raises(InputError, match=message):
+    with refused(message):
         assume_observers(observers, size, seed=1, designs=[design])

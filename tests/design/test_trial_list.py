@@ -6,13 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import refusal_of, run_ok
-from conftest import columns
+from conftest import columns, refused
 from populations import grid_design
 
 import bayes_toe as bt
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.design.trial_list import trial_list
-from bayes_toe.errors import InputError
 
 DESIGNS = {
     "paper": paper_study_design(),
@@ -126,5 +125,5 @@ def test_each_condition_has_all_pairs():
     ],
 )
 def test_what_cannot_be_listed_is_refused(n_trials, options, message):
-    with pytest.raises(InputError, match=message):
+    with refused(message):
         trial_list(StudyDesign([0, 0], [0, 1], n_trials), seed=1, **options)

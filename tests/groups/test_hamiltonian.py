@@ -57,14 +57,14 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
 
     rng = default_rng(2)
     start = np.abs(rng.standard_normal((8, 3)))  # above the cliff
-    sampler = Hamiltonian(cliff, start, Metric(1, 1, 2), rng)
+    sampler = Hamiltonian(cliff, start, Metric(n_shared=1, n_blocks=1, block_size=2), rng)
     x, n_divergent = advanced(sampler, (8, 200, 3))
     assert n_divergent > 0
     assert x[..., 0].min() > 0.0
 
 
 def test_last_bits_do_not_change_the_draws_of_a_group():
-    study = simulated_group(1, n_subjects=3)
+    study = simulated_group(seed=1, n_subjects=3)
     posterior = group_posterior(study, Hyperprior(), np.zeros((3, 0)))
     rows = posterior.rows
 
@@ -79,7 +79,8 @@ def test_last_bits_do_not_change_the_draws_of_a_group():
         metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
         sampler = Hamiltonian(density, posterior.start(4, rng), metric, rng)
         sampler.warm_up()
-        return advanced(sampler, (4, 50, posterior.n_coordinates))[0]
+        draws, _ = advanced(sampler, (4, 50, posterior.n_coordinates))
+        return draws
 
     # Trajectories of 50 draws multiply the error, but no decision of the warm-up turns on it.
     assert warm_trace(1e-14) == pytest.approx(warm_trace(0.0), abs=1e-5)
@@ -103,18 +104,18 @@ def test_draws_that_are_not_reliable_say_why():
 
 
 def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
-    study = simulated_group(1, n_subjects=3, n_each=20)
+    study = simulated_group(seed=1, n_subjects=3)
     posterior = group_posterior(study, Hyperprior(), np.zeros((3, 0)))
 
     def sample():
-        return sample_group(posterior, 40, default_rng(1))
+        return sample_group(posterior, n_draws=40, rng=default_rng(1))
 
     # A short warm-up, and limits that any draws meet.
     monkeypatch.setattr(group_sampler, "_ROUNDS", (10, 10))
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 9.0)
     monkeypatch.setattr(group_sampler, "MIN_EFFECTIVE_DRAWS", 0)
     first = sample()
-    assert first.mean.shape == (4, 10, 3)  # chains, draws, coefficients
+    assert first.mean.shape == (4, 10, 3)  # 4 chains of 10 draws, 3 coefficients
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)  # which no draws meet
     longer = sample()
     assert longer.mean.shape == (4, 20, 3)

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from conftest import problems
+from conftest import problems, refused
 
 from bayes_toe.data.covariates import read_covariates
-from bayes_toe.errors import InputError
 from bayes_toe.groups.regressors import regressors
 
 NAMES = tuple("abcdefgh")
@@ -80,7 +79,7 @@ def test_numbers_are_levels_where_it_is_asked_for_or_where_one_is_a_text():
 
 
 def test_a_categorical_covariate_that_is_not_there_is_refused():
-    with pytest.raises(InputError, match="categorical: found 'doze', allowed: 'dose'"):
+    with refused("categorical: found 'doze', allowed: 'dose'"):
         regressors({"dose": DOSES}, NAMES, categorical=["doze"])
 
 
@@ -126,6 +125,6 @@ def test_covariates_that_cannot_be_used_are_refused_in_one_line(columns, message
     assert line.startswith(message)
 
 
-def test_no_number_from_python_is_not_finite():
-    with pytest.raises(InputError, match="covariate age: found a number that is not finite"):
+def test_a_number_from_python_that_is_not_finite_is_refused():
+    with refused("covariate age: found a number that is not finite"):
         regressors({"age": {**AGES, NAMES[0]: float("nan")}}, NAMES)

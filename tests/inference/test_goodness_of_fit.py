@@ -50,7 +50,7 @@ def test_the_deviance_agrees_with_fifty_digits(count, power, is_near):
     assert deviance == pytest.approx(float(expected), rel=1e-15, abs=rounding)
 
 
-def test_deviance_of_answers_that_are_impossible_or_all_but():
+def test_the_deviance_of_impossible_answers_is_infinite_and_of_all_but_impossible_ones_is_not():
     # 3 'equal' of 5 at q = e^-2000: 2 [3 (ln 0.6 + 2000) + 2 ln 0.4].
     expected = 2 * (3 * (np.log(0.6) + 2000) + 2 * np.log(0.4))
     assert float(gof.binomial_deviance(3, 5, -2000.0, -0.0)) == pytest.approx(expected, rel=1e-14)
@@ -62,7 +62,7 @@ def test_deviance_of_answers_that_are_impossible_or_all_but():
     assert always.tolist() == [np.inf, np.inf, np.inf, 0.0]
 
 
-def test_p_values_where_all_answers_are_certain():
+def test_where_all_answers_are_certain_the_p_value_is_0_or_1():
     # Trials, log q and log (1 - q) of two pairs of which 'equal' is impossible.
     session = [10, 10], np.array([-np.inf, -np.inf]), np.zeros(2)
     assert gof.deviance_p_value(np.inf, 1, *session) == 0.0
@@ -78,13 +78,11 @@ def test_p_values_of_the_deviance_are_right_in_simulated_sessions(n_trials, q, n
     P(p < 0.01) is 0.01, to 4 standard errors, and 0.005 because the reference is a scaled
     chi-square, which has the mean and the variance but not the shape.
     """
-    session = (
-        np.full(n_pairs, n_trials),
-        np.full(n_pairs, np.log(q)),
-        np.full(n_pairs, np.log1p(-q)),
-    )
+    n = np.full(n_pairs, n_trials)
+    log_probabilities = np.log(q), np.log1p(-q)  # of both answers to each pair
     counts = default_rng(3).binomial(n_trials, q, (2000, n_pairs))
-    deviances = gof.binomial_deviance(counts, n_trials, *session[1:]).sum(axis=1)
+    deviances = gof.binomial_deviance(counts, n, *log_probabilities).sum(axis=1)
+    session = n, *(np.full(n_pairs, log_p) for log_p in log_probabilities)
     p_values = np.array([gof.deviance_p_value(value, n_pairs, *session) for value in deviances])
     error = 4 * np.sqrt(0.01 * 0.99 / 2000)
     assert (p_values < 0.01).mean() == pytest.approx(0.01, abs=0.005 + error)
@@ -105,12 +103,12 @@ def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
     assert fit.degrees_of_freedom == subject.n_pairs - 4  # four parameters
     assert (fit.fit_p < 0.001) == is_bent
 
-    worst = fit.worst[0]
+    worst, *_ = fit.worst
     is_worst = (subject.s1 == worst.s1) & (subject.s2 == worst.s2)
     assert worst.observed == (subject.n_yes / subject.n_trials)[is_worst]
 
 
-def test_no_more_pairs_than_parameters_have_no_p():
+def test_a_fit_of_no_more_pairs_than_parameters_has_no_p_value():
     posterior = bt.model.paper_posterior(hard_cases()["single pair"])
     fit = gof.summarise_fit(posterior, np.zeros((5, 4)), np.zeros(4))
     assert fit.degrees_of_freedom == -3  # one pair, four parameters
@@ -137,6 +135,7 @@ def test_sound_observers_are_flagged_as_often_as_the_limit_says(task):
         subjects.append(observer.answers(design, seed))
 
     n_flagged = 0
-    for evidence in order_evidence(subjects, seed=1, precision=Precision(0.2, 100.0, 1000)):
+    coarse = Precision(standard_error=0.2, effective_draws=100.0, most_draws=1000)
+    for evidence in order_evidence(subjects, seed=1, precision=coarse):
         n_flagged += best_model_fit(evidence, seed=1).fit_p < 0.05
     assert n_flagged <= 10

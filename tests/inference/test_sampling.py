@@ -28,7 +28,7 @@ def funnel():
 
 
 @pytest.mark.parametrize("name", ["S01", "S14"])
-def test_far_tails_do_not_come_in_lumps(name):
+def test_every_chain_has_its_share_of_draws_in_the_far_tail(name):
     """An independence sampler sticks where the proposal is thin.
 
     So each chain of a small sample must have about the share beyond the 99.7 % quantile that it
@@ -115,7 +115,7 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funn
     assert error <= quantile_limit
 
 
-def test_a_limit_beyond_the_reach_of_the_draws_is_said_with_those_that_do(funnel, quantile_limit):
+def test_draws_that_are_too_few_for_a_limit_say_how_many_would_do(funnel, quantile_limit):
     limit = 0.5 * quantile_limit
     short, _ = chains_and_error(funnel, 5000, limit)
     assert (short.converged, short.reason, short.thin) == (True, "", 1)  # no pass was in vain

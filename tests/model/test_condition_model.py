@@ -44,9 +44,10 @@ TWO_CONDITIONS = models_in_conditions(((15, 4), (19, 9)), ([0.0, 0.5], [0.5, 0.0
 
 def models_of_two_tasks():
     """The models of a subject with answers to both tasks, between which nothing differs."""
+    n_second, (_, *n_equal), _ = COUNTS  # the first pair is not shown in the second task
     units = [
-        bt.Subject("S@a", S1, S2, COUNTS[0], [12] * 5, task=WHICH_STRONGER, condition="a"),
-        bt.Subject("S@b", S1[1:], S2[1:], COUNTS[1][1:], [12] * 4, condition="b"),
+        bt.Subject("S@a", S1, S2, n_second, [12] * 5, task=WHICH_STRONGER, condition="a"),
+        bt.Subject("S@b", S1[1:], S2[1:], n_equal, [12] * 4, condition="b"),
     ]
     return ConditionModels(with_shared_scales(units), np.zeros((2, 0)))
 
@@ -98,13 +99,15 @@ def test_what_does_not_differ_has_no_prior_and_stays_at_0():
     points = array.prior_points(probability)  # (models, points, coordinates)
     is_difference = [name.startswith("noise ") for name in array.names]
     k = len(models.parameters)  # coordinates that all conditions share come first
-    assert not points[0, :, k:].any()
-    assert points[1, :, is_difference].all()
+    alike, differing = points
+    assert not alike[:, k:].any()
+    assert differing[:, is_difference].all()
 
-    log_prior = array.log_prior(points)
-    assert log_prior[0] == pytest.approx(models.shared.log_prior(points[0, :, :k]))
-    of_differences = stats.norm.logpdf(points[1][:, is_difference]).sum(axis=1)
-    assert log_prior[1] == pytest.approx(models.shared.log_prior(points[1, :, :k]) + of_differences)
+    log_prior_of_alike, log_prior_of_differing = array.log_prior(points)
+    assert log_prior_of_alike == pytest.approx(models.shared.log_prior(alike[:, :k]))
+    shared = models.shared.log_prior(differing[:, :k])
+    of_differences = stats.norm.logpdf(differing[:, is_difference]).sum(axis=1)
+    assert log_prior_of_differing == pytest.approx(shared + of_differences)
 
 
 def test_the_prior_sd_of_the_difference_of_any_two_levels_is_half_a_unit():

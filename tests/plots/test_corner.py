@@ -1,12 +1,11 @@
 """Corner plots, by what is drawn in them and where."""
 
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from conftest import five_pairs
+from commands import run_python
+from conftest import five_pairs, refused
 from legible import marks_of, require_legible, words_of
 from matplotlib.figure import Figure
 from matplotlib.path import Path
@@ -14,7 +13,6 @@ from matplotlib.text import Text
 from numpy.random import default_rng
 
 import bayes_toe as bt
-from bayes_toe.errors import InputError
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.plots.corner import OVERLAID, TRUTH, contour_grid
 
@@ -46,13 +44,14 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
     for ax, name in zip(axes[-1], TRUE, strict=True):
         assert ax.get_xlabel().startswith(QUANTITY_BY_NAME[name].symbol)
     for ax, (name, value) in zip(axes.diagonal(), TRUE.items(), strict=True):
-        assert ax.get_xlim()[0] < value < ax.get_xlim()[1]
+        low, high = ax.get_xlim()
+        assert low < value < high
         x_of_lines = [line.get_xdata()[0] for line in ax.lines]
         # Vertical lines stand at the median, the ends of the 95 % interval and the true value.
         quantiles = np.quantile(analysis.draws.values("A", name), [0.025, 0.5, 0.975])
         for x in (*quantiles, value):
             assert np.isclose(x_of_lines, x).any()
-    assert axes[3, 3].get_xlim()[1] <= 1.0  # q0 is a probability
+    assert high <= 1.0  # the last one, q0, is a probability
     assert "prior\ntrue value" in legend_text(figure)
 
 
@@ -107,7 +106,7 @@ def test_contours_hold_their_shares_of_the_draws(draw, n):
 )
 def test_wrong_options_of_a_corner_plot_are_refused(analysis, options, message):
     # One option of the corner plot of subject A is wrong.
-    with pytest.raises(InputError, match=message):
+    with refused(message):
         bt.plots.corner(analysis.draws, **{"subject": "A"} | options)
 
 
@@ -133,18 +132,19 @@ def test_only_true_values_that_are_known_are_shown(analysis):
     figure = bt.plots.corner(
         analysis.draws, "A", coordinates=["mu1", "gain"], truths={"A": {"mu1": -0.7}}
     )
-    # Of two by two panels, 0 is that of mu1 and 3 that of the gain.
-    assert true_values_in(figure.axes[0]) == ([-0.7], [])
+    # Two by two panels, of which the first is that of mu1 and the last that of the gain.
+    panel_of_mu1, *_, panel_of_gain = figure.axes
+    assert true_values_in(panel_of_mu1) == ([-0.7], [])
     # The gain follows from sigma_p and sigma_l, not from mu1.
-    x_of_true_gains, _ = true_values_in(figure.axes[3])
-    assert x_of_true_gains == []
+    assert true_values_in(panel_of_gain) == ([], [])
     assert "true value" in legend_text(figure)
     assert "true value" not in legend_text(bt.plots.corner(analysis.draws, "A", coordinates=["q0"]))
 
 
 def test_a_true_value_far_from_all_draws_is_within_its_panel(analysis):
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"A": {"q0": 0.001}})
-    assert figure.axes[0].get_xlim()[0] < 0.001
+    low, _ = figure.axes[0].get_xlim()
+    assert low < 0.001
 
 
 # --- several subjects in the same panels ----------------------------------------------------------
@@ -162,12 +162,12 @@ def test_several_subjects_share_their_panels(analysis):
             median = np.median(analysis.draws.values(subject, name))
             assert np.isclose(x_of_lines, median).any()
             assert ax.get_xlim()[0] < median < ax.get_xlim()[1]
-    # A square marks the true gain and offset of C, the second subject. The gain follows from the
-    # ratio of sigma_l, .17, and sigma_p, .25.
+    # A square in the panel of gain and offset marks their true values of C, the second subject.
+    # The gain follows from the ratio of sigma_l, .17, and sigma_p, .25.
     *_, square = marks_of(axes[1, 0], "s")
     _, (colour_of_c, _), *_ = OVERLAID
     assert square.get_color() == colour_of_c
-    assert square.get_xdata()[0] == pytest.approx(bt.model.gain((0.17 / 0.25) ** 2))
+    assert square.get_xdata() == pytest.approx([bt.model.gain((0.17 / 0.25) ** 2)])
     assert "A, median\nC, median\n50 and 95 % of the draws\nprior\ntrue values" in legend_text(
         figure
     )
@@ -192,9 +192,7 @@ print(corner_package().__name__, len(lost) in (0, 2))  # ArviZ 1.x notes nothing
 def test_two_processes_may_import_arviz_for_the_first_time_of_a_day(tmp_path):
     # In a new cache, ArviZ notes the day at its import. The script imitates a second process.
     fresh = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
-    finished = subprocess.run(
-        [sys.executable, "-c", _AT_ONCE], env=fresh, capture_output=True, text=True, check=False
-    )
+    finished = run_python("-c", _AT_ONCE, env=fresh)
     assert (finished.stdout.split(), finished.stderr) == (["corner", "True"], "")
 
 
@@ -208,8 +206,8 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(small_study):
     labels = [ax.get_xlabel() for ax in figure.axes[-3:]]  # of the lowest row
     assert labels == ["constant error $c$, %", "contraction, %", "JND, %"]
     assert "model 'both'" in legend_text(figure)
-    # Panel 4 is the middle one of three by three: a contraction of .1 is 10 %.
-    assert true_values_in(figure.axes[4]) == ([10.0], [])
+    panel_of_contraction = figure.axes[4]  # the middle one of three by three
+    assert true_values_in(panel_of_contraction) == ([10.0], [])  # .1 is 10 %
     # All seven parameters of the model: 7 by 7 panels.
     assert len(bt.plots.corner(draws, ["A", "B"], coordinates="identified").axes) == 49
 
@@ -219,7 +217,8 @@ def test_offsets_and_powers_of_ten_stand_beside_the_names_of_axes():
     figure = bt.plots.corner(bt.sample(bt.Study([subject]), draws=300, seed=1), "A")
     # Stimuli are near 20.72 and differ by 2e-5: ticks of mu1 have an offset, and those of all three
     # parameters in this unit a power of ten. The last parameter, q0, has no unit.
-    labels = [ax.get_xlabel() for ax in figure.axes[-4:-1]]
-    assert "2.072" in labels[0]
-    assert all("10^{" in label for label in labels)
+    mu1, sigma_p, sigma_l = (ax.get_xlabel() for ax in figure.axes[-4:-1])  # of the lowest row
+    assert "2.072" in mu1
+    for label in (mu1, sigma_p, sigma_l):
+        assert "10^{" in label
     require_legible(figure)
