@@ -563,7 +563,7 @@ def columns_to_read(
             f"column {display_name(response)}: found as response, though it seems to say right or "
             "wrong."
         )
-        return roles_read, problems, _score_remedies([response])
+        return roles_read, problems, score_remedies([response])
 
     unordered = unordered_stimuli(names, options, columns)
     if unordered:
@@ -1006,7 +1006,7 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     return "", 0
 
 
-def _score_remedies(names: Texts) -> list[Remedy]:
+def score_remedies(names: Texts) -> list[Remedy]:
     """Options to type if these columns say right or wrong."""
     return [
         Remedy("correct", name, f"if {display_name(name)} says right or wrong (2AFC)")
@@ -1034,7 +1034,7 @@ def _columns_remedies(
         return []
     replacements = {
         "subject": [Remedy("subject_from", "{}.*", "if the name of the file is the subject")],
-        "response": _score_remedies(names_like([column.name for column in columns], "correct")),
+        "response": score_remedies(names_like([column.name for column in columns], "correct")),
     }
     names_by_role = {role: stimuli.get(role) or _likely_names(columns, role) for role in roles}
     # Roles that no column seems to have. If other options can stand for all of them, and other

@@ -574,7 +574,7 @@ def _trial_study(rows: _Rows) -> Study:
     if options.has_standard and "response" in rows.columns:
         column = rows.order.answers_by_interval(table, column, options)
     difference = np.diff(rows.pairs)[:, 0]
-    answers = responses(table, column, task_column, options, difference, rows.order)
+    answers = responses(table, column, task_column, options, rows.subject, difference, rows.order)
     answers, missed_signs = without_missed(answers, column, rows.response_signs, options.missed)
 
     # Rows without a response, such as instruction screens, may hold anything else.

@@ -27,6 +27,8 @@ from bayes_toe.data.column_roles import (
     is_no_response,
     looks_like,
     named_places,
+    names_like,
+    score_remedies,
     without_accents,
 )
 from bayes_toe.data.messages import (
@@ -112,6 +114,7 @@ def responses(
     column: Column,
     task_column: Column | None,
     options: ReadOptions,
+    subject: Column,
     difference: FloatArray,
     order: StandardOrder,
 ) -> Responses:
@@ -125,7 +128,7 @@ def responses(
     task = stated_task or task_with(_words_by_answer(column)) or SAME_DIFFERENT
     if not has_scores:
         names = task.answers
-        words = tuple(_WORDS[answer] for answer in names)
+        words = tuple(map(_WORDS.__getitem__, names))
     else:  # the column says right or wrong
         names = ("right", "wrong")
         words = _RIGHT_WRONG
@@ -134,7 +137,8 @@ def responses(
 
     # What the codes mean is asked for, or else which code is missing.
     rise = np.nan_to_num(difference)
-    trends = {"equal_code": -abs(rise), "second_code": rise}
+    is_opposite = _has_opposite_keys(column, subject, rise)
+    trends = {"equal_code": -abs(rise), "second_code": rise * ~is_opposite}
     if options.has_standard:
         trends["comparison_code"] = np.where(order.is_first, rise, -rise)
     problem = ""
@@ -148,11 +152,20 @@ def responses(
         remedies = _with_mirrored(remedies, column, order, options)
 
     if problem:
+        others = join_names(subject.only(is_opposite).texts, max_items=4)
+        best = remedies[:1]
+        if others and "second_code" in chain(*best):
+            problem += (
+                f" In {others} they seem to mean the opposite, as where keys are counterbalanced: "
+                "--correct COLUMN needs no codes; if there is none, check then proposes --swap for "
+                "these subjects."
+            )
+            remedies = score_remedies(names_like(table.columns, "correct")) + best
         table.problems.ask(f"{column}: {problem}", remedies)
     else:  # each unknown text is a problem of its rows
         rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
-            rule += f"; other codes by {', '.join(f'--{name}-code' for name in names)}"
+            rule += f"; other codes by --{'-code, --'.join(names)}-code"
         table.fault(column, answer_index == _UNKNOWN, rule)
         table.problems.remedies += remedies
 
@@ -169,6 +182,28 @@ def responses(
     is_answered &= ~is_unscorable
     is_second = answer_index == _SECOND
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
+
+
+def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> BoolArray:
+    """Whether each row is of a subject whose responses follow s2 - s1 the other way round.
+
+    That is, other than in most, as where keys are counterbalanced between subjects. Of those who
+    guess, it is one in 700.
+
+    Examples
+    --------
+    >>> column = Column.from_texts("key", "jjjfff" * 4 + "fffjjj" * 3)
+    >>> subject = Column.from_texts("subject", "a" * 24 + "b" * 18)
+    >>> rise = np.array([1, 2, 3, -1, -2, -3] * 7)
+    >>> subject.only(_has_opposite_keys(column, subject, rise)).texts
+    ['b']
+    """
+    deviation = rise - rise.mean()
+    is_code = column.matches(_frequent(column)[:1])
+    trend = np.bincount(subject.codes, deviation * (is_code - 0.5))
+    # The SD of guesses is half of the root.
+    root = np.bincount(subject.codes, deviation**2) ** 0.5
+    return (trend * np.copysign(1.0, trend.sum()) < -1.5 * root)[subject.codes]
 
 
 def _require_two_answers(

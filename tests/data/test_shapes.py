@@ -477,6 +477,11 @@ NOTE_BY_NAME = dict(text_table(NOTES))
 
 #: The name of a file with options, its content, and parts of what is said, with what helps.
 REFUSED = {
+    "opposite_keys.csv": (
+        "subject,s1,s2,key,correct\n" + "a,0,1,j,1\na,1,0,f,1\n" * 8 + "b,0,1,f,1\nb,1,0,j,1\n" * 8,
+        "In b they seem to mean the opposite, as where keys are counterbalanced: --correct",
+        "type:  --columns response=key --correct correct ",
+    ),
     "responses_and_trials.csv": (
         IN_LOGS.assign(n_trials=40),
         "column n_trials: found beside responses, allowed: one row for each response of a",
