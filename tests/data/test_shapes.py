@@ -527,7 +527,7 @@ REFUSED = {
     "right_if_equal.csv --correct correct": (
         "subject,s1,s2,correct\na,0,0,0\n" + "a,0,0,1\n" * 9 + "a,0,0.3,1\na,0.3,0,0\n" * 20,
         "column correct: found 9 right and 1 wrong answers to equal stimuli",
-        "add a column response and leave --correct out",
+        "add a column with 'same' in these rows and 'different'",
     ),
     "codes_of_two_labs.csv": (
         "subject,s1,s2,response\na,0,1,1\na,1,0,0\nb,0,1,2\nb,1,0,1\n",
