@@ -926,11 +926,10 @@ WARNED = {
     "--condition modality": IN_LOGS.assign(modality=["light", "sound"] * 40),
     "--condition task": (
         "subject,task,s1,s2,response\na,time,0,0.3,first\na,time,0.3,0,second\n"
-        "a,force,5,5.3,second\na,force,5.3,5,first\n"
+        "a,force,5,5.3,second\na,force,5.3,5,first\n" * 5
     ),
     "percentages": COUNTS.assign(n_second=np.arange(len(COUNTS)), n_trials=100),
-    "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
-    "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
+    "--condition Pause_ms": IN_LOGS.assign(Pause_ms=[600, 1200] * 40),
     "If it has correct answers, --columns": IN_LOGS.assign(response=CORRECT_ANSWERS),
     "column response is read, and not column response_2, which has the same codes.": IN_LOGS.assign(
         response_2=TRIALS.response
