@@ -85,6 +85,8 @@ def looks_like(name: str, role: str) -> bool:
     --------
     >>> looks_like("key_resp.keys", "response"), looks_like("amp_standard", "standard")
     (True, True)
+    >>> looks_like("Comp_Time", "comparison"), looks_like("comp_onset_time", "comparison")
+    (True, False)
     """
     plain = plain_name(name.removeprefix("values."))  # as Inquisit writes it
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
@@ -99,9 +101,10 @@ def looks_like(name: str, role: str) -> bool:
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
         return re.search("|".join(parts), plain) is None
 
-    # The standard or the comparison itself, not its position and not a time or a response.
+    # The standard or the comparison itself, which may be a time, not its position or a response.
     words = named_places(name)
-    return words.stimuli == [role] and not words.places and _may_be_stimulus(name)
+    without_time = re.sub("(?i)time", "", name)
+    return words.stimuli == [role] and not words.places and _may_be_stimulus(without_time)
 
 
 def names_like(names: Iterable[str], role: str) -> list[str]:
