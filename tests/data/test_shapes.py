@@ -655,6 +655,10 @@ REFUSED = {
         "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
         "found whole numbers from 12 to 14, allowed: natural logs or a unit\ntype:  --unit a.u.",
     ),
+    "two_units.csv --unit ms": (
+        "subject,s1,s2,response\na,70 dB,55 dB,first\na,300 ms,400 ms,second\n",
+        "the stimuli have the units 'dB', 'ms', allowed: one unit, such as that of the rows",
+    ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
         "the stimuli have the unit 'dB'.\n",
@@ -923,7 +927,6 @@ ADVISED = {
 
 #: Tables, and what the screen of `check` warns of.
 WARNED = {
-    "--condition modality": IN_LOGS.assign(modality=["light", "sound"] * 40),
     "--condition task": (
         "subject,task,s1,s2,response\na,time,0,0.3,first\na,time,0.3,0,second\n"
         "a,force,5,5.3,second\na,force,5.3,5,first\n" * 5
@@ -1067,7 +1070,7 @@ def test_the_first_advice_reads_a_table(name, tmp_path):
 
 @pytest.mark.parametrize("part", WARNED)
 def test_a_shape_that_may_mislead_is_warned_of(part, tmp_path):
-    # A key of WARNED is a part of the warning, such as '--condition modality', and its value a
+    # A key of WARNED is a part of the warning, such as '--condition task', and its value a
     # table.
     result = result_of_check(tmp_path, "study.csv", WARNED[part])
     assert result.returncode == 0
