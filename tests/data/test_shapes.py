@@ -246,6 +246,9 @@ FORMATTED_ROWS = "".join(map(FORMATTED_ROW.format, range(100, 50_000)))
 #: The name of a file with the options that are typed after it, and its content: a table is written
 #: as CSV, records as JSON.
 READ = {
+    "dots.csv --columns s1=n_first,s2=n_second --unit ln": labelled(
+        IN_LOGS, s1="n_first", s2="n_second"
+    ),
     "frequencies.csv": FREQUENCIES,
     "no_trials_without_frequency.csv": pd.concat(
         [FREQUENCIES, FREQUENCIES[:1].assign(response="first", s2=2.0, Freq=0)]
