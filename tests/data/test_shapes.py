@@ -778,7 +778,7 @@ REFUSED = {
     "columns_of_subjects.csv": (
         "w1_s1,w2_s1,resp_s1,w1_s2,w2_s2,resp_s2\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
         "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME  with the names in your file",
-        "if it has one for each subject, make the table long\n       --subject-from",
+        "if it has one for each subject, make the table long: a subject, a pair and its response",
     ),
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
