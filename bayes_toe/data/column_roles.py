@@ -85,6 +85,8 @@ def looks_like(name: str, role: str) -> bool:
     --------
     >>> looks_like("key_resp.keys", "response"), looks_like("amp_standard", "standard")
     (True, True)
+    >>> looks_like("Comp_Time", "comparison"), looks_like("comp_onset_time", "comparison")
+    (True, False)
     """
     plain = plain_name(name.removeprefix("values."))  # as Inquisit writes it
     if plain == role.replace("_", "") or plain in VOCABULARY["columns"].get(role, ()):
@@ -99,9 +101,10 @@ def looks_like(name: str, role: str) -> bool:
         parts = (*VOCABULARY["psychopy"]["other_parts"], *VOCABULARY["practice"]["texts"])
         return re.search("|".join(parts), plain) is None
 
-    # The standard or the comparison itself, not its position and not a time or a response.
+    # The standard or the comparison itself, which may be a time, not its position or a response.
     words = named_places(name)
-    return words.stimuli == [role] and not words.places and _may_be_stimulus(name)
+    without_time = re.sub("(?i)time", "", name)
+    return words.stimuli == [role] and not words.places and _may_be_stimulus(without_time)
 
 
 def names_like(names: Iterable[str], role: str) -> list[str]:
@@ -353,6 +356,12 @@ _LETTERS = {
 _NUMBER_OF_TRIAL = (
     r"(?i)\d+|.*\d_(?:[pqrst]|rep|trial|item|vpn?|sub|subj|subject|participant)_?\d+|q\d+_\d+"
 )
+#: What to do if no column of a file has a role.
+_HINTS = {
+    "subject": "if it has one for each subject, make the table long: a subject, a pair and its "
+    "response, or its counts n_second and n_trials, in each row",
+    "s1": "both stimuli of each trial are needed: neither one alone nor a difference is enough",
+}
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
 #: Shapes of names with two numbers, of which none is that of a question, trial or subject, as in
@@ -676,6 +685,8 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     >>> _answer_roles(["n_first", "n_second"], ReadOptions())
     ['n_second', 'n_first']
     """
+    # What an option takes as a stimulus is no count: n_first and n_second may be numbers of dots.
+    names = list(filterfalse(set(options.stimulus_names).__contains__, names))
     if options.correct is not None:
         return ["correct"]
     if "n_correct" in options.columns:  # only by the option: it may count a same-different task
@@ -1045,14 +1056,11 @@ def _columns_remedies(
         for role in blank_roles:
             del names_by_role[role]
 
+    hints = list(filter(None, map(_HINTS.get, blank_roles)))
     by_name = []
     for names in product(*names_by_role.values()):
-        meaning = (
-            "with the names in your file; if it has no such column, add one; if it has one for "
-            "each subject, make the table long"
-            if "NAME" in names
-            else ""
-        )
+        meaning = "with the names in your file; if it has no such column, add one"
+        meaning = "; ".join([meaning, *hints]) if "NAME" in names else ""
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
     other_options = []
     for role in names_by_role:

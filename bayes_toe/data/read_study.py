@@ -601,7 +601,7 @@ def _trial_study(rows: _Rows) -> Study:
         notes.append(Note((n_blank, "row"), " without stimuli and response left out"))
     causes = missed_texts + missed_signs
     notes += dropped_notes(rows.subject, ~has_response & has_stimuli, "without a response", causes)
-    equal_stimuli = "with equal stimuli, of which no answer is right,"
+    equal_stimuli = "with equal stimuli, of which no answer is right in 2AFC,"
     notes += dropped_notes(rows.subject, answers.is_unscorable, equal_stimuli)
     responding = {"", *rows.subject.only(answers.is_answered).texts}
     absent = [display_name(text) for text in rows.subject.texts if text not in responding]

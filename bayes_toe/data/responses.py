@@ -174,7 +174,8 @@ def responses(
     is_answered = answer_index != _MISSING
     is_unscorable = np.zeros(len(answer_index), bool)
     if has_scores:  # 'yes' is 'right' so far, and becomes the answer that the task counts
-        note[-1] = f"), '{task.yes}' or '{task.no}' by the sign of s2 - s1"
+        task, by_what = _task_of_scores(table.columns.values(), is_yes, difference == 0.0)
+        note[-1] = f"), '{task.yes}' or '{task.no}' by {by_what}"
         right_answer = task.right(difference)
         is_unscorable = is_answered & (right_answer == 0)
         _require_two_answers(table, column, is_yes[is_unscorable], is_answered)
@@ -206,6 +207,23 @@ def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> Boo
     return (trend * np.copysign(1.0, trend.sum()) < -1.5 * root)[subject.codes]
 
 
+def _task_of_scores(
+    columns: Iterable[Column], is_right: BoolArray, is_equal: BoolArray
+) -> tuple[Task, str]:
+    """The task of answers that are right or wrong, and what tells which answer each one was.
+
+    It is same/different if a column says 'same' where stimuli are equal, 'different' or nothing
+    elsewhere, and some answer to equal ones is right, which none is in 2AFC.
+    """
+    for column in columns:
+        words = _words_by_answer(column)
+        is_same = column.matches([words.get("equal", "")])
+        tells_equal = task_with(words) == SAME_DIFFERENT and (is_same == is_equal).all()
+        if tells_equal and is_right[is_same].any():
+            return SAME_DIFFERENT, f"whether stimuli are equal, as {column} does"
+    return WHICH_STRONGER, "the sign of s2 - s1"
+
+
 def _require_two_answers(
     table: TextTable, column: Column, is_right: BoolArray, is_answered: BoolArray
 ) -> None:
@@ -222,9 +240,8 @@ def _require_two_answers(
         problem = (
             f"{column}: found {n_right} right and {n - n_right} wrong answers to equal "
             "stimuli, allowed: answers to which was stronger, of which none is right there. If "
-            "participants said whether stimuli were equal, add a column response and leave "
-            "--correct out: 'equal' for right answers to equal stimuli and wrong ones to others, "
-            "'different' for the rest; if not, remove these rows"
+            "participants said whether stimuli were equal, add a column with 'same' in these rows "
+            "and 'different' in all others; if not, remove these rows"
         )
         table.problems.ask(problem, [])
 

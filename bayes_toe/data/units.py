@@ -18,7 +18,13 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, combination_counts
 from bayes_toe.data.answers import Counts
-from bayes_toe.data.column_roles import looks_like, names_like, practice_texts
+from bayes_toe.data.column_roles import (
+    VOCABULARY,
+    looks_like,
+    named_places,
+    names_like,
+    practice_texts,
+)
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import Texts, display_name, join_display_names, join_names, quoted
@@ -36,6 +42,9 @@ Reader: TypeAlias = Callable[[ReadOptions], Study]
 TASK = "task"
 #: With so many repeated trials it is no chance that each pair keeps its level.
 _REPEATED = 10
+#: How many levels a condition that is not read may have, and words of columns that are none.
+_MOST_LEVELS = 6
+_NO_CONDITION = frozenset(VOCABULARY["words"]["of_no_condition"])
 #: How many texts of a column may be groups of tasks.
 _MOST_GROUPS = 8
 
@@ -305,33 +314,38 @@ def pooled_conditions(
 ) -> Iterator[str]:
     """The names of columns that may be a condition, in which a subject has several levels.
 
-    None of them follows from the stimuli and answers, or has about as many texts as trials; but the
-    pairs may tell the task.
+    It has 2 to 6 levels, none of them rare, which nearly all subjects have. It does not follow from
+    stimuli and answers; but the pairs may tell the task. Names such as 'block' or 'confidence', or
+    of one of the stimuli, are of no condition.
     """
     answered = np.flatnonzero(counts["n_trials"])
-    is_yes = (counts["n_yes"] == counts["n_trials"])[answered]
-    subject_codes = subject.codes[answered]
-    n_subjects = len(combination_counts(subject_codes))
+    # Whether all answers of a row are the same one: 'yes' or, of three, 'second'.
+    outcomes = (np.array([*counts.values()]) == counts["n_trials"])[:, answered]
+    subjects = subject.codes[answered]
     direction = np.sign(np.diff(pairs[answered]))  # of s2 - s1, shape (rows, 1)
     is_unequal = direction[:, 0] != 0.0  # equal ones have no order and no right answer
 
     for column in columns:
-        is_task = looks_like(column.name, "dimension")
-        if not (is_task or looks_like(column.name, "condition") or looks_like(column.name, "isi")):
-            continue
+        words = named_places(column.name)
+        names_another = words.places or words.other_words & _NO_CONDITION
         row_levels = column.codes[answered]
+        n_levels = len(combination_counts(row_levels))
+        n_cells = len(combination_counts(subjects)) * n_levels  # each subject at each level
+        # A level of a subject is rare with less than half of its share of the rows.
+        is_rare = combination_counts(subjects, row_levels) < 0.5 * len(answered) / n_cells
+        has_levels = 1 < n_levels <= min(_MOST_LEVELS, len(answered) / _REPEATED)
+        if names_another or not has_levels or np.count_nonzero(~is_rare) < 0.8 * n_cells:
+            continue
         follows = False
-        # An order or an outcome follows from the direction, the name of a pair from the pair. Tasks
-        # may have pairs of their own.
-        for stimuli in (direction, direction if is_task else pairs[answered]):
+        # An order or an outcome follows from the direction, the name of a pair from the pair.
+        for stimuli in (direction, pairs[answered]):
             # A group of rows has the same subject, answer and stimuli. If the level follows from
             # these, each group has one level.
-            rows = np.column_stack([subject_codes, is_yes, stimuli])[is_unequal]
+            rows = np.column_stack([subjects, *outcomes, stimuli])[is_unequal]
             n_groups = len(combination_counts(*rows.T))
             n_group_levels = len(combination_counts(*rows.T, row_levels[is_unequal]))
             n_repeats = len(rows) - n_groups
             follows |= n_repeats >= _REPEATED and n_group_levels == n_groups
-        # Levels have two trials or more on average: as many texts as trials are no levels.
-        n_subject_levels = len(combination_counts(subject_codes, row_levels))
-        if n_subjects < n_subject_levels <= 0.5 * len(answered) and not follows:
+        # Tasks may have pairs of their own.
+        if not follows or looks_like(column.name, "dimension"):
             yield column.name

@@ -246,6 +246,9 @@ FORMATTED_ROWS = "".join(map(FORMATTED_ROW.format, range(100, 50_000)))
 #: The name of a file with the options that are typed after it, and its content: a table is written
 #: as CSV, records as JSON.
 READ = {
+    "dots.csv --columns s1=n_first,s2=n_second --unit ln": labelled(
+        IN_LOGS, s1="n_first", s2="n_second"
+    ),
     "frequencies.csv": FREQUENCIES,
     "no_trials_without_frequency.csv": pd.concat(
         [FREQUENCIES, FREQUENCIES[:1].assign(response="first", s2=2.0, Freq=0)]
@@ -532,7 +535,7 @@ REFUSED = {
     "right_if_equal.csv --correct correct": (
         "subject,s1,s2,correct\na,0,0,0\n" + "a,0,0,1\n" * 9 + "a,0,0.3,1\na,0.3,0,0\n" * 20,
         "column correct: found 9 right and 1 wrong answers to equal stimuli",
-        "add a column response and leave --correct out",
+        "add a column with 'same' in these rows and 'different'",
     ),
     "codes_of_two_labs.csv": (
         "subject,s1,s2,response\na,0,1,1\na,1,0,0\nb,0,1,2\nb,1,0,1\n",
@@ -660,6 +663,10 @@ REFUSED = {
         "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
         "found whole numbers from 12 to 14, allowed: natural logs or a unit\ntype:  --unit a.u.",
     ),
+    "two_units.csv --unit ms": (
+        "subject,s1,s2,response\na,70 dB,55 dB,first\na,300 ms,400 ms,second\n",
+        "the stimuli have the units 'dB', 'ms', allowed: one unit, such as that of the rows",
+    ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
         "the stimuli have the unit 'dB'.\n",
@@ -776,7 +783,7 @@ REFUSED = {
     "columns_of_subjects.csv": (
         "w1_s1,w2_s1,resp_s1,w1_s2,w2_s2,resp_s2\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
         "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME  with the names in your file",
-        "if it has one for each subject, make the table long\n       --subject-from",
+        "if it has one for each subject, make the table long: a subject, a pair and its response",
     ),
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
@@ -928,14 +935,12 @@ ADVISED = {
 
 #: Tables, and what the screen of `check` warns of.
 WARNED = {
-    "--condition modality": IN_LOGS.assign(modality=["light", "sound"] * 40),
     "--condition task": (
         "subject,task,s1,s2,response\na,time,0,0.3,first\na,time,0.3,0,second\n"
-        "a,force,5,5.3,second\na,force,5.3,5,first\n"
+        "a,force,5,5.3,second\na,force,5.3,5,first\n" * 5
     ),
     "percentages": COUNTS.assign(n_second=np.arange(len(COUNTS)), n_trials=100),
-    "--condition isi": IN_LOGS.assign(isi=[0.6, 1.2] * 40),
-    "--condition Delay": IN_LOGS.assign(Delay=[600, 1200] * 40),
+    "--condition Pause_ms": IN_LOGS.assign(Pause_ms=[600, 1200] * 40),
     "If it has correct answers, --columns": IN_LOGS.assign(response=CORRECT_ANSWERS),
     "column response is read, and not column response_2, which has the same codes.": IN_LOGS.assign(
         response_2=TRIALS.response
@@ -1073,7 +1078,7 @@ def test_the_first_advice_reads_a_table(name, tmp_path):
 
 @pytest.mark.parametrize("part", WARNED)
 def test_a_shape_that_may_mislead_is_warned_of(part, tmp_path):
-    # A key of WARNED is a part of the warning, such as '--condition modality', and its value a
+    # A key of WARNED is a part of the warning, such as '--condition task', and its value a
     # table.
     result = result_of_check(tmp_path, "study.csv", WARNED[part])
     assert result.returncode == 0

@@ -43,8 +43,11 @@ def test_right_answers_are_dropped_where_stimuli_are_equal_and_said():
         "trial rows, comma-separated, UTF-8, responses '1' as right (2) / '0' as wrong (1), "
         "'second' or 'first' by the sign of s2 - s1, stimuli as natural logs",
         "1 trial without a response dropped: b 1",
-        "1 trial with equal stimuli, of which no answer is right, dropped: a 1",
+        "1 trial with equal stimuli, of which no answer is right in 2AFC, dropped: a 1",
     )
+    # A column that says where stimuli are equal, and a right answer there, tell the other task.
+    text = "subject,s1,s2,kind,acc\na,0,0,same,1\na,0,1,different,0\n"
+    assert "as column kind does" in str(read(text, "--correct acc").notes)
 
 
 def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for():
