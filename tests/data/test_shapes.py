@@ -1172,7 +1172,7 @@ def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, option
     assert study.frame().equals(bt.read_study(THREE).frame())
 
 
-#: Codes of 'first' and of 'second', the code of other rows, and the first advice.
+#: Codes of 'first' and of 'second', the codes of other rows, and the first advice.
 SEVERAL_CODES = """
     1,2 | 3,4 |  | --second-code 3,4 --first-code 1,2
     5,6 | 3,4 |  | --second-code 3,4 --first-code 5,6
@@ -1180,17 +1180,19 @@ SEVERAL_CODES = """
     a,s | k,l |  | --second-code k,l --first-code a,s
     1,2 | 3,4 | -9 | --missed -9 --second-code 3,4 --first-code 1,2
     1,2 | 3,4 | 0 | --missed 0 --second-code 3,4 --first-code 1,2
+    f | j | k,escape,h | --second-code j --first-code f --missed k,escape,h
     first longer | first shorter |  | --second-code 'first shorter'
 """
 
 
 @pytest.mark.parametrize("first, second, missed, advice", text_table(SEVERAL_CODES))
 def test_an_answer_may_have_several_codes(first, second, missed, advice):
-    # Such as 1 and 2 for 'first', by turns, and 3 and 4 for 'second'. Three more rows have the code
-    # `missed`, which may be empty.
+    # Such as 1 and 2 for 'first', by turns, and 3 and 4 for 'second'. Each code of `missed`, which
+    # may be empty, has three more rows.
     codes = {"first": first.split(",") * 80, "second": second.split(",") * 80}
     answers = [codes[answer][i] for i, answer in enumerate(IN_LOGS.response)]
-    table = with_rows_above(IN_LOGS.assign(response=answers), [["P03", 0, 0.3, missed]] * 3)
+    rows = [["P03", 0, 0.3, code] for code in missed.split(",")] * 3
+    table = with_rows_above(IN_LOGS.assign(response=answers), rows)
     assert first_advice(table) == advice
     study = bt.read_study(table, typed_options(advice))
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
