@@ -27,6 +27,7 @@ from bayes_toe.data.column_roles import (
     is_no_response,
     looks_like,
     named_places,
+    names_like,
     without_accents,
 )
 from bayes_toe.data.messages import (
@@ -47,7 +48,7 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import CELL, Column, TextTable
+from bayes_toe.data.text_table import CELL, Column, Columns, TextTable
 from bayes_toe.data.validation import MISSING_WORDS, number, whole_number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -347,6 +348,26 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     if "-1" in answers - codes - frequent and len(answers) > n_answers and has_known_words:
         missed += [text for text in column.texts if _without_decimals(text) == "-1"]
     return missed
+
+
+def codes_found(columns: Columns, signs: Iterable[Column], options: ReadOptions) -> Iterator[str]:
+    """The codes of missed trials that cells have, and codes of responses if they are there."""
+    for column in (*columns.values(), *signs):
+        texts = {*column.texts, *map(_without_decimals, column.texts)}
+        yield from texts.intersection(options.missed)
+    if "response" in columns:
+        yield from options.code_by_answer.values()
+
+
+def require_effect(study: Study, options: ReadOptions) -> None:
+    """Refuse codes of responses, and columns to ignore, that no file of the study has."""
+    found = ["practice", *study.reading.found]  # texts in any column may say that it is practice
+    for text in (*options.code_by_answer.values(), *options.missed, *options.ignore):
+        if text not in found and not names_like(found, text):
+            raise InputError(
+                f"{study.source}: found no response and no column {quoted(text)}, allowed: codes "
+                "of responses and columns to ignore that are there"
+            )
 
 
 def without_missed(
