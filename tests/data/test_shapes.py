@@ -838,6 +838,11 @@ REFUSED = {
         "column key_raw: the codes are '2' (2), '1' (4).",
         "type:  --columns response=key_raw --second-code 2",
     ),
+    "log.csv": (
+        "subject,trial,event,code\na,1,tone,s1_5\na,1,tone,s2_6\na,1,key,s2_0\n",
+        "If a row is one event, such as a stimulus or a response, write a row for each trial",
+        "and response.\nEND",  # and no advice
+    ),
     "mistyped.csv": (
         "subject,s1,s2,response\na,0,1,secnd\n" + "a,0,1,second\na,1,0,first\n" * 20,
         "row 2, column response: found 'secnd', allowed: second, s2, 2nd (second) or first, s1, ",
