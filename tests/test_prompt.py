@@ -95,10 +95,12 @@ REFUSED = """
     bt.read_study('x.csv', {}) | options: found dict, allowed: a ReadOptions
     bt.Study('S01') | Study: found 'S', allowed: Subjects, in a list
     bt.Study(study['A']) | Study: found Subject, allowed: Subjects, in a list
+    study.swap(None) | names: found NoneType, allowed: a name of a subject or block, or several
     bt.explore(bt.sample(study, draws=99), subjects='ZZ') | no subject 'ZZ' among the draws
     bt.design.optimal_design(['x'], 40) | design: s1 and s2 must be numbers
     bt.Prior('x') | prior: mu1_mean: found 'x', allowed:
     bt.Hyperprior(3) | hyperprior: constant_error: found 3, allowed: a ParameterHyper
+    bt.design.power('full') | design: found 'full', allowed: a StudyDesign, or several by their
     bt.design.power(None, [float('inf')]) | trials: found inf, allowed: a whole number
     bt.model.evolved_mean(0.0, 0.3, -1.0) | gamma must be finite and not negative
     bt.model.normalised_distance(0.0, 0.3, 0.0, -1.0, 0.1) | sigma_p must be finite

@@ -618,6 +618,11 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
             " If these are a base and a difference, add their sum (with a ratio, their product) as "
             "a column: s2, or the comparison."
         )
+    if names_like(names, "event"):
+        problem += (
+            " If a row is one event, such as a stimulus or a response, write a row for each trial "
+            "with columns s1, s2 and response."
+        )
     if re.search(r"(?i)(\b|_|\d)(off|offset|end|stop(ped)?)(\b|_|\d)", " ".join(names)):
         problem += " If stimuli have times of on and off, add the differences as columns s1 and s2."
     if names_like(names, "comparison") and not names_like(names, "standard"):
@@ -925,6 +930,8 @@ def _remedies(
     pairs = _likely_pairs(unread, are_positive=options.has_intensities)
     # If no two columns may be the stimuli, names or cells may be pairs of stimuli.
     if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
+        if names_like(names, "event"):  # no option makes trials of a log of events
+            return
         wide = list(_wide_remedies(names, columns))
         yield from wide
         if wide:  # what else is missing depends on it

@@ -71,8 +71,8 @@ class ReadOptions:
     columns : mapping of str to str
         Our column names to those of the file, for columns that the file names otherwise.
     missed : str or sequence of str
-        Texts in the column of responses that say that nobody responded; with `correct`, in columns
-        of keys and reaction times, too.
+        Texts in the column of responses that say that nobody responded, also several with commas
+        between them; with `correct`, in columns of keys and reaction times, too.
     ignore : str or sequence of str
         Columns session, block, trial or condition that are not read although they are there.
         With "isi", checks do not remark that answers at all intervals are pooled. With "practice",

@@ -46,7 +46,9 @@ from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     ask_for_third_count,
     blank_missed,
+    codes_found,
     require_direction,
+    require_effect,
     require_task,
     responses,
     with_joined_codes,
@@ -178,12 +180,8 @@ def read_study(
     (('01',), "'equal' (1) / 'different' (1), stimuli as natural logs")
     """
     options = ReadOptions() if options is None else options
-    require_kind(
-        "options",
-        options,
-        ReadOptions,
-        "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})",
-    )
+    rule = "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})"
+    require_kind("options", options, ReadOptions, rule)
     paths = list(path) if isinstance(path, list | tuple) else [path]
     paths, notes_on_files = table_files(paths)
 
@@ -195,6 +193,7 @@ def read_study(
 
     try:
         study = read(options)
+        require_effect(study, options)
     except InputError as error:
         raise with_next_questions(error, options, read) from None
     study = with_conditions(replace(study, notes=(*notes_on_files, *study.notes)), options)
@@ -521,8 +520,9 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         read=tuple(rows.columns),
         ignored=tuple(rows.names_not_read),
         doubts=tuple(f"{source}: {doubt}" for doubt in doubts),
-        pooled=tuple(pooled),
-        codes=tuple(codes),
+        pooled=pooled,
+        codes=codes,
+        found=[*rows.table.names, *codes_found(rows.columns, rows.response_signs, rows.options)],
     )
     return Study(
         tuple(subjects), source, synthetic=all(is_marked), notes=tuple(notes), reading=reading

@@ -49,7 +49,7 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import CELL, Column, TextTable, without_decimals
+from bayes_toe.data.text_table import CELL, Column, Columns, TextTable, without_decimals
 from bayes_toe.data.validation import MISSING_WORDS, number, whole_number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -329,7 +329,8 @@ def _english(word: str) -> str:
 def with_joined_codes(column: Column, options: ReadOptions) -> Column:
     """A column in which the texts that a code lists, such as '4' and '5' of '4,5', become the code.
 
-    A text that two codes list stays as it is, and is then unknown.
+    Codes of missed trials may be such lists, too. A text that two codes list stays as it is, and is
+    then unknown.
 
     Examples
     --------
@@ -337,7 +338,9 @@ def with_joined_codes(column: Column, options: ReadOptions) -> Column:
     >>> with_joined_codes(column, ReadOptions(second_code="4,5")).texts
     ['4,5', '1']
     """
-    lists = [code for code in options.code_by_answer.values() if "," in code]
+    # A cell such as 'f,escape' is no list of missed responses.
+    missed = set(options.missed).difference(column.texts)
+    lists = [code for code in (*options.code_by_answer.values(), *missed) if "," in code]
     texts = []
     for text in column.texts:
         codes = [code for code in lists if text in code.split(",")]
@@ -395,6 +398,26 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     if "-1" in answers - codes - frequent and len(answers) > n_answers and has_known_words:
         missed.append("-1")
     return missed
+
+
+def codes_found(columns: Columns, signs: Iterable[Column], options: ReadOptions) -> Iterator[str]:
+    """The codes of missed trials that cells have, and codes of responses if they are there."""
+    for column in (*columns.values(), *signs):
+        texts = {*column.texts, *map(without_decimals, column.texts)}
+        yield from texts.intersection(options.missed)
+    if "response" in columns:
+        yield from options.code_by_answer.values()
+
+
+def require_effect(study: Study, options: ReadOptions) -> None:
+    """Refuse codes of responses, and columns to ignore, that no file of the study has."""
+    found = ["practice", *study.reading.found]  # texts in any column may say that it is practice
+    for text in (*options.code_by_answer.values(), *options.missed, *options.ignore):
+        if text not in found and not names_like(found, text):
+            raise InputError(
+                f"{study.source}: found no response and no column {quoted(text)}, allowed: codes "
+                "of responses and columns to ignore that are there"
+            )
 
 
 def without_missed(
@@ -669,7 +692,7 @@ def _proposals(
     are_ratings = len(frequent) > 3
     if not has_lists and _looks_missed(str(missed.value), column.texts, are_ratings):
         return [missed, *remedies[:1]]  # the others are asked about next, without it
-    if len(unknown.texts) == 1:  # all answers have other texts
+    if missed.value == ",".join(unknown.texts):  # all answers have other texts
         return [*remedies, missed]
     return remedies
 
@@ -731,23 +754,24 @@ def _three_answers(
 
 
 def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | None:
-    """The option to type if nobody gave the rarest unknown text as a response.
+    """The option to type if nobody gave the rare unknown texts as responses.
 
-    None unless less than 15 % of the responses are this text, and there are more texts than answers
-    of the task. None for a damaged text, or a word such as 'secnd', which is like a frequent one.
+    None unless less than 15 % of the responses are these texts, and there are more texts than
+    answers of the task. None for a damaged text, or a word such as 'secnd', which is like a
+    frequent one.
     """
-    counts = np.bincount(unknown.codes)
-    n_rarest = counts.min()
-    text = unknown.texts[counts.argmin()]
-    if (
-        n_rarest >= 0.15 * column.map(bool).sum()
-        or sum(map(bool, column.texts)) <= n_answers
-        or (text.isalpha() and get_close_matches(text, _frequent(column)))
-        or _DAMAGED.search(text)
-    ):
+    most = 0.15  # of the responses
+    texts = list(filterfalse(_frequent(column, most).__contains__, unknown.texts))
+    n_missed = column.matches(texts).sum()
+    is_rare = 0 < n_missed < most * column.map(bool).sum()
+    if not is_rare or sum(map(bool, column.texts)) <= n_answers:
         return None
-    meaning = f"only if nobody responded in these {plural(n_rarest, 'trial')}; it drops them"
-    return Remedy("missed", text, meaning)
+    for text in texts:
+        is_misspelt = text.isalpha() and get_close_matches(text, _frequent(column))
+        if is_misspelt or _DAMAGED.search(text):
+            return None
+    meaning = f"only if nobody responded in these {plural(n_missed, 'trial')}; it drops them"
+    return Remedy("missed", ",".join(texts), meaning)
 
 
 def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:

@@ -657,6 +657,7 @@ def name_list(names: Names) -> list[str]:
     """A list of texts from one name or several; 7 becomes '7'."""
     if isinstance(names, str | int | np.integer):
         names = [names]
+    require_kind("names", names, Iterable, "a name of a subject or block, or several in a list")
     return list(map(name_from_key, names))
 
 

@@ -39,7 +39,7 @@ from bayes_toe.data.tables import Table
 from bayes_toe.data.tasks import Task
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
-from bayes_toe.errors import InputError, require_kind
+from bayes_toe.errors import InputError, require_kind, require_number
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.zero_mean import approximate_zero_mean
 from bayes_toe.inference.order_evidence import BATCH, order_evidence
@@ -295,6 +295,7 @@ def power(
         design = {PAPER_PAIRS: paper_study_design()}
     elif isinstance(design, StudyDesign):
         design = {GIVEN_PAIRS: design}
+    require_kind("design", design, Mapping, "a StudyDesign, or several by their names")
     by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
     for name, pairs in design.items():
         by_task[pairs.task][name] = pairs
@@ -490,6 +491,7 @@ def group_power(
             true_mean = float(np.mean(true_sizes))
             true_sd = float(np.std(true_sizes))
             for size in subjects:
+                require_number("subjects", size, smallest=2)
                 detected = predicted_count(n_detected, len(group), size)
                 if question in SIZE_OF:
                     rng = generator(table.seed, design, kind, f"{trials} {size} {question}")

@@ -193,8 +193,9 @@ def study_with_conditions():
 
 @pytest.fixture(scope="module")
 def folder_with_conditions(study_with_conditions, tmp_path_factory):
-    """The results folder of the study with conditions."""
+    """The results folder of the study with conditions, as if a subject P9 were left out."""
     analysis = bt.run(study_with_conditions, draws=100, seed=1)
+    analysis.contrast.left_out["P9"] = "at left only"
     return write_results(analysis, tmp_path_factory.mktemp("hands") / "out", NEW, **NO_FIGURES)
 
 
@@ -225,6 +226,7 @@ def test_report_and_methods_of_a_run_with_conditions_name_them(folder_with_condi
         "Order effect: 2 of 2 conditions of 1 subject yes.",
         "Constant error differs: 1 of 1 subject yes.",
         "Differences (right − left) are medians",
+        "Not compared: P9 (at left only).",
     ):
         assert words in report, words
     # The difference with its interval and its word: '>82 % [61, 104] ... differs (BF > 1000)'.

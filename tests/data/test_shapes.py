@@ -523,11 +523,6 @@ REFUSED = {
     "cut.json": ("{", "error: cut.json: found "),
     "deep.json": ("[" * 100_000, "error: deep.json: found "),
     "a.csv --encoding klingon": (IN_LOGS, "--encoding: found 'klingon', allowed: a name such"),
-    "third_code.csv --second-code 39 --first-code 37": (
-        with_rows_above(with_responses(IN_LOGS, 37, 39), [["P03", 0, 0.3, 0]] * 3),
-        "type:  --missed 0",
-        "only if nobody responded in these 3 trials; it drops them",
-    ),
     "scores_of_same_different.csv --correct correct": (
         "subject,s1,s2,correct\na,0,0.3,1\na,0.3,0.3,1\na,0,0,0\na,0.3,0,1\n",
         "column correct: found 1 right and 1 wrong answers to equal stimuli, allowed: answers to",
@@ -546,7 +541,10 @@ REFUSED = {
         "type:  --missed -9 --second-code 2\n",
         "\n       --equal-code 2 --second-code -9  if 2 is 'equal' and -9 is 'second' of three",
     ),
-    "rare_code.csv --second-code 2": (RARE_CODE, "type:  --missed -9  "),
+    "rare_code.csv --second-code 2": (
+        RARE_CODE,
+        "type:  --missed -9                      only if nobody responded in these 7 trials; it dr",
+    ),
     "three_codes_of_unknown_unit.csv": (
         "subject,i1,i2,response\na,1,2,x\na,2,1,y\na,2,2,z\n",
         "type:  --equal-code z --unit a.u. --second-code x\n",
@@ -851,6 +849,11 @@ REFUSED = {
         "a\t1\t0\t3\t1\t1\t1\t1\n\nextraInfo\nsubject\tS01\n",
         "column key_raw: the codes are '2' (2), '1' (4).",
         "type:  --columns response=key_raw --second-code 2",
+    ),
+    "log.csv": (
+        "subject,trial,event,code\na,1,tone,s1_5\na,1,tone,s2_6\na,1,key,s2_0\n",
+        "If a row is one event, such as a stimulus or a response, write a row for each trial",
+        "and response.\nEND",  # and no advice
     ),
     "mistyped.csv": (
         "subject,s1,s2,response\na,0,1,secnd\n" + "a,0,1,second\na,1,0,first\n" * 20,
@@ -1182,7 +1185,7 @@ def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, option
     assert study.frame().equals(bt.read_study(THREE).frame())
 
 
-#: Codes of 'first' and of 'second', the code of other rows, and the first advice.
+#: Codes of 'first' and of 'second', the codes of other rows, and the first advice.
 SEVERAL_CODES = """
     1,2 | 3,4 |  | --second-code 3,4 --first-code 1,2
     5,6 | 3,4 |  | --second-code 3,4 --first-code 5,6
@@ -1190,17 +1193,19 @@ SEVERAL_CODES = """
     a,s | k,l |  | --second-code k,l --first-code a,s
     1,2 | 3,4 | -9 | --missed -9 --second-code 3,4 --first-code 1,2
     1,2 | 3,4 | 0 | --missed 0 --second-code 3,4 --first-code 1,2
+    f | j | k,escape,h | --second-code j --first-code f --missed k,escape,h
     first longer | first shorter |  | --second-code 'first shorter'
 """
 
 
 @pytest.mark.parametrize("first, second, missed, advice", text_table(SEVERAL_CODES))
 def test_an_answer_may_have_several_codes(first, second, missed, advice):
-    # Such as 1 and 2 for 'first', by turns, and 3 and 4 for 'second'. Three more rows have the code
-    # `missed`, which may be empty.
+    # Such as 1 and 2 for 'first', by turns, and 3 and 4 for 'second'. Each code of `missed`, which
+    # may be empty, has three more rows.
     codes = {"first": first.split(",") * 80, "second": second.split(",") * 80}
     answers = [codes[answer][i] for i, answer in enumerate(IN_LOGS.response)]
-    table = with_rows_above(IN_LOGS.assign(response=answers), [["P03", 0, 0.3, missed]] * 3)
+    rows = [["P03", 0, 0.3, code] for code in missed.split(",")] * 3
+    table = with_rows_above(IN_LOGS.assign(response=answers), rows)
     assert first_advice(table) == advice
     study = bt.read_study(table, typed_options(advice))
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
@@ -1304,15 +1309,19 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
 
 def test_a_folder_stands_for_its_tables(tmp_path):
     # Of six files, two are tables of trials: the others are a lock of Excel, a hidden file, a log,
-    # and the file of a session that was stopped.
+    # and the file of a session that was stopped, with nine trials.
     write_folder(tmp_path, "1.csv", "2.CSV", "~$1.csv", ".3.csv", "1.log")
-    write_file(tmp_path / "data/0.csv", "subject,s1,s2,response\nP99,0,0.3,\n")
+    stopped = "subject,s1,s2,response" + "\nP99,0,0.3," * 9
+    write_file(tmp_path / "data/0.csv", stopped)
     study = bt.read_study(tmp_path / "data")
     assert study.source == "2 files, 1.csv to 2.CSV"
     assert study.notes[0] == f"folder {display_name(str(tmp_path / 'data'))}: 3 .csv files read"
     assert study.notes[1].startswith("left out: 0.csv: column response: found no response in any")
     line = "fit data -o data/1.csv --overwrite --replicates 2"
     assert "this command reads that file and must not replace it" in refusal_of(line, cwd=tmp_path)
+    # After ten trials, the responses are rather in another column.
+    write_file(tmp_path / "data/0.csv", f"{stopped}\nP99,0,0.3,")
+    assert "found no response in any of 10 rows" in refusal_of("check data", cwd=tmp_path)
 
 
 #: A column that is 1 in all files, the files, what `check` says, and subjects.

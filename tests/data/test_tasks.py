@@ -81,6 +81,10 @@ REFUSED = f"""
     {RIGHT} a,0,1,1 | --correct hit | there is no column hit. The columns are subject, s1, s2, acc.
     {RIGHT} a,0,1,1 | --correct acc --second-code 1 | --second-code, --correct: found together
     subject,i1,i2,response a,0,1,second | --intensity 1 | row 2, column i1: found '0', allowed: a po
+    subject,s1,s2,response a,0,1,second | --missed zzz | found no response and no column 'zzz'
+    subject,s1,s2,response a,0,1,second | --ignore block | found no response and no column 'block'
+    subject,s1,s2,acc a,0,1,1 | --correct acc --missed zz | found no response and no column 'zz', al
+    subject,s1,s2,n_second,n_trials a,0,1,1,2 | --equal-code zz | found no response and no column 'z
     {TRIALS} a,0,1,second | --task same/different | --task is 'same/different', but the responses in
 """
 
