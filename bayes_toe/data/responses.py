@@ -534,7 +534,7 @@ def _cell_count_remedies(
 
 
 def _two_tasks(finding: str, task_column: Column | None) -> Question:
-    """The problem of a column with responses to two tasks, and options that choose one of them."""
+    """The problem of a column with responses to two tasks, and options that choose one or both."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
         "contrast compares the tasks that --condition COLUMN names"
@@ -544,6 +544,8 @@ def _two_tasks(finding: str, task_column: Column | None) -> Question:
         for text, task in tasks_named(task_column.texts).items():
             meaning = f"for the task {task.name!r}"
             remedies.append(Remedy("where", ((task_column.name, text),), meaning))
+        meaning = "for contrast, which compares the tasks"
+        remedies.append(Remedy("condition", task_column.name, meaning))
     return problem, remedies
 
 

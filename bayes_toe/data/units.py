@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, combination_counts
 from bayes_toe.data.answers import Counts
-from bayes_toe.data.column_roles import looks_like, names_like, practice_texts
+from bayes_toe.data.column_roles import looks_like, practice_texts
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import Texts, display_name, join_display_names, join_names, quoted
@@ -28,7 +28,7 @@ from bayes_toe.data.study_files import common_notes, reading_of_all, together
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, task_named, tasks_named
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.errors import InputError
 
 #: Reads the rows of a table with options.
 Reader: TypeAlias = Callable[[ReadOptions], Study]
@@ -142,15 +142,11 @@ def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> lis
     Raises
     ------
     InputError
-        If `read` refuses the table; without a condition, with options that choose one task. Also if
-        codes of responses are of two tasks, and the condition is not the task.
+        If `read` refuses the table. Also if codes of responses are of two tasks, and the condition
+        is not the task.
     """
     if options.condition is None:
-        try:
-            return [read(options)]
-        except InputError as error:
-            remedies = _task_remedies(table, options, read) or error.remedies
-            raise type(error)(error.problems, remedies) from None
+        return [read(options)]
 
     column = table.columns.get(options.condition)
     # All rows that are read are of one task.
@@ -201,21 +197,6 @@ def _studies_by_group(column: Column, options: ReadOptions, read: Reader) -> dic
         text, study = studies.popitem()  # one study has the note
         studies[text] = replace(study, notes=(*study.notes, note))
     return studies
-
-
-def _task_remedies(table: TextTable, options: ReadOptions, read: Reader) -> list[Remedy]:
-    """Options that choose one of several tasks or compare them; none if no column has tasks."""
-    for name in names_like(table.columns, "task"):
-        column = table.columns[name]
-        remedies = []
-        with suppress(InputError):
-            for text, study in _studies_by_group(column, options, read).items():
-                meaning = f"for the task {study.task.name!r}"
-                remedies.append(Remedy("where", ((column.name, text),), meaning))
-        if remedies:
-            meaning = "for contrast, which compares the tasks"
-            return [*remedies, Remedy("condition", column.name, meaning)]
-    return []
 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:

@@ -284,17 +284,20 @@ b,0.0,0.3,2,,9,A
 @pytest.mark.parametrize("text", [GROUPS, COUNTS_OF_GROUPS])
 def test_answers_tell_the_task_of_each_group(text):
     # The column task has A and B, which name no task: the words of the responses, or the counts
-    # that a row has, say it. Without --condition the file is refused, with three remedies: one of
-    # the two tasks alone, or both as conditions.
+    # that a row has, say it.
     assert read(text, "--condition task").names == UNITS
+    assert read(text, "--condition task --where task=B").names == ("a",)
+
+
+def test_a_file_of_two_tasks_is_refused_with_options_that_read_it():
+    # Three remedies: one of the two tasks alone, or both as conditions.
     with pytest.raises(bt.InputError) as caught:
-        read(text)
+        read(TASKS)
     names_by_choice = []
     for chosen, _ in caught.value.choices:
         typed = [remedy.typed for remedy in chosen]
-        names_by_choice.append(read(text, " ".join(typed)).names)
+        names_by_choice.append(read(TASKS, " ".join(typed)).names)
     assert sorted(names_by_choice) == [("a",), ("a", "b"), UNITS]
-    assert read(text, "--condition task --where task=B").names == ("a",)
 
 
 def test_a_word_of_another_task_is_named_with_its_row():
