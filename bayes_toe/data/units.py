@@ -80,9 +80,6 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         If the options name a condition with one level in every subject or a reference that cannot
         be used, or if only some files have the column.
     """
-    if study.conditions is not None:
-        return study  # the tasks are the conditions
-
     has_options = options.reference is not None or options.categorical
     if "condition" not in study.reading.read:
         # The condition is then the task, unless --where chooses one of its levels.
@@ -206,25 +203,21 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     if options.condition is None or len(tasks) == 1 or has_conditions:
         return together(studies)  # one task, or conditions that are no tasks
 
-    by_level = {}
-    for task in tasks:
-        by_level[task.short_name] = together([study for study in studies if study.task == task])
-    order, _ = _level_order(list(by_level), options)
+    by_task = [together([study for study in studies if study.task == task]) for task in tasks]
     units = []
-    for level in order:
-        for subject in by_level[level]:
+    for study in by_task:
+        level = study.task.short_name
+        for subject in study:
             unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
             units.append(replace(subject, name=unit_name, condition=level))
-
-    joined = list(by_level.values())
-    conditions = Conditions(options.condition, tuple(order))
+    reading = reading_of_all(by_task)
     return Study(
-        subjects=with_shared_scales(units),  # which also brings the units of a subject together
-        source=" and ".join(dict.fromkeys(study.source for study in joined)),
-        synthetic=all(study.synthetic for study in joined),
-        notes=(*common_notes(joined), f"condition {conditions.about}"),
-        reading=reading_of_all(joined),
-        conditions=conditions,
+        subjects=tuple(units),
+        source=" and ".join(dict.fromkeys(study.source for study in by_task)),
+        synthetic=all(study.synthetic for study in by_task),
+        notes=tuple(common_notes(by_task)),
+        # `with_conditions` makes conditions of the names of units.
+        reading=replace(reading, read=(*reading.read, "condition")),
     )
 
 
