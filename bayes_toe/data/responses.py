@@ -86,7 +86,6 @@ _DAMAGED = re.compile("\ufffd|^#[A-Z]")
 #: Largest share of pairs of equal stimuli in 2AFC. Each of three levels with each makes a third.
 _MOST_EQUAL = 0.35
 
-_ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
 #: The text that options give for each answer of a task.
 Codes: TypeAlias = Sequence[str | None]
 #: What makes an answer likelier, shape (rows,), by the option that names its code: of
@@ -312,14 +311,12 @@ def blank_missed(
 def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     """The texts that say that nobody responded.
 
-    -1 is one, as jsPsych writes it, if all other texts are known words or given codes, and they are
-    at least as many as the answers of the task. A number or a sign that is as frequent as an answer
-    is none.
+    A number or a sign that is as frequent as an answer is none.
 
     Examples
     --------
-    >>> _missed_texts(Column.from_texts("response", ["first", "-1", "none", "2nd"]), ReadOptions())
-    ['none', '-1']
+    >>> _missed_texts(Column.from_texts("response", ["first", "-99", "2nd"]), ReadOptions())
+    ['-99']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
     codes = set(map(_without_decimals, filter(None, given_codes)))
@@ -327,22 +324,11 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     frequent = set(map(_without_decimals, _frequent(column, share=_MOST_MISSED, least=1.0)))
 
     missed = []
-    answers = set()
     for text in column.texts:
         cell = _without_decimals(text)
         # A code or a frequent text is an answer, even if it is '.' or '999'.
         if cell in declared or (cell not in (codes | frequent) and is_no_response(cell)):
             missed.append(text)
-        else:
-            answers.add(cell)
-
-    words_of_answers = _ALL_WORDS if options.correct is None else _RIGHT_WRONG
-    known_words = set(chain(*words_of_answers))
-    words = answers - codes - {"-1"}
-    has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
-    n_answers = len((options.task or SAME_DIFFERENT).answers)  # two if the task is not known
-    if "-1" in answers - codes - frequent and len(answers) > n_answers and has_known_words:
-        missed += [text for text in column.texts if _without_decimals(text) == "-1"]
     return missed
 
 
