@@ -244,10 +244,7 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     if is_flag(texts) and flag in taken_out["by_1"]:  # such as 'rejected'
         words |= TRUE_WORDS
     elif is_flag(texts) and flag in taken_out["by_0"]:  # such as 'valid'
-        words |= FALSE_WORDS - {""}
-        # If no cell says no, the valid trials are crossed and the others are empty.
-        if words.isdisjoint(map(str.lower, texts)):
-            words.add("")
+        words |= FALSE_WORDS  # also the empty cell, where valid trials are crossed
     # The cell itself, for '1.0', or its plain form, for 'Fixation break'.
     return [text for text in texts if {text.lower(), plain_name(text)} & words]
 
@@ -929,9 +926,6 @@ def _remedies(
         others = [column for column in unread if column.name not in names_to_skip]
         yield from _count_remedies(missing, options, columns, pair)
         yield from _columns_remedies(required, stimuli, others)
-
-    if "correct" in missing:
-        yield Remedy("correct", _likely_names(columns, "correct")[0], "with the name in your file")
 
 
 def _count_remedies(
