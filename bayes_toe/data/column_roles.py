@@ -286,12 +286,9 @@ def unit_in(name: str) -> str:
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
-    # Words have no digits, but for 'cd/m2', so that 'log10' becomes a word.
-    plain = _folded(name).replace("log10", "decadic").replace("cd_m2", "cd/m2")
-    words = re.findall(r"cd/m2|[^\W\d_]+", plain)
+    plain = _folded(name).replace("cd_m2", "cd/m2")
+    words = re.findall(r"cd/m2|log10|[^\W\d_]+", plain)  # others have no digits
 
-    if "decadic" in words:
-        return "log10"
     for unit, unit_words in VOCABULARY["units"]["logarithms"].items():
         if not set(words).isdisjoint(unit_words):
             return unit
