@@ -523,7 +523,7 @@ def _two_tasks(finding: str, task_column: Column | None) -> Question:
     """The problem of a column with responses to two tasks, and options that choose one or both."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
-        "contrast compares the tasks that --condition COLUMN names"
+        "contrast compares tasks if the texts of --condition COLUMN are 2afc and same/different"
     )
     remedies = []
     if task_column is not None:

@@ -9,23 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from itertools import filterfalse
 from typing import TypeAlias
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, combination_counts
 from bayes_toe.data.answers import Counts
-from bayes_toe.data.column_roles import looks_like, practice_texts
+from bayes_toe.data.column_roles import looks_like
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import Texts, display_name, join_display_names, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, pooled, with_shared_scales
 from bayes_toe.data.study_files import common_notes, reading_of_all, together
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, task_named, tasks_named
+from bayes_toe.data.tasks import tasks_named
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
@@ -36,8 +34,6 @@ Reader: TypeAlias = Callable[[ReadOptions], Study]
 TASK = "task"
 #: With so many repeated trials it is no chance that each pair keeps its level.
 _REPEATED = 10
-#: How many texts of a column may be groups of tasks.
-_MOST_GROUPS = 8
 
 
 def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column:
@@ -132,9 +128,8 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
 def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> list[Study]:
     """The study in a table; a study for each task, where tasks are the condition.
 
-    The condition is then a column whose texts name tasks, or whose groups of rows have the answers
-    of different tasks. Without a column `task`, `--condition task` means that each file has one
-    task.
+    The condition is then a column whose texts name tasks. Without a column `task`,
+    `--condition task` means that each file has one task.
 
     Raises
     ------
@@ -149,50 +144,19 @@ def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> lis
     # All rows that are read are of one task.
     if options.condition in options.where or (column is None and options.condition == TASK):
         return [read(options.without_condition)]
-    # The texts name tasks.
-    if column is not None and len(set(tasks_named(column.texts).values())) > 1:
-        return list(_studies_by_group(column, options, read).values())
-    # The condition is another one, unless the answers of groups of rows are of different tasks.
-    try:
+    tasks = {} if column is None else tasks_named(column.texts)
+    if column is None or len(set(tasks.values())) < 2:  # the condition is another one
         replace(options, condition=None)  # an InputError if the codes are of two tasks
         return [read(options)]
-    except InputError:
-        studies = {} if column is None else _studies_by_group(column, options, read)
-        if not studies:
-            raise
-        return list(studies.values())
 
-
-def _studies_by_group(column: Column, options: ReadOptions, read: Reader) -> dict[str, Study]:
-    """The study of the rows with each text of a column, if the text or the answers tell a task.
-
-    There is none if all these studies are of one task.
-    """
-    studies = {}
-    texts = column.texts[:_MOST_GROUPS]
-    practice = practice_texts(column.name, texts)
-    for text in filterfalse(practice.__contains__, texts):
-        rows = {column.name: text}
-        named_task = task_named(text)
-        if named_task is not None:
-            studies[text] = read(options.of_task(named_task, rows))
-            continue
-
-        by_task = {}  # the answers tell the task if only one reading succeeds
-        for task in (SAME_DIFFERENT, WHICH_STRONGER):
-            with suppress(InputError):
-                study = read(options.of_task(task, rows))
-                by_task[study.task] = study
-        if len(by_task) == 1:
-            (studies[text],) = by_task.values()
-
-    if len({study.task for study in studies.values()}) < 2:
-        return {}
-    left_out = [quoted(text) for text in column.texts if text not in studies]
+    studies = []
+    for text, task in tasks.items():
+        studies.append(read(options.of_task(task, {column.name: text})))
+    left_out = [quoted(text) for text in column.texts if text not in tasks]
     if left_out:
         note = f"{column}: rows with {join_names(left_out)} left out, which tell no task"
-        text, study = studies.popitem()  # one study has the note
-        studies[text] = replace(study, notes=(*study.notes, note))
+        # One study has the note.
+        studies[-1] = replace(studies[-1], notes=(*studies[-1].notes, note))
     return studies
 
 
