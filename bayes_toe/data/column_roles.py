@@ -247,10 +247,7 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     if is_flag(texts) and flag in taken_out["by_1"]:  # such as 'rejected'
         words |= TRUE_WORDS
     elif is_flag(texts) and flag in taken_out["by_0"]:  # such as 'valid'
-        words |= FALSE_WORDS - {""}
-        # If no cell says no, the valid trials are crossed and the others are empty.
-        if words.isdisjoint(map(str.lower, texts)):
-            words.add("")
+        words |= FALSE_WORDS  # also the empty cell, where valid trials are crossed
     # The cell itself, for '1.0', or its plain form, for 'Fixation break'.
     return [text for text in texts if {text.lower(), plain_name(text)} & words]
 
@@ -292,12 +289,9 @@ def unit_in(name: str) -> str:
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
-    # Words have no digits, but for 'cd/m2', so that 'log10' becomes a word.
-    plain = _folded(name).replace("log10", "decadic").replace("cd_m2", "cd/m2")
-    words = re.findall(r"cd/m2|[^\W\d_]+", plain)
+    plain = _folded(name).replace("cd_m2", "cd/m2")
+    words = re.findall(r"cd/m2|log10|[^\W\d_]+", plain)  # others have no digits
 
-    if "decadic" in words:
-        return "log10"
     for unit, unit_words in VOCABULARY["units"]["logarithms"].items():
         if not set(words).isdisjoint(unit_words):
             return unit
@@ -947,9 +941,6 @@ def _remedies(
         others = [column for column in unread if column.name not in names_to_skip]
         yield from _count_remedies(missing, options, columns, pair)
         yield from _columns_remedies(required, stimuli, others)
-
-    if "correct" in missing:
-        yield Remedy("correct", _likely_names(columns, "correct")[0], "with the name in your file")
 
 
 def _count_remedies(

@@ -88,7 +88,6 @@ _DAMAGED = re.compile("\ufffd|^#[A-Z]")
 #: Largest share of pairs of equal stimuli in 2AFC. Each of three levels with each makes a third.
 _MOST_EQUAL = 0.35
 
-_ALL_WORDS = (*_WORDS.values(), *VOCABULARY["stimuli"].values())
 #: The text that options give for each answer of a task.
 Codes: TypeAlias = Sequence[str | None]
 #: What makes an answer likelier, shape (rows,), by the option that names its code: of
@@ -367,14 +366,12 @@ def blank_missed(
 def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     """The texts that say that nobody responded.
 
-    -1 is one, as jsPsych writes it, if all other texts are known words or given codes, and they are
-    at least as many as the answers of the task. A number or a sign that is as frequent as an answer
-    is none.
+    A number or a sign that is as frequent as an answer is none.
 
     Examples
     --------
-    >>> _missed_texts(Column.from_texts("response", ["first", "-1", "none", "2nd"]), ReadOptions())
-    ['none', '-1']
+    >>> _missed_texts(Column.from_texts("response", ["first", "-99", "2nd"]), ReadOptions())
+    ['-99']
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
     codes = set(filter(None, given_codes))
@@ -382,21 +379,10 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     frequent = set(_frequent(column, share=_MOST_MISSED, least=1.0))
 
     missed = []
-    answers = set()
     for text in column.texts:
         # A code or a frequent text is an answer, even if it is '.' or '999'.
         if text in declared or (text not in (codes | frequent) and is_no_response(text)):
             missed.append(text)
-        else:
-            answers.add(text)
-
-    words_of_answers = _ALL_WORDS if options.correct is None else _RIGHT_WRONG
-    known_words = set(chain(*words_of_answers))
-    words = answers - codes - {"-1"}
-    has_known_words = known_words.issuperset(_english(word.lower()) for word in words)
-    n_answers = len((options.task or SAME_DIFFERENT).answers)  # two if the task is not known
-    if "-1" in answers - codes - frequent and len(answers) > n_answers and has_known_words:
-        missed.append("-1")
     return missed
 
 
@@ -608,16 +594,18 @@ def _cell_count_remedies(
 
 
 def _two_tasks(finding: str, task_column: Column | None) -> Question:
-    """The problem of a column with responses to two tasks, and options that choose one of them."""
+    """The problem of a column with responses to two tasks, and options that choose one or both."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
-        "contrast compares the tasks that --condition COLUMN names"
+        "contrast compares tasks if the texts of --condition COLUMN are 2afc and same/different"
     )
     remedies = []
     if task_column is not None:
         for text, task in tasks_named(task_column.texts).items():
             meaning = f"for the task {task.name!r}"
             remedies.append(Remedy("where", ((task_column.name, text),), meaning))
+        meaning = "for contrast, which compares the tasks"
+        remedies.append(Remedy("condition", task_column.name, meaning))
     return problem, remedies
 
 

@@ -13,7 +13,7 @@ from itertools import filterfalse
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, IntArray, combination_counts
+from bayes_toe.arrays import BoolArray, combination_counts, run_starts
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
     are_alike,
@@ -33,14 +33,11 @@ from bayes_toe.data.validation import (
     MISSING_WORDS,
     column_counts,
     empty,
-    number,
     numbers,
     whole_number,
 )
 from bayes_toe.errors import InputError, Remedy
 
-#: How probable a run of equal pairs of zeros is at most, if it is left out as unfilled.
-_RUN_BY_CHANCE = 1e-4
 #: How many trials a table of frequencies may have.
 _MOST_TRIALS = 10_000_000
 #: Share of the trials below which one of three answers is doubted.
@@ -216,72 +213,37 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
     """The table without the last rows of a subject that are zero in stimuli and response.
 
     A session that was stopped leaves such rows if a matrix of zeros was made for all its trials.
-    `answer` is 'response' or 'correct'.
+    `answer` is 'response' or 'correct'. Two stimuli of zero may be a pair like others: the rows
+    stay if an earlier pair has a run a third as long, as where rows are sorted by pair.
     """
-    stimuli = [table.columns[name] for name in options.stimulus_names]
-    is_zero = np.ones(len(table.rows), bool)
-    for column in (*stimuli, table.columns[options.name(answer)]):
-        is_zero &= numbers(table, column) == 0
+    names = [*options.stimulus_names, options.name(answer)]
+    is_zero = np.all([numbers(table, table.columns[name]) == 0 for name in names], axis=0)
     for name, column in table.columns.items():
         if is_response_sign(name):  # a key or a reaction time shows a trial
             is_zero &= (numbers(table, column) == 0) | column.map(is_no_response)
 
-    pair = np.column_stack([column.codes for column in stimuli])
+    pair = [table.columns[name].codes for name in options.stimulus_names]
     is_unfilled = np.zeros(len(is_zero), bool)
-    counts = {}
     subject = _subjects(table, options)
-    for name, rows in subject.rows_by_text(np.arange(len(is_zero))).items():
-        n_unfilled = _count_unfilled(is_zero[rows], pair[rows])
-        # In a matrix of zeros the unfilled rows may also have the subject 0.
-        if number(name) == 0 and is_zero[rows].all() and not is_zero.all():
-            n_unfilled = len(rows)
-        is_unfilled[rows[len(rows) - n_unfilled :]] = True
-        counts[name or table.source] = n_unfilled
-
+    for rows in subject.rows_by_text(np.arange(len(is_zero))).values():
+        n_filled = int(np.flatnonzero(~is_zero[rows]).max(initial=-1)) + 1
+        filled = rows[:n_filled]
+        run_lengths = np.diff([*run_starts(*(codes[filled] for codes in pair)), n_filled])
+        if len(rows) - n_filled > 3 * run_lengths.max(initial=1):
+            is_unfilled[rows[n_filled:]] = True
     if not is_unfilled.any():
         return table
 
+    unfilled = subject.only(is_unfilled)
+    counts = np.bincount(unfilled.codes).tolist()
     return table.only(
         ~is_unfilled,
         Note(
             (is_unfilled.sum(), "row"),
             " left out as unfilled (stimuli and response are 0 in the last rows): ",
-            named_counts(counts),
+            named_counts(dict(zip(unfilled.texts, counts, strict=True))),
         ),
     )
-
-
-def _count_unfilled(is_zero: BoolArray, pair: IntArray) -> int:
-    """How many of the last rows of a subject are zeros but no trials.
-
-    `is_zero` has the shape (rows,), and the codes in `pair` (rows, 2). Two stimuli of zero may be a
-    pair like others. Their run at the end is unfilled if it is improbable by how often a pair
-    follows itself in the rows before. Rows that are sorted by pair stay.
-    """
-    n_filled = int(np.flatnonzero(~is_zero).max(initial=-1)) + 1  # up to the last one with a value
-    n_zero = len(is_zero) - n_filled
-
-    is_repeat = (np.diff(pair[:n_filled], axis=0) == 0).all(axis=1)
-    share_repeated = (is_repeat.sum() + 1) / (n_filled + 1)  # above 0 without a repeat, too
-    # The first row of the run follows another pair; each further one repeats the pair before.
-    probability = share_repeated ** (n_zero - 1.0)
-    return n_zero if probability < _RUN_BY_CHANCE else 0
-
-
-def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
-    """Ask whether rows with a response and without stimuli, such as a start screen, are no trials.
-
-    A column answers if all other rows have one text there, which these rows lack.
-    """
-    if not is_screen.any():
-        return
-    for name, column in table.columns.items():
-        texts = column.only(~is_screen).texts
-        if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
-            rows = plural(is_screen.sum(), "row")
-            remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
-            table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
-            return
 
 
 def dropped_notes(
@@ -377,7 +339,7 @@ def rare_answer_doubts(counts: Counts) -> Iterator[str]:
 
 
 def _subjects(table: TextTable, options: ReadOptions) -> Column:
-    """The subject of each row; one subject without a name if the name of the file tells it."""
+    """The subject of each row; one subject with the file's name if that name tells the subject."""
     if options.subject_from is not None:
-        return Column("", [""], np.zeros(len(table.rows), np.int64))
+        return Column("", [table.source], np.zeros(len(table.rows), np.int64))
     return table.columns[options.name("subject")]

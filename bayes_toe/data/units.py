@@ -9,32 +9,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from itertools import filterfalse
 from typing import TypeAlias
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, combination_counts
 from bayes_toe.data.answers import Counts
-from bayes_toe.data.column_roles import (
-    VOCABULARY,
-    looks_like,
-    named_places,
-    names_like,
-    practice_texts,
-)
+from bayes_toe.data.column_roles import VOCABULARY, looks_like, named_places
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import Texts, display_name, join_display_names, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, pooled, with_shared_scales
 from bayes_toe.data.study_files import common_notes, reading_of_all, together
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, task_named, tasks_named
+from bayes_toe.data.tasks import tasks_named
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
-from bayes_toe.errors import InputError, Remedy
+from bayes_toe.errors import InputError
 
 #: Reads the rows of a table with options.
 Reader: TypeAlias = Callable[[ReadOptions], Study]
@@ -45,8 +37,6 @@ _REPEATED = 10
 #: How many levels a condition that is not read may have, and words of columns that are none.
 _MOST_LEVELS = 6
 _NO_CONDITION = frozenset(VOCABULARY["words"]["of_no_condition"])
-#: How many texts of a column may be groups of tasks.
-_MOST_GROUPS = 8
 
 
 def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column:
@@ -89,9 +79,6 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         If the options name a condition with one level in every subject or a reference that cannot
         be used, or if only some files have the column.
     """
-    if study.conditions is not None:
-        return study  # the tasks are the conditions
-
     has_options = options.reference is not None or options.categorical
     if "condition" not in study.reading.read:
         # The condition is then the task, unless --where chooses one of its levels.
@@ -144,87 +131,36 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
 def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> list[Study]:
     """The study in a table; a study for each task, where tasks are the condition.
 
-    The condition is then a column whose texts name tasks, or whose groups of rows have the answers
-    of different tasks. Without a column `task`, `--condition task` means that each file has one
-    task.
+    The condition is then a column whose texts name tasks. Without a column `task`,
+    `--condition task` means that each file has one task.
 
     Raises
     ------
     InputError
-        If `read` refuses the table; without a condition, with options that choose one task. Also if
-        codes of responses are of two tasks, and the condition is not the task.
+        If `read` refuses the table. Also if codes of responses are of two tasks, and the condition
+        is not the task.
     """
     if options.condition is None:
-        try:
-            return [read(options)]
-        except InputError as error:
-            remedies = _task_remedies(table, options, read) or error.remedies
-            raise type(error)(error.problems, remedies) from None
+        return [read(options)]
 
     column = table.columns.get(options.condition)
     # All rows that are read are of one task.
     if options.condition in options.where or (column is None and options.condition == TASK):
         return [read(options.without_condition)]
-    # The texts name tasks.
-    if column is not None and len(set(tasks_named(column.texts).values())) > 1:
-        return list(_studies_by_group(column, options, read).values())
-    # The condition is another one, unless the answers of groups of rows are of different tasks.
-    try:
+    tasks = {} if column is None else tasks_named(column.texts)
+    if column is None or len(set(tasks.values())) < 2:  # the condition is another one
         replace(options, condition=None)  # an InputError if the codes are of two tasks
         return [read(options)]
-    except InputError:
-        studies = {} if column is None else _studies_by_group(column, options, read)
-        if not studies:
-            raise
-        return list(studies.values())
 
-
-def _studies_by_group(column: Column, options: ReadOptions, read: Reader) -> dict[str, Study]:
-    """The study of the rows with each text of a column, if the text or the answers tell a task.
-
-    There is none if all these studies are of one task.
-    """
-    studies = {}
-    texts = column.texts[:_MOST_GROUPS]
-    practice = practice_texts(column.name, texts)
-    for text in filterfalse(practice.__contains__, texts):
-        rows = {column.name: text}
-        named_task = task_named(text)
-        if named_task is not None:
-            studies[text] = read(options.of_task(named_task, rows))
-            continue
-
-        by_task = {}  # the answers tell the task if only one reading succeeds
-        for task in (SAME_DIFFERENT, WHICH_STRONGER):
-            with suppress(InputError):
-                study = read(options.of_task(task, rows))
-                by_task[study.task] = study
-        if len(by_task) == 1:
-            (studies[text],) = by_task.values()
-
-    if len({study.task for study in studies.values()}) < 2:
-        return {}
-    left_out = [quoted(text) for text in column.texts if text not in studies]
+    studies = []
+    for text, task in tasks.items():
+        studies.append(read(options.of_task(task, {column.name: text})))
+    left_out = [quoted(text) for text in column.texts if text not in tasks]
     if left_out:
         note = f"{column}: rows with {join_names(left_out)} left out, which tell no task"
-        text, study = studies.popitem()  # one study has the note
-        studies[text] = replace(study, notes=(*study.notes, note))
+        # One study has the note.
+        studies[-1] = replace(studies[-1], notes=(*studies[-1].notes, note))
     return studies
-
-
-def _task_remedies(table: TextTable, options: ReadOptions, read: Reader) -> list[Remedy]:
-    """Options that choose one of several tasks or compare them; none if no column has tasks."""
-    for name in names_like(table.columns, "task"):
-        column = table.columns[name]
-        remedies = []
-        with suppress(InputError):
-            for text, study in _studies_by_group(column, options, read).items():
-                meaning = f"for the task {study.task.name!r}"
-                remedies.append(Remedy("where", ((column.name, text),), meaning))
-        if remedies:
-            meaning = "for contrast, which compares the tasks"
-            return [*remedies, Remedy("condition", column.name, meaning)]
-    return []
 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
@@ -234,25 +170,21 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     if options.condition is None or len(tasks) == 1 or has_conditions:
         return together(studies)  # one task, or conditions that are no tasks
 
-    by_level = {}
-    for task in tasks:
-        by_level[task.short_name] = together([study for study in studies if study.task == task])
-    order, _ = _level_order(list(by_level), options)
+    by_task = [together([study for study in studies if study.task == task]) for task in tasks]
     units = []
-    for level in order:
-        for subject in by_level[level]:
+    for study in by_task:
+        level = study.task.short_name
+        for subject in study:
             unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
             units.append(replace(subject, name=unit_name, condition=level))
-
-    joined = list(by_level.values())
-    conditions = Conditions(options.condition, tuple(order))
+    reading = reading_of_all(by_task)
     return Study(
-        subjects=with_shared_scales(units),  # which also brings the units of a subject together
-        source=" and ".join(dict.fromkeys(study.source for study in joined)),
-        synthetic=all(study.synthetic for study in joined),
-        notes=(*common_notes(joined), f"condition {conditions.about}"),
-        reading=reading_of_all(joined),
-        conditions=conditions,
+        subjects=tuple(units),
+        source=" and ".join(dict.fromkeys(study.source for study in by_task)),
+        synthetic=all(study.synthetic for study in by_task),
+        notes=tuple(common_notes(by_task)),
+        # `with_conditions` makes conditions of the names of units.
+        reading=replace(reading, read=(*reading.read, "condition")),
     )
 
 

@@ -63,14 +63,12 @@ def number_by_sign(text: str, decimal: str) -> float:
     >>> number_by_sign("1.050", ","), number_by_sign("1.050", "."), number_by_sign("1.05", ",")
     (1050.0, 1.05, nan)
     """
-    grouping = re.escape("," if decimal == "." else ".")
+    grouping = "," if decimal == "." else "."
     # Groups of three digits at the beginning, and no further sign behind them: '1.050' or '1.050,5'
     # where the point groups thousands.
-    if re.match(rf"[-+−]?\d{{1,3}}(?:{grouping}\d{{3}})+(?!\d)(?!.*{grouping})", text):
-        return number(re.sub(grouping, "", text), decimal_comma=True)
-    if re.search(grouping, text):  # otherwise than between groups of three digits
-        return math.nan
-    return number(text, decimal_comma=decimal == ",")
+    if re.match(rf"[-+−]?\d{{1,3}}(?:[{grouping}]\d{{3}})+(?!\d)(?!.*[{grouping}])", text):
+        text = text.replace(grouping, "")
+    return math.nan if grouping in text else number(text, decimal_comma=decimal == ",")
 
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:

@@ -271,30 +271,15 @@ def test_tasks_are_conditions_by_files_of_one_task_each():
     assert bt.read_study(files, bt.ReadOptions(condition="task")).names == UNITS
 
 
-#: Groups with names that tell no task: answers do, or the counts that are there.
-GROUPS = TASKS.replace("same/different", "B").replace("2afc", "A")
-COUNTS_OF_GROUPS = """\
-subject,s1,s2,n_second,n_equal,n_trials,task
-a,0.0,0.3,7,,9,A
-a,0.3,0.0,,4,9,B
-b,0.0,0.3,2,,9,A
-"""
-
-
-@pytest.mark.parametrize("text", [GROUPS, COUNTS_OF_GROUPS])
-def test_answers_tell_the_task_of_each_group(text):
-    # The column task has A and B, which name no task: the words of the responses, or the counts
-    # that a row has, say it. Without --condition the file is refused, with three remedies: one of
-    # the two tasks alone, or both as conditions.
-    assert read(text, "--condition task").names == UNITS
+def test_a_file_of_two_tasks_is_refused_with_options_that_read_it():
+    # Three remedies: one of the two tasks alone, or both as conditions.
     with pytest.raises(bt.InputError) as caught:
-        read(text)
+        read(TASKS)
     names_by_choice = []
     for chosen, _ in caught.value.choices:
         typed = [remedy.typed for remedy in chosen]
-        names_by_choice.append(read(text, " ".join(typed)).names)
+        names_by_choice.append(read(TASKS, " ".join(typed)).names)
     assert sorted(names_by_choice) == [("a",), ("a", "b"), UNITS]
-    assert read(text, "--condition task --where task=B").names == ("a",)
 
 
 def test_a_word_of_another_task_is_named_with_its_row():

@@ -61,10 +61,8 @@ READ_TRIALS = """
     a,0,0,z a,0,0,different a,0,0,Different | --equal-code z | a 0.0 0.0 1 3
     a,0,0,None a,0,0,none a,0,0,different | --equal-code None | a 0.0 0.0 1 2
     a,1,2,equal | --columns s1=s2,s2=s1 | a 2.0 1.0 1 1
-    a,0,1,9 a,1,0,7 a,1,0,-1 | --second-code 9 --first-code 7 | a 0.0 1.0 1 1, a 1.0 0.0 0 1
     a,0,1,9 a,0,1,7 a,0,1,-1 | --second-code 9 --first-code 7 --missed -1 | a 0.0 1.0 1 2
     a,0,1,9 a,0,1,7 a,0,1,0 | --second-code 9 --first-code 7 --missed 0 | a 0.0 1.0 1 2
-    a,0,0.3,second a,0.3,0,first a,0,0.3,-1 |  | a 0.0 0.3 1 1, a 0.3 0.0 0 1
     a,0,0.3,1 a,0.3,0,-1 | --second-code 1 | a 0.0 0.3 1 1, a 0.3 0.0 0 1
 """
 READ_FILES = [
