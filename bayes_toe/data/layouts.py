@@ -37,7 +37,15 @@ from bayes_toe.data.column_roles import (
     unordered_stimuli,
     with_likely_columns,
 )
-from bayes_toe.data.messages import Texts, display_name, join_names, join_quoted, join_words, quoted
+from bayes_toe.data.messages import (
+    Texts,
+    display_name,
+    join_display_names,
+    join_names,
+    join_quoted,
+    join_words,
+    quoted,
+)
 from bayes_toe.data.options import COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
 from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
@@ -155,14 +163,15 @@ def _stimulus_meant(text: str, options: ReadOptions) -> str:
     return ""
 
 
-def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
-    """The options with a column that says itself which stimulus came first.
+def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
+    """The options with a column that says itself which stimulus came first, and the table with it.
 
     They stay as they are if they say the order, if there is no standard and no comparison, or if
     columns contradict each other.
     """
     if not unordered_stimuli(table.names, options):
-        return options
+        return table, options
+    table = _with_onsets(table)
     names_in_use = set(map(options.name, COLUMNS))  # such as that of the responses
     name_by_order = {}  # by what a column says of all rows; equal columns are one
     for name, column in table.columns.items():
@@ -170,7 +179,7 @@ def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
         if by_text and name not in names_in_use:
             name_by_order[tuple(column.map(by_text.get, object))] = name
     if len(name_by_order) != 1:
-        return options
+        return table, options
 
     (name,) = name_by_order.values()
     # In a column such as 'test_position', which names no place, '1' is the interval of the test.
@@ -178,7 +187,43 @@ def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
         options = replace(options, comparison_interval=name)
     else:
         options = replace(options, standard_interval=name)
-    return with_likely_columns(table.names, options)
+    return table, with_likely_columns(table.names, options)
+
+
+def _with_onsets(table: TextTable) -> TextTable:
+    """The table with a column of order, if two columns have the onsets of standard and comparison.
+
+    Such as tone_std.started and tone_cmp.started. The table stays as it is if one of them always
+    began first, since their times may then count from different moments.
+    """
+    onsets: dict[str, list[FloatArray]] = {"standard": [], "comparison": []}
+    names = []
+    for name, column in table.columns.items():
+        stimuli, places, other_words = named_places(name)
+        is_onset = not other_words.isdisjoint(VOCABULARY["words"]["of_onset"])
+        if is_onset and len(stimuli) == 1 and not places:
+            onsets[stimuli[0]].append(column.map(number, np.float64))
+            names.append(name)
+    if list(map(len, onsets.values())) != [1, 1]:
+        return table
+
+    delay = onsets["comparison"][0] - onsets["standard"][0]
+    has_both = np.isfinite(delay)
+    delays = delay[has_both]
+    has_both_orders = has_both.any() and delays.min() < 0.0 < delays.max()
+    # The shortest delay is about as long as the longest one. One of times that vary by chance,
+    # each from its own start, may be close to 0.
+    if not has_both_orders or abs(delays).min() < 0.2 * abs(delays).max():
+        return table
+    texts = np.where(delay > 0, "standard first", "comparison first")
+    texts[~has_both] = ""
+    order = Column.from_texts("onsets", texts.tolist())
+    return replace(
+        table,
+        names=[*table.names, order.name],
+        columns={**table.columns, order.name: order},
+        notes=(*table.notes, f"columns {join_display_names(names)} read as {order.name}"),
+    )
 
 
 def _certain_order(column: Column) -> OrderByText:

@@ -195,6 +195,22 @@ def test_a_note_says_where_the_sign_depends_on_options(order_cells, codes, optio
     assert ("opposite sign" in " ".join(study.notes)) == depends
 
 
+@pytest.mark.parametrize("late, is_read", [(1.7, True), (0.51, True), (0.5, False)])
+def test_onsets_of_a_standard_and_a_comparison_are_their_order(late, is_read):
+    # The onset is 0.5 of the stimulus that is first by another column, which is left out. Equal
+    # onsets say no order.
+    table = trials_with_order("order", "1", "2")
+    is_standard_first = table.pop("order") == "1"
+    table["std.started"] = np.where(is_standard_first, 0.5, late)
+    table["cmp.started"] = np.where(is_standard_first, late, 0.5)
+    if is_read:
+        assert is_read_as_intended(table, "")
+        assert "columns std.started, cmp.started read as onsets" in bt.read_study(table).notes
+    else:
+        with pytest.raises(bt.InputError, match="do not say which stimulus came first"):
+            bt.read_study(table)
+
+
 #: The same beside stimuli with other names, of which neither says that it came first.
 LABELS = """
     presentation_order | 1-2 | 2-1 | stim1 | stim2
@@ -566,7 +582,7 @@ CONDITIONS = {
     "name of the pair": (IN_ORDER.s1.astype(str) + "_" + IN_ORDER.s2.astype(str), False),
     "a text for each trial": (IN_ORDER.index.map("t{}".format), False),
     "blocks": (IN_ORDER.index // 60 % 2, True),
-    "right or wrong in half": (OUTCOME.where(IN_ORDER.index < 120, "none"), True),
+    "right or wrong in half": (OUTCOME.where(IN_ORDER.index < 120, "none"), False),
 }
 
 
@@ -575,8 +591,8 @@ def test_what_follows_from_stimuli_and_answers_is_offered_as_no_condition(name, 
     # Such as a column of right and wrong answers. A column that follows only in the first half of
     # the trials is offered.
     column, is_offered = CONDITIONS[name]
-    result = result_of_check(tmp_path, IN_ORDER.assign(feedback=column))
-    assert ("--condition feedback" in result.stdout) == is_offered
+    result = result_of_check(tmp_path, IN_ORDER.assign(cue=column))
+    assert ("--condition cue" in result.stdout) == is_offered
 
 
 #: Names of columns beside the stimuli, and what is read from them.
