@@ -365,10 +365,6 @@ function collect() {
     if (select.value) (options[select.value] ??= []).push(select.dataset.target);
   }
   if (Object.keys(columns).length) options.columns = columns;
-  // Codes of missed trials are those of one column, and are refused where no cell has them.
-  const answers = (given) => given.correct ?? given.columns?.response;
-  const areTrials = responses === "response" || responses === "correct";
-  if (!areTrials || answers(options) !== answers(job.options)) delete options.missed;
   return options;
 }
 

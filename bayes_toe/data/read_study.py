@@ -46,9 +46,9 @@ from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     ask_for_third_count,
     blank_missed,
-    codes_found,
+    missed_codes_found,
+    notes_without_effect,
     require_direction,
-    require_effect,
     require_task,
     responses,
     with_joined_codes,
@@ -192,10 +192,10 @@ def read_study(
 
     try:
         study = read(options)
-        require_effect(study, options)
+        notes = (*notes_on_files, *study.notes, *notes_without_effect(study, options))
     except InputError as error:
         raise with_next_questions(error, options, read) from None
-    study = with_conditions(replace(study, notes=(*notes_on_files, *study.notes)), options)
+    study = with_conditions(replace(study, notes=notes), options)
     # A column that is called condition, and that no option names, may be none.
     is_chosen = options.categorical or options.condition or options.reference
     is_by_name = study.conditions is not None and not is_chosen
@@ -521,7 +521,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         doubts=tuple(f"{source}: {doubt}" for doubt in doubts),
         pooled=pooled,
         codes=codes,
-        found=[*rows.table.names, *codes_found(rows.columns, rows.response_signs, rows.options)],
+        found=(*rows.table.names, *missed_codes_found(rows.table.columns.values(), rows.options)),
     )
     return Study(
         tuple(subjects), source, synthetic=all(is_marked), notes=tuple(notes), reading=reading

@@ -12,7 +12,7 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Se
 from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
-from itertools import chain, compress, filterfalse, permutations
+from itertools import chain, compress, filterfalse, permutations, product
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -49,7 +49,7 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import CELL, Column, Columns, TextTable, without_decimals
+from bayes_toe.data.text_table import CELL, Column, TextTable, without_decimals
 from bayes_toe.data.validation import MISSING_WORDS, number, whole_number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -198,7 +198,7 @@ def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> Boo
     >>> subject.only(_has_opposite_keys(column, subject, rise)).texts
     ['b']
     """
-    deviation = rise - rise.mean()
+    deviation = rise - rise.sum() / max(len(rise), 1)  # there may be no rows
     is_code = column.matches(_frequent(column)[:1])
     trend = np.bincount(subject.codes, deviation * (is_code - 0.5))
     # The SD of guesses is half of the root.
@@ -386,24 +386,31 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     return missed
 
 
-def codes_found(columns: Columns, signs: Iterable[Column], options: ReadOptions) -> Iterator[str]:
-    """The codes of missed trials that cells have, and codes of responses if they are there."""
-    for column in (*columns.values(), *signs):
-        texts = {*column.texts, *map(without_decimals, column.texts)}
-        yield from texts.intersection(options.missed)
-    if "response" in columns:
-        yield from options.code_by_answer.values()
+def missed_codes_found(columns: Iterable[Column], options: ReadOptions) -> Iterator[str]:
+    """The codes of missed trials that the options name and cells have."""
+    for column, code in product(columns, options.missed):
+        if code in column.texts or code in map(without_decimals, column.texts):
+            yield code
 
 
-def require_effect(study: Study, options: ReadOptions) -> None:
-    """Refuse codes of responses, and columns to ignore, that no file of the study has."""
+def notes_without_effect(study: Study, options: ReadOptions) -> list[str]:
+    """Notes on codes of missed trials, and on columns to ignore, that no file of the study has.
+
+    They are not refused, as one command may read the files of several subjects, one by one. Codes
+    of responses beside counts are.
+    """
+    codes = options.code_by_answer.values()
+    if codes and "response" not in study.reading.read:
+        raise InputError(
+            f"{study.source}: found counts, and {join_quoted(codes)} as the code of a response, "
+            "allowed: such codes for rows of trials"
+        )
     found = ["practice", *study.reading.found]  # texts in any column may say that it is practice
-    for text in (*options.code_by_answer.values(), *options.missed, *options.ignore):
+    absent = []
+    for text in (*options.missed, *options.ignore):
         if text not in found and not names_like(found, text):
-            raise InputError(
-                f"{study.source}: found no response and no column {quoted(text)}, allowed: codes "
-                "of responses and columns to ignore that are there"
-            )
+            absent.append(text)
+    return [f"no cell and no column is {join_quoted(absent)}"] if absent else []
 
 
 def without_missed(
