@@ -572,7 +572,7 @@ def columns_to_read(
     if unordered:
         problems.append(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
-            "would cancel out."
+            "would cancel out. If both were shown at once, there is no order."
         )
         return roles_read, problems, list(_order_remedies(_interval_names(columns)))
 
