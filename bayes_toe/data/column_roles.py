@@ -350,12 +350,6 @@ _LETTERS = {
 _NUMBER_OF_TRIAL = (
     r"(?i)\d+|.*\d_(?:[pqrst]|rep|trial|item|vpn?|sub|subj|subject|participant)_?\d+|q\d+_\d+"
 )
-#: What to do if no column of a file has a role.
-_HINTS = {
-    "subject": "if it has one for each subject, make the table long: a subject, a pair and its "
-    "response, or its counts n_second and n_trials, in each row",
-    "s1": "both stimuli of each trial are needed: neither one alone nor a difference is enough",
-}
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
 #: Shapes of names with two numbers, of which none is that of a question, trial or subject, as in
@@ -572,7 +566,7 @@ def columns_to_read(
     if unordered:
         problems.append(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
-            "would cancel out."
+            "would cancel out. If both were shown at once, there is no order."
         )
         return roles_read, problems, list(_order_remedies(_interval_names(columns)))
 
@@ -1054,11 +1048,14 @@ def _columns_remedies(
         for role in blank_roles:
             del names_by_role[role]
 
-    hints = list(filter(None, map(_HINTS.get, blank_roles)))
     by_name = []
     for names in product(*names_by_role.values()):
-        meaning = "with the names in your file; if it has no such column, add one"
-        meaning = "; ".join([meaning, *hints]) if "NAME" in names else ""
+        meaning = (
+            "with the names in your file; if it has no such column, add one: each row needs one "
+            "subject, both stimuli, and a response or counts n_second and n_trials"
+            if "NAME" in names
+            else ""
+        )
         by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
     other_options = []
     for role in names_by_role:

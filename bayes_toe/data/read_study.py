@@ -348,8 +348,7 @@ class _Rows:
         names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
         for ours in self.options.ignore:
             names_to_skip |= {self.options.name(ours), *names_like(self.table.names, ours)}
-        names = dict.fromkeys(self.table.names)  # each once
-        return [name for name in names if name not in names_to_skip]
+        return [name for name in dict.fromkeys(self.table.names) if name not in names_to_skip]
 
     def require_pairs(self, rows: BoolArray) -> None:
         """Note what is wrong with subjects, conditions and stimuli in these rows."""

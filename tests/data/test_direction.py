@@ -589,7 +589,7 @@ CONDITIONS = {
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_what_follows_from_stimuli_and_answers_is_offered_as_no_condition(name, tmp_path):
     # Such as a column of right and wrong answers. A column that follows only in the first half of
-    # the trials is offered.
+    # the trials is none either, since one of its levels, that of wrong answers, is rare.
     column, is_offered = CONDITIONS[name]
     result = result_of_check(tmp_path, IN_ORDER.assign(cue=column))
     assert ("--condition cue" in result.stdout) == is_offered

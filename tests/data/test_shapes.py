@@ -656,10 +656,6 @@ REFUSED = {
         "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
         "found whole numbers from 12 to 14, allowed: natural logs or a unit\ntype:  --unit a.u.",
     ),
-    "two_units.csv --unit ms": (
-        "subject,s1,s2,response\na,70 dB,55 dB,first\na,300 ms,400 ms,second\n",
-        "the stimuli have the units 'dB', 'ms', allowed: one unit, such as that of the rows",
-    ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
         "the stimuli have the unit 'dB'.\n",
@@ -776,7 +772,7 @@ REFUSED = {
     "columns_of_subjects.csv": (
         "w1_s1,w2_s1,resp_s1,w1_s2,w2_s2,resp_s2\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
         "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME  with the names in your file",
-        "if it has one for each subject, make the table long: a subject, a pair and its response",
+        "each row needs one subject, both stimuli, and a response or counts n_second and n_trials",
     ),
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
