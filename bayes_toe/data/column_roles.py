@@ -336,7 +336,8 @@ _UNIT_MEANINGS = {
     "cents": "they are cents, 1200 to an octave",
     "ln": "the numbers are natural logs",
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
-    "NAME": "it is a unit of logarithms; to differences from a base, add the base instead",
+    "NAME": "it is a unit of logarithms; if numbers are differences from a base, add the base in "
+    "the file; if their signs are directions, write them without signs",
 }
 #: Signs of the first of two stimuli in names of columns, with those of the second: the last digit,
 #: apart from that of m2, or a word; and signs that may not say which stimulus came first.
