@@ -144,7 +144,7 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
     run_command = typed_command("run" if len(study.by_task) == 1 else "contrast")
     if not options:
         if any(map(_is_doubt, findings)):
-            decision = "First settle the doubts about the file that stand above. Then type:"
+            decision = "First settle the doubts that stand above. Then type:"
         elif by_subject:
             decision = "No subject must be excluded; the table says what to keep in mind. Type:"
         else:

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, combination_counts, run_starts
-from bayes_toe.data.messages import Texts, display_name, join_display_names, join_words
+from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
 from bayes_toe.data.text_table import Column, repeated_columns
@@ -333,7 +333,8 @@ _UNIT_MEANINGS = {
     "cents": "they are cents, 1200 to an octave",
     "ln": "the numbers are natural logs",
     ANY_UNIT: "they are intensities; better with the name of their unit, such as Hz",
-    "NAME": "it is a unit of logarithms; to differences from a base, add the base instead",
+    "NAME": "it is a unit of logarithms; if numbers are differences from a base, add the base in "
+    "the file; if their signs are directions, write them without signs",
 }
 #: Signs of the first of two stimuli in names of columns, with those of the second: the last digit,
 #: apart from that of m2, or a word; and signs that may not say which stimulus came first.
@@ -353,9 +354,9 @@ _NUMBER_OF_TRIAL = (
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
 #: Shapes of names with two numbers, of which none is that of a question, trial or subject, as in
-#: 'Q{}_{}'.
+#: 'Q{}_{}', or of a name, as in 'F{}={}'.
 _PAIR_SHAPE = (
-    r"(?i)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
+    r"(?i)(?!.*{}=)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
     r"(?!.*{}_(?:[ps]|vpn?|sub|subj|subject|participant)_?{})"
     r"(?!(?:[^{}]*[-_. ])?(?:q|b|block|question)[-_. ]*{}[^{}]+{}$)"
     r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*"  # 'Q5_' may be in front
@@ -591,7 +592,7 @@ def columns_to_read(
 
 def _missing_columns(names: Texts, missing: Texts) -> str:
     """What is missing, what the file has instead, and what may help."""
-    columns = join_display_names(filter(None, names))
+    columns = join_names(map(display_name, filter(None, names)), max_items=30)
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     absent = absent.replace("n_equal", "n_equal or n_second")  # either may be meant
     problem = f"there is {absent}. The columns are {columns}."
@@ -996,6 +997,8 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     (('Q*_{first}_{second}', 2), ('', 0))
     >>> _pair_pattern(["p350_500_r1", "p350_500_r2"]), _pair_pattern(["1_Q7", "2_Q7", "3_Q7"])
     (('p{first}_{second}_r*', 2), ('', 0))
+    >>> _pair_pattern(["F1=190", "F1=130"])
+    ('', 0)
     """
     # The shape of '440 Hz vs 460 Hz' is '{} Hz vs {} Hz'.
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)

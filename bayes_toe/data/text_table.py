@@ -406,12 +406,16 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # By name of several trials a newline for each trial, which separates its name from the next.
     newlines = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
     rows, texts = _texts_by_name(records, names, newlines, problems)
-    # R numbers the rows by default. Other texts in front of a row may be a cell too many.
+    # R numbers the rows by default. Other texts in front of a row may be a cell too many, or each
+    # row ends in an empty cell.
     if has_row_names and texts[""] != list(map(str, range(1, len(rows) + 1))):
-        raise InputError(
-            f"{source}: row {rows[0]}: found {len(names)} cells below {len(names) - 1} "
-            "names, allowed: a name for each column"
-        )
+        if any(texts[names[-1]]) or len(texts) < len(names):
+            raise InputError(
+                f"{source}: row {rows[0]}: found {len(names)} cells below {len(names) - 1} "
+                "names, allowed: a name for each column"
+            )
+        names = [*names[1:], ""]
+        texts = dict(zip(names, texts.values(), strict=True))
 
     chosen = {*choice(names), ""}  # also the numbers of rows, which have no name
     columns = {}
@@ -474,6 +478,8 @@ def _texts_by_name(
         indices_of_trials.append(index_of_name | own_indices)
     rows = array("q")
     for row, cells in records:
+        if names[-1] == "" and len(cells) == len(names) - 1:
+            cells = [*cells, ""]  # only the row of names ends in a delimiter
         if isinstance(cells, csv.Error) or len(cells) != len(names):
             problems.add([(row, _broken(row, cells, len(names)))])
             continue

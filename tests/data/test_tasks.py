@@ -21,6 +21,8 @@ READ = f"""
     {TRIALS} a,0,1,second a,1,0,first | --second-code first --first-code second | 0 1 0 1, 1 0 1 1
     subject,s1,s2,k,n_trials a,0,1,3,5 | --columns n_second=k | 0 1 3 5
     {RIGHT} a,0,1,1 a,0,1,0 a,1,0,1 a,1,0,wrong a,0,0,1 a,0,1, | --correct acc | 0 1 1 2, 1 0 1 2
+    subject,s1,s2,response a,0,1,second, a,1,0,first, |  | 0 1 1 1, 1 0 0 1
+    subject,s1,s2,response, a,0,1,second a,1,0,first |  | 0 1 1 1, 1 0 0 1
     {TASK} a,0,1,second,2AFC a,0,1,same,same-different | --where task=2AFC | 0 1 1 1
     {TASK} a,0,1,second,comparison a,1,0,first,rating |  | 0 1 1 1, 1 0 0 1
 """
