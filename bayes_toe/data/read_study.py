@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import filterfalse
@@ -31,6 +30,7 @@ from bayes_toe.data.column_roles import (
     solutions,
     with_likely_columns,
 )
+from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.layouts import (
     ALLOWED_INTERVALS,
     StandardOrder,
@@ -95,7 +95,6 @@ from bayes_toe.data.validation import (
     counts_of_shares,
     empty,
     has_shares,
-    read_numbers,
     require_numbers,
     require_texts,
     whole_number,
@@ -110,16 +109,10 @@ COMMANDS = (
     "--truth example_same_different_truth.csv --task same/different --subjects 16 "
     "--seed 2604",
 )
-#: By task, how the names of the files of its example begin, and the true parameters in them.
+#: By task, how the names of the files of its example begin.
 _EXAMPLES = {
-    WHICH_STRONGER: (
-        Path(__file__).with_name("example"),
-        ("noise", "noise_slope", "lapse_rate", "constant_error", "contraction"),
-    ),
-    SAME_DIFFERENT: (
-        Path(__file__).with_name("example_same_different"),
-        ("mu1", "sigma_p", "sigma_l", "q0"),
-    ),
+    WHICH_STRONGER: Path(__file__).with_name("example"),
+    SAME_DIFFERENT: Path(__file__).with_name("example_same_different"),
 }
 #: True parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
@@ -218,9 +211,7 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     table = read_table(path, choice, LARGEST_STUDY, encoding=options.encoding, sheet=options.sheet)
 
     def read_rows(row_options: ReadOptions) -> Study:
-        # Rows may be read several times: each reading collects problems of its own.
-        table_of_reading = replace(table, problems=deepcopy(table.problems))
-        rows = _rows(table_of_reading, path, row_options)
+        rows = _rows(table, path, row_options)
         task = task_counted(rows.columns)
         return _trial_study(rows) if task is None else _count_study(rows, task)
 
@@ -254,8 +245,7 @@ def example_study(task: Task | str = WHICH_STRONGER, options: ReadOptions | None
     >>> example_study("same/different")["S01"].task.yes
     'equal'
     """
-    beginning, _ = _example(task)
-    study = read_study(f"{beginning}_study.csv", options)
+    study = read_study(f"{_example(task)}_study.csv", options)
     return replace(study, source="bundled example (synthetic)", reading=Reading())
 
 
@@ -280,16 +270,15 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     >>> sorted(example_truth("same/different")["S01"])
     ['mu1', 'q0', 'sigma_l', 'sigma_p']
     """
-    beginning, parameters = _example(task)
-    names, columns = read_numbers(f"{beginning}_truth.csv", parameters, key="subject")
-    rows = np.column_stack(list(columns.values())).tolist()  # the parameters of each subject
-    return {
-        name: dict(zip(columns, row, strict=True)) for name, row in zip(names, rows, strict=True)
-    }
+    truth: dict[str, dict[str, float]] = {}
+    for parameter, values in read_covariates(f"{_example(task)}_truth.csv").items():
+        for subject, value in values.items():
+            truth.setdefault(subject, {})[parameter] = float(value)
+    return truth
 
 
-def _example(given: Task | str) -> tuple[Path, Texts]:
-    """How the paths of an example's files begin, and its parameters; some tasks have no example."""
+def _example(given: Task | str) -> Path:
+    """How the paths of an example's files begin; some tasks have no example."""
     task = task_of(given)
     if task not in _EXAMPLES:
         names = join_names([task.name for task in _EXAMPLES])
@@ -533,7 +522,7 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
     doubts = list(rows.rounding)
     if task == THREE_ANSWERS:
         doubts += rare_answer_doubts(counts)
-    if not are_trials(rows.columns) and len(n) >= 4 and (n == 100).all():  # fewer may be a chance
+    if len(n) >= 4 and (n == 100).all():  # fewer may be a chance
         doubts.append(
             "each row has 100 trials, as in a table of percentages. If there were fewer, write "
             "their number"

@@ -81,21 +81,15 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
     if not where or not len(table.rows) or not set(where) <= table.columns.keys():
         return table, options
 
-    is_chosen_row = np.ones(len(table.rows), bool)
     for name, text in where.items():
-        column = table.columns[name]
+        column = table.columns[name]  # in the rows that have the texts before
         if text not in column.texts:
             raise InputError(
                 f"{table.source}: {column}: found {join_quoted(column.texts)}, "
                 f"allowed: {quoted(text)}, as --where has it, in some row"
             )
-        is_chosen_row &= column.matches([text])
-    if not is_chosen_row.any():
-        raise InputError(
-            f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}"
-        )
+        table = table.only(column.matches([text]))
 
-    table = table.only(is_chosen_row)
     # In the rows of one task, columns of another one are empty.
     others = table.columns.keys() - where.keys()
     empty_names = [name for name in others if table.columns[name].texts == [""]]
@@ -234,16 +228,21 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
     if not is_unfilled.any():
         return table
 
-    unfilled = subject.only(is_unfilled)
-    counts = np.bincount(unfilled.codes).tolist()
     return table.only(
         ~is_unfilled,
         Note(
             (is_unfilled.sum(), "row"),
             " left out as unfilled (stimuli and response are 0 in the last rows): ",
-            named_counts(dict(zip(unfilled.texts, counts, strict=True))),
+            _counts_by_subject(subject, is_unfilled),
         ),
     )
+
+
+def _counts_by_subject(subject: Column, rows: BoolArray) -> Texts:
+    """How many of these rows each subject has, such as ['S01 2', 'S03 5']."""
+    part = subject.only(rows)
+    names = [text or "(no subject)" for text in part.texts]  # empty where the file has none
+    return named_counts(dict(zip(names, np.bincount(part.codes).tolist(), strict=True)))
 
 
 def dropped_notes(
@@ -255,13 +254,11 @@ def dropped_notes(
     """
     if not is_dropped.any():
         return
-    dropped = subject.only(is_dropped)
-    names = [text or "(no subject)" for text in dropped.texts]  # empty where the file has none
-    counts = dict(zip(names, np.bincount(dropped.codes).tolist(), strict=True))
     # Programs also write rows of screens, which are about as many as the answers, or more.
     noun = "trial" if is_dropped.mean() < 0.4 else "row"
     finding = f" ({', '.join(cells)})" if cells else ""
-    yield Note((is_dropped.sum(), noun), f" {reason} dropped{finding}: ", named_counts(counts))
+    counts = _counts_by_subject(subject, is_dropped)
+    yield Note((is_dropped.sum(), noun), f" {reason} dropped{finding}: ", counts)
 
 
 def columns_of_file(table: TextTable) -> dict[str, Column]:

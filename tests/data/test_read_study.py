@@ -762,7 +762,7 @@ def test_bytes_that_are_no_text_are_refused(data, problem):
         (
             TRIALS + "a,0,1,1\na,1,0,1",
             "--where s1=0,s2=0",
-            "found no row that is as --where has it in all of s1, s2",
+            "column s2: found '1', allowed: '0', as --where has it, in some row",
         ),
         (
             "subject,s1,s2,response,kind,kind\n",
