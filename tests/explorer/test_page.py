@@ -105,7 +105,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     answers = replace(subject.answers, block=block, blocks=tuple("1234"))
     study = bt.Study([replace(subject, answers=answers)]).swap("S01", 2)
     draws = bt.sample(study, model="none", draws=100, seed=1)
-    # The counts, which the draws have, do not show it. The file names such subjects.
+    # The draws have counts alone, which do not show it. Their file has it in a list of its own.
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
     [entry] = entries(loaded)
     assert entry.words == (("not interpreted:", "responses look swapped"),)
@@ -116,7 +116,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
 )
 def test_a_name_can_neither_end_the_page_nor_turn_its_text_around(small_study, name, expected):
     # One name would end the script of the page, and the other has a sign that turns text around.
-    html = page_of_made_draws(replace(small_study["A"], name=name), 30)
+    html = page_of_made_draws(replace(small_study["A"], name=name), draws=30)
     assert json_of_page(html)["index"]["entries"][0]["subject"] == expected
     assert name not in html
 
@@ -204,7 +204,7 @@ def test_a_known_unit_is_that_of_all_axes():
     table[["s1", "s2"]] = 100.0 * np.exp(table[["s1", "s2"]])
     grams = bt.read_study(table, bt.ReadOptions(unit="g"))
     (entry,) = entries(bt.sample(grams, seed=1, model="both"))
-    packed = entry.packed(500)
+    packed = entry.packed(most_rows=500)
     assert packed["plane"]["label"] == "first stimulus, g"
     assert packed["slices"][0]["scale"]["label"] == "second stimulus, % of the first"
     assert packed["pairs"]["stimuli"][0] == "100 g, 135 g"
