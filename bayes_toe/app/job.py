@@ -1,6 +1,6 @@
 """The studies of the web page. Each is a folder, and the page shows only what the folder holds.
 
-`Job` is one study, `job_of` finds that of some files, and `list_jobs` lists all.
+`Job` is one study, `job_of` finds the study of some files, and `list_jobs` lists all studies.
 
 A study is analysed by the command `bayes-toe run` in its folder. The process holds a lock of the
 home folder, so that one study is analysed at a time, also after the server was started again.

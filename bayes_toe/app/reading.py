@@ -64,7 +64,7 @@ def read_job(job: Job) -> Record:
 
 
 def _read_options(options: Record) -> bt.ReadOptions:
-    """The options of the page as those of reading.
+    """The options of the page as options of reading.
 
     Names of columns that the command `bayes-toe run` cannot name are refused.
     """
@@ -107,8 +107,9 @@ def describe_table(table: TextTable) -> Record:
 def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     """The column of each role, such as {'s1': 'first'}.
 
-    `roles` has those of the options, and `automatic` those if the page names no columns. `unit` is
-    that in the names of the stimuli, and `order` has the column that says which of them came first.
+    `roles` has the columns by these options, and `automatic` the columns if the page names none.
+    `unit` is the unit in the names of the stimuli. `order` has the column that says which stimulus
+    came first.
     """
     options = with_known_order(table, options)
     # Without the unit of the options, `with_likely_columns` finds that in the names.

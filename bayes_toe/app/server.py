@@ -194,7 +194,7 @@ class Handler(RequestHandler):
             problem = str(error)
         elif isinstance(error, OSError):
             self.set_status(507)
-            # An OutputError is an OSError without number, whose cause is that of the system.
+            # An OutputError is an OSError without a number. Its cause is the error of the system.
             reason = getattr(error.__cause__ or error, "strerror", None) or error
             problem = f"The folder {self.site.home} cannot be used: {reason}"
         else:
@@ -207,7 +207,7 @@ class Page(Handler):
     """The page itself; a token in its address stands for the cookie and sets it."""
 
     def token(self) -> str | None:
-        """The token of the address, which goes before an old cookie, or that of the cookie."""
+        """The token of the address, or else of the cookie, which may be an old one."""
         return self.get_query_argument("token", None) or super().token()
 
     def get(self, name: str) -> None:
@@ -301,7 +301,7 @@ def application(site: Site) -> Application:
             ("/(|page.js|page.css)", Page),
             ("/api/jobs", Jobs),
             (f"/api/jobs/{job}(?:|/(options|run|stop|delete))", OneJob),
-            # The path of each request is that of a study, see `Results.get`.
+            # The path is empty here: `Results.get` sets the folder of the study for each request.
             ("/results/([0-9a-f]+/[0-9a-f]{16}/.+)", Results, {"path": ""}),
         ],
         default_handler_class=Handler,

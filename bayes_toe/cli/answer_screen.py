@@ -71,7 +71,7 @@ def flagged(
 def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
     """Print the table of subjects, the reasons of '(a)' in it, and the problems.
 
-    If subjects are many, only those that need action have a row. `file` has all.
+    Of many subjects, only the ones that need action have a row. `file` has all subjects.
     """
     names = names_to_show([answer.subject for answer in answers], flagged(answers))
     selected = [answer for answer in answers if answer.subject in names]
@@ -92,7 +92,7 @@ def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
 def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
     """Print the table of subjects; if it is too wide, its cells get shorter words.
 
-    `unit` is that of differences between stimuli.
+    `unit` is the unit of differences between stimuli.
     """
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
     # Words are shortened before a name is cut, because two names may be the same once cut.

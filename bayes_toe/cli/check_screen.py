@@ -183,7 +183,7 @@ def _obstacle(study: Study, findings: Findings) -> str:
 
 
 def _limits_of_design(study: Study, findings: Findings) -> list[str]:
-    """Sentences on the effects that the design can show, and on those that it cannot."""
+    """Sentences on the effects that the design can show, and on the effects that it cannot."""
     all_subjects = plural(len(study), "subject")
     identifications = [identify(subject) for subject in study]
     effects = []
@@ -194,7 +194,7 @@ def _limits_of_design(study: Study, findings: Findings) -> list[str]:
             share = "" if n_able == len(study) else f" ({n_able} of {all_subjects})"
             effects.append(f"a {effect.replace('_', ' ')}{share}")
     lines = [f"The design can show {join_words(effects)}."] if effects else []
-    # Notes without an option, of which those with the same message become one.
+    # Notes without an option. Notes with the same message become one.
     limits = ((one.subject, one.message, "") for one in findings if one.code == "not_identified")
     for subjects, message, _ in merge_notes(limits):
         if subjects:  # none are named if the limit holds for the whole study

@@ -61,9 +61,9 @@ class StudyPlan:
     observers: Observers = None
 
     def designs(self, files: Sequence[Path]) -> Mapping[str, StudyDesign]:
-        """Designs by name: that of the file, and with several tasks also that of the task.
+        """Designs by name: the name of the file, and of the task if there are several tasks.
 
-        Without a file it is the paper's design; a single file is called 'these pairs'.
+        A single file is called 'these pairs'. Without a file, the design is the paper's.
         """
         from bayes_toe.data.tasks import task_of
         from bayes_toe.design.power import GIVEN_PAIRS, PAPER_PAIRS
@@ -360,7 +360,7 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
     power_command = (
         f"bayes-toe power {output} --task 2afc,same/different,ternary --trials {search.trials}"
     )
-    # The mark '-' is that of advice, '!' that of a warning.
+    # The mark '-' means advice; the default '!' means a warning.
     context.out.notes(
         [("", "Another task may find more with the same trials.", power_command)], mark="-"
     )

@@ -57,7 +57,7 @@ def population(
             f"{output}: the ending is {output.suffix!r}. Draws need .nc; tables and figure have "
             "the same name with another ending."
         )
-    # The draws, the table of the group, that of its subjects, and the figure.
+    # The draws, the table of the group, the table of its subjects, and the figure.
     endings = (".nc", ".csv", "_subjects.csv", ".png")
     files = [output.with_name(f"{output.stem}{ending}") for ending in endings]
     if categorical and covariates is None:

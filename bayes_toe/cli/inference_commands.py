@@ -176,7 +176,10 @@ def evidence(
 
 
 def print_draws(out: Terminal, draws: bt.Draws) -> None:
-    """Print medians, intervals and convergence of every subject, or of those with a problem."""
+    """Print medians, intervals and convergence of every subject.
+
+    Of many subjects, only the ones with a problem have a row.
+    """
     from bayes_toe.answers.order_effect import format_draws
     from bayes_toe.model.models import model_title
     from bayes_toe.model.parameters import QUANTITY_BY_NAME

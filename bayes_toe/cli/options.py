@@ -214,7 +214,7 @@ class StudyFile:
         return tuple(table_files(self._paths())[0])  # without the notes on folders
 
     def _paths(self) -> list[Path]:
-        """The files; a name with * that the shell has not replaced becomes those that match."""
+        """The files. A name with *, which the shell has not replaced, means all that match it."""
         paths = []
         for file in self.files or ():
             # A file that exists is meant, even if its name has a '*'.

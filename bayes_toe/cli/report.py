@@ -54,7 +54,6 @@ from bayes_toe.data.messages import (
     with_policy,
 )
 from bayes_toe.data.stimulus_unit import percent
-from bayes_toe.data.tables import file_stems
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import PRIOR_PROBABILITIES
 from bayes_toe.model.posterior import DOMINATED
@@ -89,7 +88,7 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     if is_paged:
         # The index begins with the subjects that need action, and links to their pages.
         answers.sort(key=lambda answer: answer.subject not in facts["flagged"])
-        links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
+        links = {name: f"subjects/{stem}.html" for name, stem in facts["stems"].items()}
     else:
         links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}  # sections of the report
 
@@ -237,7 +236,7 @@ def _sections(
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, row) for row in summaries[name].itertuples()],
-            # The page names those of these that the prior determines. gamma follows from two.
+            # The page names the ones that the prior determines. gamma follows from two of them.
             "natural": (*analysis.draws.posterior(name).names.natural, "gamma"),
             "remarks": [*remarks, *evidence_row.notes],
         }

@@ -57,10 +57,10 @@ def write_results(
 ) -> Path:
     """Write draws, tables, figures, report and methods of an analysis; return their folder.
 
-    All are complete before the first one replaces a file. With `--overwrite`, what an earlier
-    analysis of these subjects has left and this one does not write is removed; other files of the
-    folder stay. Corner plots and curves are those of "all" subjects, of those "flagged" as needing
-    action, or of "none". `contradictions` are what speaks against a normal group.
+    All are complete before the first one replaces a file. With `--overwrite`, files that an earlier
+    analysis of these subjects has left are removed; other files of the folder stay. `figures` says
+    which subjects have corner plots and curves: "all", "flagged" (they need action) or "none".
+    `contradictions` are what speaks against a normal group.
     """
     draws = analysis.draws
     stems = file_stems(analysis.study.names)  # of the files of each subject
@@ -92,7 +92,7 @@ def write_results(
 
 
 def _write_tables(analysis: Analysis, folder: Path) -> None:
-    """Write the tables of subjects, conditions and the group, with figures and draws of these."""
+    """Write the tables of subjects, and tables, figures and draws of conditions and the group."""
     study = analysis.study
     contrast = analysis.contrast
     group = analysis.group

@@ -51,9 +51,9 @@ if TYPE_CHECKING:
     from bayes_toe.workers import Workers
 
 Result = TypeVar("Result")
-#: The fields of :class:`RunContext` that are options of commands with several processes, and of
-#: those that use a model too. The annotation of a command names the fields that the command has;
-#: all have `quiet`.
+#: Fields of :class:`RunContext` that many commands have as options: commands with several
+#: processes, and commands with a model. The annotation of a command names its fields. Every command
+#: has `quiet`.
 WORKERS = ("processes", "dask", "overwrite")
 MODEL = ("seed", "prior", *WORKERS)
 

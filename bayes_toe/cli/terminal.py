@@ -27,8 +27,9 @@ Rows = Sequence[Texts]
 Note = tuple[str, str, str]
 #: Columns of every line and table, whatever the width of the terminal.
 WIDTH = 80
-#: Subjects from which on tables show only those that need action; notes of one kind.
+#: Tables of so many subjects show only the ones that need action.
 MANY_SUBJECTS = 20
+#: Notes that are printed at once.
 MOST_NOTES = 20
 #: Where the other notes are, if nothing better is known.
 OUTPUT = "the output"
@@ -113,7 +114,7 @@ class Terminal:
     def notes(self, notes: Iterable[Note], mark: str = "!", *, file: str = OUTPUT) -> None:
         """Print notes after an empty line.
 
-        Notes with the same text and option become one. `file` has those that are not printed.
+        Notes with the same text and option become one. `file` has the notes that are not printed.
         """
         merged = merge_notes(notes)
         if merged:
@@ -224,7 +225,7 @@ def repeated_command() -> str:
 
 
 def with_options(command: str, options: Iterable[str]) -> str:
-    """A command line with further options, which replace those for blocks of the same subject.
+    """A command line with further options. One for a subject replaces others for its blocks.
 
     A swap that was typed is removed: only after that swap do the responses look swapped.
 
@@ -342,8 +343,8 @@ def shorten(text: str, width: int) -> str:
 
     Examples
     --------
-    >>> shorten("SubA_Bimodal_l2", 10), shorten("A08 !", 8)
-    ('SubA_...l2', 'A08 !')
+    >>> shorten("SubA_Bimodal_l2", 10), shorten("A08 !", 8), shorten("A08", 0)
+    ('SubA_...l2', 'A08 !', '...')
     """
     if cell_width(text) <= width:
         return text
@@ -367,7 +368,7 @@ def cell_width(text: str) -> int:
 
 
 def names_to_show(names: Texts, urgent: Collection[str]) -> Texts:
-    """Subjects that a table shows: all, or only those in `urgent` if there are many.
+    """Subjects that a table shows: all, or only the `urgent` ones if there are many.
 
     Examples
     --------
@@ -388,7 +389,7 @@ def notes_of(rows: Iterable[Any]) -> list[Note]:
 
 
 def merge_notes(notes: Iterable[Note]) -> list[tuple[list[str], str, str]]:
-    """Notes with all their subjects; those with the same text and option become one.
+    """Notes with all their subjects. Notes with the same text and option become one.
 
     Examples
     --------

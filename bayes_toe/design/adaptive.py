@@ -62,7 +62,7 @@ class Particles:
         The posterior before the first answer: prior and scales of the pairs. `for_subject` adds
         answers.
     draws : WeightedDraws
-        With all coordinates of the task; their posterior density is that of all answers.
+        With all coordinates of the task. Their posterior density counts all answers so far.
     first_efficiency : float
         Efficiency of the draws when they were made.
     mixture : PriorMixture, optional
@@ -121,7 +121,7 @@ class Adaptive:
     pairs : StudyDesign or array_like, shape (pairs, 2)
         What can be shown: s1 and s2. Numbers of trials play no role. A design knows its task.
     prior : Prior or str, optional
-        As in :func:`bayes_toe.analysis.evidence`; its scales are those of all pairs, each as often.
+        As in :func:`bayes_toe.analysis.evidence`. Its scales follow from all pairs, each once.
     seed : int, optional
     about : str
         "model": which of the four models; "parameters": their parameters as well.
@@ -226,9 +226,9 @@ class Adaptive:
         self._renew_worst()
 
     def _renew_worst(self) -> None:
-        """Draw anew for one model whose efficiency is below half of that of its first draws.
+        """Draw anew for one model whose efficiency is below half the efficiency of its first draws.
 
-        If several models are, it is the one whose Monte Carlo error matters most: in proportion to
+        Of several such models, it is the one whose Monte Carlo error matters most: in proportion to
         its probability, and to one over the root of its effective number of draws. So an answer
         takes no longer than one renewal.
         """
@@ -302,7 +302,8 @@ class Adaptive:
     def order_effect(self) -> OrderEffect:
         """The conclusion on the order effect, as `evidence` gives it for these trials.
 
-        Its scales are those of the pairs that were shown; those of the session are of all pairs.
+        Its scales follow from the pairs that were shown. The scales of the session follow from all
+        pairs.
 
         Raises
         ------

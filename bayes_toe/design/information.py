@@ -146,7 +146,7 @@ def exchange_trials(
     fixed: IntArray,
     turned: IndexArray,
 ) -> IntArray:
-    """Distribute trials over pairs, beside those that are fixed, for the largest utility.
+    """Distribute trials over pairs, beside the fixed trials, for the largest utility.
 
     A pair and the same stimuli in the other order share the trials that move.
 

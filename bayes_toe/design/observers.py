@@ -71,7 +71,7 @@ GROUP_KINDS = {
     "contraction 10 %": {"constant_error": _ABOUT_0, "contraction": (-0.07, 0.27)},
     "contraction 20 %": {"constant_error": _ABOUT_0, "contraction": (0.03, 0.37)},
 }
-#: The source of all of these.
+#: The name of the source that has all of these kinds.
 GROUPS = "groups"
 #: The source of observers that are drawn from the prior of the four models.
 PRIOR = "prior"
@@ -133,8 +133,8 @@ class Observer:
         s1 = np.asarray(s1, np.float64)
         s2 = np.asarray(s2, np.float64)
 
-        # The model has its parameters in units of D and R. With D = R = 1 they are those of the
-        # observer, in natural-log intensity.
+        # The model has its parameters in units of D and R. With D = R = 1 they are in natural-log
+        # intensity, as the parameters of the observer are.
         scales = StimulusScales(mean=sbar, sbar=sbar, step=1.0, spread=1.0, first_spread=0.0)
         any_pair = each_once([0.0], [0.0], task=self.task)
         posterior = ObserverPosterior(any_pair.unanswered, OrderModel("both"), given_scales=scales)
@@ -185,7 +185,7 @@ def parameter_names(task: Task) -> list[str]:
 
 
 def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task) -> Observer:
-    """An observer with these parameters. The others are 0; those of :data:`REQUIRED` may not lack.
+    """An observer with these parameters. Others are 0, but all of :data:`REQUIRED` must be given.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def assume_observers(
     require_number("data_sets", size)
     task = designs[0].task
     if source == PRIOR:
-        # The scales of the prior are those of the pairs of all designs together. So its observers
+        # The scales of the prior follow from the pairs of all designs together. So its observers
         # have noise that suits these stimuli, and the right task: they need none of the checks
         # below.
         pairs = pooled([design.unanswered for design in designs])
@@ -308,7 +308,7 @@ def _ranges_of(source: StrPath | None, task: Task) -> Kinds:
 
 
 def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool) -> list[Observer]:
-    """Observers of each kind, uniform in its ranges, or where it has none in those of `COMMON`.
+    """Observers of each kind, uniform in its ranges, or else in the ranges `COMMON`.
 
     With `is_even` each range is cut into as many equal parts as there are observers, each of whom
     has the middle of one part. The parts of each parameter are shuffled.

@@ -130,7 +130,7 @@ class PowerTable(Table[PowerEstimate]):
                 counts[DETECTED] = sum(word.is_positive for word in words)
                 n = len(words)
                 for answer, count in counts.items():
-                    # The fields value, low and high are those of `share`.
+                    # `share` gives the fields value, low and high.
                     rows.append(
                         PowerEstimate(*design_and_kind, question, answer, *share(count, n), n)
                     )
@@ -469,7 +469,7 @@ def group_power(
     subjects : sequence of int
         Numbers of subjects.
     prior
-        The prior with which the observers were analysed, and that of a group.
+        The prior with which the observers were analysed; it has the prior of a group, too.
 
     Examples
     --------
@@ -547,8 +547,8 @@ def _count_detected_means(
         prior_sd = prior.observer.contraction_sd * scales.roving_share
 
     posterior_sd = (high - low) / 3.92 / unit  # a 95 % interval of a normal is 2 x 1.96 SD wide
-    # Of normal densities: the precision of the posterior is that of the prior plus that of the
-    # responses. Where the posterior is as wide as the prior, or wider by Monte Carlo error, the
+    # Normal densities: the precision of the responses is the precision of the posterior less that
+    # of the prior. Where the posterior is as wide as the prior, or wider by Monte Carlo error, the
     # responses say next to nothing: an SD of 100 units.
     precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4)
 

@@ -106,7 +106,7 @@ class PaperObserver:
 
         The 1 is the one question of the task.
 
-        `carry_over` is that of :meth:`bayes_toe.design.observers.Observer.p_trials`. What is
+        `carry_over` is as in :meth:`bayes_toe.design.observers.Observer.p_trials`. What is
         expected, relative to the mean stimulus, is added to the prior mean mu1.
         """
         natural = self.natural
@@ -414,7 +414,7 @@ def draw_population(
 def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
     """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
     require_file(path, "--observers", POPULATIONS)
-    # Which of them an observer must have is checked with the observers; both models have q0.
+    # All are optional: what an observer lacks is refused when it is made. Both models have q0.
     names = dict.fromkeys((*natural_names(task), *parameter_names(task)))
     subjects, columns = read_numbers(path, names=(), key="subject", optional=tuple(names))
     truth = {}
@@ -426,7 +426,7 @@ def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
 def _stated_observers(
     truth: Truth, task: Task, source: str = "observers"
 ) -> Sequence[SimulatedObserver]:
-    """Observers of these parameters: of the paper's model where mu1 is one of them.
+    """Observers of these parameters. With mu1, they are observers of the paper's model.
 
     `truth` has the parameters by the names of the observers. An error about the paper's model
     begins with the source.

@@ -73,8 +73,8 @@ class StudyDesign:
             checked = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
-        # The columns of the subject are sorted, and those of the design are not: only their types
-        # are taken over.
+        # The subject has sorted its columns, which a design does not: only their types are taken
+        # over.
         for name in DESIGN_COLUMNS:
             column = np.asarray(getattr(self, name), getattr(checked, name).dtype)
             object.__setattr__(self, name, column)
@@ -241,10 +241,10 @@ def read_stimuli(
 ) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
     """The stimuli of a CSV file in natural logs, and its counts.
 
-    `logs` and `intensities` are the names that a column of stimuli may have. The first value is
-    the names of the columns of stimuli that were read: those of intensities, if the options have a
-    unit for them, and else those of logs. The second value has the stimuli by the names of `logs`,
-    and the counts that are `required` or `optional` by theirs.
+    `logs` and `intensities` are names of columns of stimuli. The columns of intensities are read if
+    the options have a unit for them, and else the columns of logs. The first value has the names of
+    the columns that were read. The second value has the stimuli by the names in `logs`, and the
+    counts by the names in `required` and `optional`.
     """
     # Other columns are not read, whatever the header of the file.
     table = read_table(path, lambda _: {*logs, *intensities, *required, *optional})

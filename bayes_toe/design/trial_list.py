@@ -150,7 +150,7 @@ def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> li
 def _run_lengths(is_equal: BoolArray, length: int) -> IntArray:
     """Number of equal pairs in a row that end with each trial; 0 where its pair is different.
 
-    `length` of them come before the first trial.
+    `length` equal pairs come before the first trial.
     """
     lengths = []
     for equal in is_equal.tolist():

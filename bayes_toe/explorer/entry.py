@@ -103,7 +103,7 @@ class Entry:
     words : tuple
         Questions with the words of the answer.
     truth : mapping, optional
-        Known values; those that the model does not have are ignored.
+        Known values. Values of quantities that the model does not have are ignored.
     estimates : mapping
         The intervals that tables have, by quantity, if they are not those of these draws.
     is_averaged : bool
@@ -142,7 +142,7 @@ class Entry:
 
     @property
     def names(self) -> Texts:
-        """All quantities, first those that :attr:`main` names."""
+        """All quantities, the ones of :attr:`main` first."""
         return tuple(dict.fromkeys((*self.main, *self.target.names.all)))
 
     @property
@@ -234,7 +234,7 @@ class Entry:
     def _dominated(self) -> list[tuple[str, str]]:
         """Badges of the quantities that the prior determines, such as ('dominated', 'mu1').
 
-        Their range from 5 to 95 % is not much narrower than that of the prior.
+        Their range from 5 to 95 % is not much narrower than under the prior.
         """
         if self.is_averaged:  # Several models have several priors.
             return []
@@ -248,7 +248,7 @@ class Entry:
     def _packed_responses(self, x: FloatArray, index: IndexArray) -> Record:
         """Counts, curves over them, and the line of stimuli that seem equal, at the draws x.
 
-        `x` has shape (rows, k), and `index` the numbers of these draws among all.
+        `x` has shape (rows, k), and `index` has the numbers of these draws among all draws.
         """
         subject = self.target.subject
         _, along = slice_and_position(subject)  # the place of each pair on the axis of its slice
@@ -366,7 +366,7 @@ def entries_of(draws: Draws, label: str, subjects: Texts, truths: Truth) -> list
 
 
 def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
-    """The entry of the four models averaged, in place of that of the paper's model."""
+    """The entry of the four models averaged, made from the entry of the paper's model."""
     subject = entry.target.subject
     prior = draws.prior.observer
     # More draws than an answer needs, because the page shows them. The list has one result.

@@ -304,7 +304,7 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
 
 
 def _band(plot: Any, source: ColumnDataSource, colour: str) -> None:
-    """Add the mean over all draws (dotted), that over the brushed ones, and their band.
+    """Add the mean over all draws (dotted), the mean over the brushed draws, and their band.
 
     The source has the columns :data:`_BAND`.
     """

@@ -200,7 +200,7 @@ class _Sample(NamedTuple):
 
 
 def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> Texts:
-    """The quantities of a choice, or those that are named.
+    """The quantities of a choice, or the quantities that are named.
 
     For the four models, 'natural' has constant error, contraction and JND.
     """

@@ -76,8 +76,8 @@ def curves(source: Analysis | Draws, subject: str) -> Figure:
     Parameters
     ----------
     source : Analysis or Draws
-        The curves of an analysis are averaged over the four models; those of draws belong to the
-        model of the draws.
+        The curves of an analysis are averaged over the four models. The curves of draws belong to
+        the model of the draws.
     subject : str
 
     Raises
@@ -210,7 +210,7 @@ def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None
 def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) -> None:
     """Draw P of the counted answer over s2 - s1 of all pairs with one of these first stimuli (ln).
 
-    The curve is that of the middle one of `firsts`.
+    The curve is for the middle one of `firsts`.
     """
     difference = subject.s2 - subject.s1
     # A margin of 5 %. If all differences are the same, 1e-9 is the width that a curve needs.
@@ -307,14 +307,15 @@ def _draw_half(ax: Axes, label: str) -> None:
 
 
 def _weaker(subject: Subject) -> FloatArray:
-    """The weaker stimulus of every pair of different ones."""
+    """The weaker stimulus of every pair of different stimuli."""
     return np.minimum(subject.s1, subject.s2)[subject.s1 != subject.s2]
 
 
 def main_weaker(subject: Subject) -> float:
-    """The weaker stimulus that most pairs of different stimuli share, or of the equal ones.
+    """The weaker stimulus that most pairs of different stimuli share.
 
-    It is the reference r of the paper's design.
+    It is the reference r of the paper's design. Without different stimuli, it is the stimulus of
+    most pairs.
     """
     weaker = _weaker(subject)
     return float(mode(weaker if weaker.size else subject.s1).mode)

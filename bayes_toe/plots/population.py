@@ -41,6 +41,7 @@ from bayes_toe.plots.style import (
 #: Subjects beyond which they have no names, and are sorted.
 MAX_NAMES_IN_GROUP = 40
 _MEAN_COLOUR = "#BDB3DD"
+#: Labels of axes, in which the unit of differences is filled in.
 _LABELS = {
     CONSTANT_ERROR.name: "PSE shift ({unit})",
     CONTRACTION.name: "contraction (%)",
@@ -72,7 +73,7 @@ def population(result: PopulationResult) -> Figure:
         ]
     n_subjects = len(result.subjects)
     is_crowded = n_subjects > MAX_NAMES_IN_GROUP
-    # Inches of the sections: forests, priors, and effects if there are any. A row of a forest
+    # Inches of the sections: forests, priors (1.4), and effects if there are any. A row of a forest
     # takes 0.19, a comparison 0.4, and labels 0.9. The legend or title of a section takes 0.3.
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
     heights = [0.3 + forest_height, 1.4]

@@ -30,6 +30,7 @@ from bayes_toe.plots.style import (
     style_axes,
 )
 
+#: Of the kinds of observers; the markers differ too, for print in grey.
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
 _LARGEST_AREA = 160.0  # of the most frequent pair, square points

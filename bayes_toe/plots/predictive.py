@@ -36,7 +36,7 @@ from bayes_toe.seeds import generator
 MOST_SUBJECTS = 40
 _PAIR = 0.15  # inches of a pair that has a label
 _TITLE_AND_LEGEND = 1.0  # inches
-_INTERVAL = "#C8C8C8"
+_INTERVAL = "#C8C8C8"  # colour of the predictive intervals
 
 
 def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = None) -> Figure:

@@ -29,12 +29,10 @@ from bayes_toe.plots.style import (
 
 #: Subjects whose responses are shown.
 MAX_SUBJECTS = 6
-#: Colours of a page in the place of those of a printed figure.
+#: Colours of a printed figure, and the colours of a page that take their place.
 _PAGE_COLOURS = {
     "#000000": "var(--ink)",
-    "#1c1c1c": "var(--ink)",
     "#ffffff": "var(--page)",
-    "#bdbdbd": "var(--line)",
 }
 
 
@@ -64,7 +62,7 @@ def sizes_figure(
 ) -> Figure:
     """Draw the sizes of all subjects, and of the group.
 
-    `height` is that of a panel, inches. The panels of a narrow figure are one below the other.
+    `height` is the height of a panel, inches. A narrow figure has one panel below the other.
     """
     if is_narrow:
         figure = new_figure(3.6, 2.0 * height)

@@ -117,7 +117,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
 )
 def test_a_name_can_neither_end_the_page_nor_turn_its_text_around(small_study, name, expected):
     # One name would end the script of the page, and the other has a sign that turns text around.
-    html = page_of_made_draws(replace(small_study["A"], name=name), 30)
+    html = page_of_made_draws(replace(small_study["A"], name=name), draws=30)
     assert json_of_page(html)["index"]["entries"][0]["subject"] == expected
     assert name not in html
 
@@ -205,7 +205,7 @@ def test_a_known_unit_is_that_of_all_axes():
     table[["s1", "s2"]] = 100.0 * np.exp(table[["s1", "s2"]])
     grams = bt.read_study(table, bt.ReadOptions(unit="g"))
     (entry,) = entries(bt.sample(grams, seed=1, model="both"))
-    packed = entry.packed(500)
+    packed = entry.packed(most_rows=500)
     assert packed["plane"]["label"] == "first stimulus, g"
     assert packed["slices"][0]["scale"]["label"] == "second stimulus, % of the first"
     assert packed["pairs"]["stimuli"][0] == "100 g, 135 g"
