@@ -1,11 +1,11 @@
 """Differences between the conditions of a subject in constant error, contraction and JND.
 
 All conditions are fitted together (:mod:`bayes_toe.model.condition_model`), once for each of the
-2^3 sets of quantities that may differ. The Bayes factor of a quantity is that of inclusion: the
-mean evidence of the sets in which it differs over that of the others. The Bayes factor of 'order
-effect' compares three cases with none: constant error, contraction or both differ. Each case has
-the weight 1/3. The size of a difference is the average over the sets in which the quantity differs,
-weighted by their evidence.
+2^3 sets of quantities that may differ. The Bayes factor of a quantity is the mean evidence of the
+sets in which the quantity differs, over the mean evidence of the other sets. The Bayes factor of
+'order effect' compares three cases with none: constant error, contraction or both differ. Each case
+has the weight 1/3. The size of a difference is the average over the sets in which the quantity
+differs, weighted by their evidence.
 
 The conditions may be tasks. Then one observer does all tasks, and :func:`one_observer` has the
 evidences of all responses of a subject together.
@@ -247,8 +247,8 @@ class ContrastTable(Table[Difference]):
         """Sentences on the conditions, and in how many subjects each quantity differs."""
         lines = [f"Condition {self.conditions.about}."]
         for quantity in self.quantities:
-            # The word and the Bayes factor are the same in all rows of a subject, so that one of
-            # the rows, the last one, stands for them.
+            # All rows of a subject have the same word and Bayes factor. The last row stands for
+            # them.
             row_of_subject = {row.subject: row for row in self.select(quantity)}
             words = [row.short_word for row in row_of_subject.values()]
             counts = count_words(words, f" of {plural(len(row_of_subject), 'subject')}")

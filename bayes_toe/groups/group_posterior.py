@@ -195,7 +195,7 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
         # Subjects with a better point move there: their values change in place.
         for array, new in zip((w, value, slope, information), (trial, *trial_scores), strict=True):
             array[is_better] = new[is_better]
-        # A step that is made is followed by one twice as long, and another one by a quarter of it.
+        # After a step that is made, the next share is twice as large; after another, a quarter.
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
 
     # The precision of the responses is that of the posterior less that of the prior. Where nothing

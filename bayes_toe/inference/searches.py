@@ -41,8 +41,8 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     First, searches hold a constant error, or start from a flat curve. From the best of their ends,
     further searches are free, or hold a lapse rate.
 
-    A posterior without constant error must stand right before the same one with it: at the constant
-    error 0 the two are equal, so that it takes the search of that one.
+    The posterior of a model without constant error must stand right before that of the same model
+    with it. At the constant error 0 both are equal, and both begin with one search.
     """
     has_error = array.is_free[:, array.names.index(CONSTANT_ERROR.name)]
     lapse = array.names.index(LAPSE_RATE.name)

@@ -158,7 +158,7 @@ class ConditionModels:
 
     def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
         """The posteriors for these choices of parameters that differ."""
-        # One likelihood for each task. The first one adds those of the others to its own.
+        # One likelihood for each task. That of the first task has the further ones as a part.
         first, *further = map(self._likelihood, self.units_by_task)
         likelihood = replace(first, further=tuple(further))
         # Every choice has this one likelihood.

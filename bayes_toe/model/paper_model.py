@@ -132,9 +132,9 @@ class PaperRows(AnswerRows):
         return LN2 + log_ndtr(u[..., 2]) - log_divisor
 
     def _log_spread_share(self, pull: FloatArray) -> FloatArray:
-        """Log of the spread over the width w: the spread is w or sigma_p = w (1 - p)^power.
+        """Log of the spread over the width w.
 
-        It is the one of the two that has a prior of its own.
+        The spread is w or sigma_p = w (1 - p)^power, whichever has a prior of its own.
         """
         if self.prior.spread == "width":
             return np.zeros_like(pull)

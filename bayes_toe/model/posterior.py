@@ -36,7 +36,7 @@ class Names:
     natural: Texts  # what the model is written in
     identified: Texts  # what the answers depend on
     derived: Texts = ()  # further ones that tables report
-    # Monotone functions of one other quantity, so that their ranks say nothing new.
+    # Monotone functions of another quantity, which have its ranks.
     monotone: Texts = ()
 
     @property
