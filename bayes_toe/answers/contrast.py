@@ -78,7 +78,8 @@ QUANTITIES = {
     "JND": {NOISE},
     ORDER_EFFECT: {CONSTANT_ERROR, CONTRACTION},
 }
-#: Bayes factors from which a difference, or none, is probable, and from which it is stated.
+#: Bayes factors from which a difference is probable, and from which it is sure. Their inverses are
+#: the limits of no difference.
 PROBABLY = 3.0
 SURELY = 20.0
 WORDS = (
@@ -191,8 +192,8 @@ def word_of(log_bf: float) -> str:
     >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1)]
     ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference']
     """
-    # The words are in the order of falling evidence. The number of limits that it does not reach
-    # is the position of its word.
+    # The words are in the order of falling evidence. The number of limits above the evidence is the
+    # position of its word.
     limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
     return WORDS[(log_bf < limits).sum()]
 

@@ -393,7 +393,7 @@ class AnswerTable:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of X^2: for each pair, the blocks that have it, less one."""
+        """Degrees of freedom of X^2: for each pair, one less than the blocks with this pair."""
         return int(np.maximum((self.n > 0).sum(axis=1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:

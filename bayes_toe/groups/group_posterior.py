@@ -162,8 +162,8 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     n = rows.n_subjects
     k = rows.n_coordinates
     q = rows.n_coefficients
-    # The normal prior of a point, (k,); that of the unshared parameters has SD 1. The variance of a
-    # coefficient is that of its mean over subjects and that between subjects.
+    # The normal prior of a point, (k,). Unshared parameters have SD 1. A coefficient has the sum of
+    # two variances: that of the group mean, and that between subjects.
     prior_mean = np.zeros(k)
     prior_precision = np.ones(k)
     prior_mean[:q] = numbers.mean

@@ -25,7 +25,7 @@ from bayes_toe.model.posterior_array import PosteriorArray
 #: Constant errors at which searches start, over the D of the prior. The first one is that of a
 #: model without constant error.
 _ERRORS = np.array([0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0])
-#: Normal scores of the lapse rate in its prior, at which searches hold it.
+#: Searches hold the lapse rate at these normal scores of its prior.
 _LAPSE_STARTS = (-1.0, 0.6, 1.8)
 #: Normal scores of the noise in its prior at which searches start. With little noise the curve is
 #: steep, and with much noise it is flat.

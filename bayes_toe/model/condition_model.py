@@ -21,8 +21,8 @@ The mean first stimulus sbar and the scales D and R are those over all condition
 move with the stimuli of a condition. The evidence is one integral over all conditions; where
 nothing differs it is that of the pooled answers.
 
-The conditions may be tasks. Then one observer does all tasks, with the criterion of those that have
-'equal' as an answer. What can differ is what all tasks have.
+The conditions may be tasks. Then one observer does all tasks, and has one criterion in the tasks
+with the answer 'equal'. Only parameters of all tasks can differ.
 """
 
 from __future__ import annotations

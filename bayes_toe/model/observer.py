@@ -219,7 +219,7 @@ class ObserverRows(AnswerRows):
     def plain_answers_at(self, curve: Curve) -> tuple[FloatArray, ...]:
         """Probability of each answer on a curve, (rows, points, pairs) each.
 
-        Two answers are the counted one and the other one; three are 'equal', 'second' and 'first'.
+        The counted answer comes first. Three answers are 'equal', 'second' and 'first'.
         Each is lambda P(answer at z = 0) + (1 - lambda) P(answer at z), lambda the lapse rate.
         """
         lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
@@ -342,7 +342,8 @@ class ObserverRows(AnswerRows):
     def _slope_units(self, values: NamedArrays) -> FloatArray:
         """Slope of each quantity in its coordinate, (rows, points, coordinates).
 
-        They are in the order of :attr:`units`. That of the lapse rate lambda is over 1 - lambda.
+        They are in the order of :attr:`units`. The slope of the lapse rate lambda is divided by
+        1 - lambda.
         """
         # phi(u) / (b (1 - Phi(u))): d lambda/du over 1 - lambda, which `_pair_slopes` leaves out.
         lapse_rise = normal_hazard(values["lapse_score"]) / self.prior.lapse_rate_b

@@ -172,7 +172,8 @@ class SubjectPosterior(ABC):
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a quantity.
 
-        That of a quantity without a prior of its own comes from evenly spread points of the prior.
+        A quantity that no coordinate alone determines has its quantile from evenly spread points of
+        the prior.
 
         Raises
         ------
