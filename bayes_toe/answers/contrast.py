@@ -141,7 +141,7 @@ class Difference(NamedTuple):
 
     @property
     def word(self) -> str:
-        """One of :data:`WORDS`."""
+        """The word for the Bayes factor, one of :data:`WORDS`."""
         return word_of(self.log_bf_differs)
 
     @property
@@ -241,7 +241,7 @@ class ContrastTable(Table[Difference]):
 
     @property
     def quantities(self) -> Texts:
-        """The quantities, in order."""
+        """The quantities of the rows, in their order in :data:`QUANTITIES`."""
         return tuple(QUANTITIES)
 
     def sentences(self) -> list[str]:

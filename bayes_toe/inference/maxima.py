@@ -44,7 +44,7 @@ class Ascent(NamedTuple):
     curvature: FloatArray  # (starts, k, k)
 
     def part(self, is_chosen: BoolArray | IndexArray) -> Ascent:
-        """Some of the searches."""
+        """Some of the searches, by a mask or by their indices."""
         return Ascent._make([values[is_chosen] for values in self])
 
     def joined(self, other: Ascent) -> Ascent:

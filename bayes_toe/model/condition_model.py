@@ -124,7 +124,7 @@ class ConditionModels:
 
     @cached_property
     def differing(self) -> Parameters:
-        """The parameters that may differ."""
+        """The parameters that may differ between units: those that all their tasks have."""
         tasks = {unit.task for unit in self.units}
         return tuple(parameter for parameter in DIFFERENCE_SDS if tasks.issubset(parameter.tasks))
 

@@ -247,10 +247,12 @@ def bell_slopes(
 
     With the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0).
     """
-    lapse = expit(-logit_q0)
+    lapse = expit(-logit_q0)  # 1 - q0, the slope of log q
     with np.errstate(over="ignore", invalid="ignore"):
+        yes_in_z = -2.0 * LN2 * z
         odds = np.exp(answers.yes - answers.no)
-        return (-2.0 * LN2 * z, 2.0 * LN2 * odds * z), (lapse, -odds * lapse)
+        no_in_z = 2.0 * LN2 * odds * z
+        return (yes_in_z, no_in_z), (lapse, -odds * lapse)
 
 
 def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:

@@ -159,7 +159,7 @@ class HistoryRows(ObserverRows):
 
     @property
     def coordinates(self) -> Texts:
-        """Names of the coordinates."""
+        """Names of the observer's coordinates, then of those of kappa and rho."""
         return (*super().coordinates, *self.history.effects)
 
     @cached_property
