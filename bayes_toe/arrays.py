@@ -62,6 +62,5 @@ def combination_counts(*columns: npt.NDArray[np.generic]) -> IndexArray:
     """
     # (columns, rows), with rows of the same values side by side
     sorted_columns = np.array(columns)[:, np.lexsort(columns)]
-    # A combination has the rows from its start up to that of the next one, the last one up to the
-    # end.
+    # The rows of a combination end where the next combination starts, or with the last row.
     return np.diff(run_starts(*sorted_columns), append=len(columns[0]))

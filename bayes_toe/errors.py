@@ -139,9 +139,9 @@ class InputError(BayesToeError, ValueError):
     def choices(self) -> list[tuple[list[Remedy], list[str]]]:
         """Remedies that are typed together, and when each of them is right.
 
-        The first choice answers every question by its first remedy. Each other remedy makes a
-        choice of its own, where it replaces the first answer to its question. First answers to
-        questions of later steps are not in that choice, since these may not come up.
+        The first choice answers every question by its first remedy. Each further remedy makes a
+        further choice, in which it replaces the first answer to its question. First answers to
+        questions of later steps are not in a further choice, since these may not come up.
 
         Examples
         --------
@@ -194,7 +194,7 @@ class NoTrialsError(InputError):
 
 
 def _without_replaced(answers: Collection[Remedy]) -> list[Remedy]:
-    """The answers without those that another one replaces."""
+    """The answers that no other answer replaces."""
     replaced = {answer.replaces for answer in answers}
     return [answer for answer in answers if answer.option not in replaced]
 

@@ -40,8 +40,8 @@ _TERMINAL_SIGNALS = [
 ]
 #: Keeps Python from putting the working folder on the search path.
 _SAFE_PATH = "PYTHONSAFEPATH"
-#: Numbers of processes that have started workers. A copy that `fork` makes of such a process has
-#: none of its workers, and cannot start others, so that it does its jobs itself.
+#: The number of this process, if it has started workers. A process that is forked from it gets a
+#: copy of this set, but no workers. It cannot start any either, and does its jobs itself.
 _parents: set[int] = set()
 
 
@@ -248,7 +248,7 @@ def _signals_held_back() -> Iterator[None]:
         return
 
     # joblib would start this tracker within the block. Python 3.11 and 3.12 unblock interrupts when
-    # they start it, so that it is started before.
+    # they start the tracker, so it is started here.
     resource_tracker.ensure_running()
     earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_TERMINAL_SIGNALS])
 

@@ -1,11 +1,11 @@
 """Differences between the conditions of a subject in constant error, contraction and JND.
 
 All conditions are fitted together (:mod:`bayes_toe.model.condition_model`), once for each of the
-2^3 sets of quantities that may differ. The Bayes factor of a quantity is that of inclusion: the
-mean evidence of the sets in which it differs over that of the others. The Bayes factor of 'order
-effect' compares three cases with none: constant error, contraction or both differ. Each case has
-the weight 1/3. The size of a difference is the average over the sets in which the quantity differs,
-weighted by their evidence.
+2^3 sets of quantities that may differ. The Bayes factor of a quantity is the mean evidence of the
+sets in which the quantity differs, over the mean evidence of the other sets. The Bayes factor of
+'order effect' compares three cases with none: constant error, contraction or both differ. Each case
+has the weight 1/3. The size of a difference is the average over the sets in which the quantity
+differs, weighted by their evidence.
 
 The conditions may be tasks. Then one observer does all tasks, and :func:`one_observer` has the
 evidences of all responses of a subject together.
@@ -78,7 +78,8 @@ QUANTITIES = {
     "JND": {NOISE},
     ORDER_EFFECT: {CONSTANT_ERROR, CONTRACTION},
 }
-#: Bayes factors from which a difference, or none, is probable, and from which it is stated.
+#: Bayes factors from which a difference is probable, and from which it is sure. Their inverses are
+#: the limits of no difference.
 PROBABLY = 3.0
 SURELY = 20.0
 WORDS = (
@@ -140,7 +141,7 @@ class Difference(NamedTuple):
 
     @property
     def word(self) -> str:
-        """One of :data:`WORDS`."""
+        """The word for the Bayes factor, one of :data:`WORDS`."""
         return word_of(self.log_bf_differs)
 
     @property
@@ -191,8 +192,8 @@ def word_of(log_bf: float) -> str:
     >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1)]
     ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference']
     """
-    # The words are in the order of falling evidence. The number of limits that it does not reach
-    # is the position of its word.
+    # The words are in the order of falling evidence. The number of limits above the evidence is the
+    # position of its word.
     limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
     return WORDS[(log_bf < limits).sum()]
 
@@ -240,15 +241,15 @@ class ContrastTable(Table[Difference]):
 
     @property
     def quantities(self) -> Texts:
-        """The quantities, in order."""
+        """The quantities of the rows, in their order in :data:`QUANTITIES`."""
         return tuple(QUANTITIES)
 
     def sentences(self) -> list[str]:
         """Sentences on the conditions, and in how many subjects each quantity differs."""
         lines = [f"Condition {self.conditions.about}."]
         for quantity in self.quantities:
-            # The word and the Bayes factor are the same in all rows of a subject, so that one of
-            # the rows, the last one, stands for them.
+            # All rows of a subject have the same word and Bayes factor. The last row stands for
+            # them.
             row_of_subject = {row.subject: row for row in self.select(quantity)}
             words = [row.short_word for row in row_of_subject.values()]
             counts = count_words(words, f" of {plural(len(row_of_subject), 'subject')}")

@@ -151,8 +151,8 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 def subject_evidence(fitted: Fitted, estimate: Evidence, answer: OrderEffect) -> SubjectEvidence:
     """The row of one subject in the evidence table, from mixture and evidence of H1."""
     subject = fitted.target.subject
-    # H1 predicts only the counted response. So that it compares with H0, it gets the part of H0 for
-    # the other question.
+    # H1 predicts only the counted response. To compare with H0, it gets the part of H0 for the
+    # other question.
     of_direction = direction_evidence(subject)
     # An array of one posterior; NaN where the approximation does not exist.
     _, laplace_evidence = laplace(fitted.target.array, [fitted.maxima])

@@ -77,7 +77,7 @@ def log_factor_of_mean(result: PopulationResult, name: str) -> float:
 
 
 def _log_factor(row: PopulationRow) -> float:
-    """The log Bayes factor of a value that is not 0, from that of 0 in a row that has one."""
+    """The log Bayes factor against a value of 0, from a row that has the Bayes factor of 0."""
     return -cast(float, row.ln_bf_zero)
 
 
@@ -92,8 +92,8 @@ def _spread(result: PopulationResult, name: str) -> str:
     j = result.index(name)
     mean = result.draws.mean[..., j]
     sd = result.draws.sd[..., j]
-    # The unit may be no linear function of the parameter. So the SD is half the difference between
-    # a subject one SD above the mean and one SD below it, in the unit.
+    # The unit may be no linear function of the parameter. So, in the unit, the SD is half the
+    # difference between subjects one SD above and one SD below the mean.
     above = result.in_units(name, mean + sd, unit)
     below = result.in_units(name, mean - sd, unit)
     with np.errstate(invalid="ignore"):  # both may be infinite

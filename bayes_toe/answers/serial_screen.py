@@ -121,8 +121,8 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
 def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     """Slope of logit P in s2 - s1, in units of 1/D, for each pair at a point of shape (k,).
 
-    A constant error shifts s2 - s1 the other way, so that its slope is this one turned round. Of
-    three answers, P is that of 'second' where the answer is not 'equal'.
+    A constant error is subtracted from s2 - s1, so the slope in it has the opposite sign. Of three
+    answers, P is that of 'second' where the answer is not 'equal'.
     """
     _, slopes = posterior.rows.answer_slopes(posterior.full_points(point))
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)

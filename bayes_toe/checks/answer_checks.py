@@ -393,7 +393,7 @@ class AnswerTable:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of X^2: for each pair, the blocks that have it, less one."""
+        """Degrees of freedom of X^2: for each pair, one less than the blocks with this pair."""
         return int(np.maximum((self.n > 0).sum(axis=1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
@@ -554,7 +554,7 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
     is_swapped: BoolArray = expected_trend @ table.excess_yes < 0  # (blocks,)
     for _ in range(20):  # two blocks might swap each other without an end
         corrected = _swap_blocks(table, is_swapped)
-        # A block disagrees if the answers that it has more often are the rarer ones in the others.
+        # A block disagrees if its more frequent answers are the rarer answers in other blocks.
         disagrees = (corrected.excess_yes * corrected.other_logits()).sum(axis=0) < 0
         if not disagrees.any():
             break
@@ -568,9 +568,9 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
 def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
     """The candidates that are likely swapped; none if no candidate is surely swapped.
 
-    A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure. Each candidate that
-    is not likely returns to the blocks with which the others are compared, which changes the
-    evidence of the others.
+    A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure. A candidate that is
+    not likely joins the blocks that candidates are compared with. This changes the evidence of the
+    other candidates.
     """
     no_block = np.zeros_like(candidates)
     while candidates.any():
@@ -583,11 +583,12 @@ def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray)
 
 
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
-    """Log evidence that each block is answered as the others, minus that of its swapped form.
+    """Log evidence of each block as it is, minus the log evidence of its swapped form.
 
-    Under both, a block may prefer one answer more than the others do, and its answers may tilt. So
-    a block whose criterion moved does not look swapped. Both are averaged over a grid of shifts of
-    the logits, with weights whose constants cancel. The shape is (blocks,).
+    In both, a block is answered as the others are, but it may prefer one answer more than they do,
+    and its answers may tilt. So a block whose criterion moved does not look swapped. Both are
+    averaged over a grid of shifts of the logits, with weights whose constants cancel. The shape is
+    (blocks,).
     """
     logits = table.other_logits()
     # From -1 to 1, shape (pairs, 1). In 2AFC, and without different stimuli, all tilts are 0, and

@@ -164,7 +164,8 @@ def _scales_of_subjects(study: Study) -> Findings:
     Conditions may have stimuli of their own, so a study with conditions has no such finding.
     """
     medians = np.array([np.median(subject.stimuli) for subject in study])
-    decades = np.abs(medians - np.sort(medians)[len(study) // 2]) / math.log(10.0)
+    usual = np.sort(medians)[len(study) // 2]  # the median of a subject, not a mean of two
+    decades = np.abs(medians - usual) / math.log(10.0)
     is_odd = (decades > 2.0) | (np.abs(decades - 1.0) < 1e-3)  # logs in a file may be rounded
     if study.conditions is None and is_odd.any():
         ranges = []

@@ -115,8 +115,8 @@ def _why_no_contraction(
 ) -> str:
     """The reason why only a constant error can be identified; empty if a contraction can too.
 
-    The columns are s1, s2 and n_trials. The subjects of a study often have the same ones, so that
-    one answer serves them all, and no subject is held in memory.
+    The columns are s1, s2 and n_trials. The subjects of a study often have the same columns. One
+    answer then serves all of them, and the cache holds no subject.
     """
     s1, s2, trials = map(np.array, columns)
     stimuli = np.column_stack([s1, s2])

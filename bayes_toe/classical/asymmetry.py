@@ -11,9 +11,9 @@ The exact test is Boschloo's. The number of trials of each order is set by the e
 number of 'equal' answers by nobody, so the data are two independent binomials. Fisher's test
 conditions on the total of 'equal' answers as well and is conservative; Boschloo's takes Fisher's
 p-value as its statistic and computes that statistic's exact distribution under the two binomials,
-at the common probability that is least favourable. It never exceeds its level and its p-value is
-never above Fisher's, which it comes close to where trials are many. Two-sided p-values are twice
-the smaller one-sided ones: an order effect has a sign, and half the level is spent on each.
+at the common probability that is least favourable. The test never exceeds its level, and its
+p-value is never above Fisher's. With many trials the two p-values are close. A two-sided p-value is
+twice the smaller one-sided p-value: an order effect has a sign, and each sign has half the level.
 
 Erratum: the paper's sentence on its panel A ('more accurate when the weaker stimulus was presented
 first, in which case the blue curve lies below the red one') follows the swapped colours of Fig. 3's

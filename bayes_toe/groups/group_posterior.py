@@ -162,8 +162,8 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     n = rows.n_subjects
     k = rows.n_coordinates
     q = rows.n_coefficients
-    # The normal prior of a point, (k,); that of the unshared parameters has SD 1. The variance of a
-    # coefficient is that of its mean over subjects and that between subjects.
+    # The normal prior of a point, (k,). Unshared parameters have SD 1. A coefficient has the sum of
+    # two variances: that of the group mean, and that between subjects.
     prior_mean = np.zeros(k)
     prior_precision = np.ones(k)
     prior_mean[:q] = numbers.mean
@@ -195,7 +195,7 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
         # Subjects with a better point move there: their values change in place.
         for array, new in zip((w, value, slope, information), (trial, *trial_scores), strict=True):
             array[is_better] = new[is_better]
-        # A step that is made is followed by one twice as long, and another one by a quarter of it.
+        # After a step that is made, the next share is twice as large; after another, a quarter.
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
 
     # The precision of the responses is that of the posterior less that of the prior. Where nothing

@@ -247,7 +247,7 @@ class Hamiltonian:
         push = 0.5 * step * metric.to_momentum(gradient)  # of half a step
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
-            # A leapfrog step. A NaN is not below the limit, so that it diverges, too. A chain that
+            # A leapfrog step. A NaN is not below the limit, and counts as divergent. A chain that
             # diverged waits for the others without momentum.
             momentum = momentum + push
             is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST)

@@ -2,9 +2,11 @@
 
 `predictive_check` simulates new groups with as many subjects, the same trials and covariates. Each
 is drawn from the group of one posterior draw, and its responses are simulated. The estimates of the
-observed subjects are not used again, because they would hide a misfit. The
-spread and the farthest subject of the mean asymmetry, the spread of accuracy, and the skewness and
-the farthest subject of the share of the counted response are compared with those of the new groups.
+observed subjects are not used again, because they would hide a misfit.
+
+Five statistics are compared with those of the new groups: the spread and the farthest subject of
+the mean asymmetry, the spread of accuracy, and the skewness and the farthest subject of the share
+of the counted response.
 """
 
 from __future__ import annotations

@@ -114,8 +114,8 @@ def _log_marginal_density(
 ) -> FloatArray:
     """Log of the integral of Normal(centre; m, width^2) prior(m) dm over the mean of a coefficient.
 
-    The shapes of centre and width are those of the result. With Student's t it is a sum over the
-    nodes of the narrower one of the two densities, over which the other one changes little.
+    The result has the shape of centre and width. With Student's t, the integral is a sum over the
+    nodes of the narrower density, over which the wider one changes little.
     """
     mean = numbers.mean[j]
     scale = numbers.mean_scale[j]
@@ -160,7 +160,7 @@ def zero_difference(
 ) -> ZeroBayesFactor:
     """The Bayes factor for a weighted sum of means of coefficients with normal priors about 0.
 
-    These means have no effects of covariates, so that the mean of the subjects estimates them.
+    These means have no effects of covariates: the mean over subjects estimates them.
     """
     centre = draws.subjects[..., columns].mean(axis=2)  # (chains, draws, columns)
     variance = np.square(draws.sd[..., columns]) / draws.subjects.shape[2]

@@ -155,7 +155,8 @@ class PriorMixture:
         """Draws, shape (n, d), and which of them are to come from the prior instead, (n,)."""
         shape = size, len(self.is_free)
         component = self.student.sample_components(rng, size)
-        # Every model takes as many numbers, so that later draws do not depend on its coordinates.
+        # Every model takes a random number for every coordinate, also for those that it does not
+        # have. So later draws do not depend on its coordinates.
         normal = rng.standard_normal(shape)[:, self.is_free]
         points = np.zeros(shape)
         points[:, self.is_free] = self.student.offset(component, normal, rng)
@@ -280,7 +281,7 @@ def fitted_draws(
     precision : Precision
     families : ndarray of int, shape (posteriors,), optional
         The family of each posterior, by default one of all. Posteriors that are compared are of one
-        family: one that is far less probable than the best of its family needs no precision.
+        family, in which a posterior that is far less probable than the best needs no precision.
     """
     if families is None:
         families = np.zeros(len(array), np.intp)

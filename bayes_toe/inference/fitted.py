@@ -167,8 +167,9 @@ class Evidence:
 def importance_evidence(draws: WeightedDraws) -> Evidence:
     """Log evidence and its standard error from draws that chose no mixture.
 
-    The estimate is the log mean weight; its standard error is that of the mean, relative to it.
-    Withheld, with a reason, where the weights' Pareto k says that neither can be trusted.
+    The estimate is the log of the mean weight. Its standard error is the error of the mean weight
+    over this mean. The estimate is withheld, with a reason, if the weights' Pareto k says that
+    neither can be trusted.
     """
     k = pareto_k(draws.log_weights)
     efficiency = draws.efficiency

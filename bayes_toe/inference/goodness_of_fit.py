@@ -57,7 +57,8 @@ def deviance_p_value(
 
     The reference is chi-square if every pair has many answers of both kinds. Otherwise it is a
     scaled chi-square: the mean and variance of each pair's deviance follow from the logs of q and
-    1 - q, shape (pairs,), and those of the sum are multiplied by degrees of freedom over pairs.
+    1 - q, shape (pairs,). Mean and variance of the sum are multiplied by degrees of freedom over
+    pairs.
 
     Examples
     --------
@@ -109,7 +110,7 @@ def _moments(n: FloatArray, log_q: FloatArray, log_other: FloatArray) -> ArrayPa
 
 @dataclass(frozen=True)
 class PairResidual:
-    """A pair with its observed share of an answer and the one that the model expects.
+    """A pair with the observed and the expected share of an answer.
 
     Stimuli are natural-log intensities.
     """

@@ -44,7 +44,7 @@ class Ascent(NamedTuple):
     curvature: FloatArray  # (starts, k, k)
 
     def part(self, is_chosen: BoolArray | IndexArray) -> Ascent:
-        """Some of the searches."""
+        """Some of the searches, by a mask or by their indices."""
         return Ascent._make([values[is_chosen] for values in self])
 
     def joined(self, other: Ascent) -> Ascent:
@@ -203,7 +203,7 @@ def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> A
     """
     owned = array.part(owners)
     # Sizes of the diagonal of the Hessian, (searches, k): they set the steps of the differences.
-    # Each search begins with those of scoring, and goes on with those at its last points.
+    # A search begins with the sizes of scoring, and goes on with the sizes at its last point.
     sizes = np.diagonal(expansion(owned, starts).curvature, axis1=1, axis2=2).copy()
 
     def expand(points: FloatArray, index: IndexArray) -> Expansion:
@@ -243,7 +243,7 @@ def expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
 
 
 def _free_part(curvature: FloatArray, is_free: BoolArray) -> FloatArray:
-    """The curvature in the free coordinates; in those that are held it is 1."""
+    """The curvature in free coordinates, and the identity matrix in held coordinates."""
     both_free = is_free[:, :, None] & is_free[:, None, :]
     return np.where(both_free, curvature, np.eye(is_free.shape[1]))
 

@@ -113,7 +113,8 @@ class StudentMixture:
         trust = n_effective / (n_effective + inertia)
 
         means = self.means + trust[:, None] * (new_means - self.means)
-        # The new scales are about the new means: the distance that is left to these adds to them.
+        # The new scales are about the new means. The means go only a part of the way there, and the
+        # rest of the way adds to the scales.
         shift_scatter = _outer(new_means - means) * (near_weight / weight)[:, None, None]
         scales = self.scales + trust[:, None, None] * (new_scales + shift_scatter - self.scales)
         scales += 1e-9 * scales * np.eye(x.shape[1])  # positive definite in spite of rounding
@@ -261,7 +262,7 @@ class WeightedDraws:
         return self.x[rng.choice(len(self.x), size, p=self.shares)]
 
     def joined(self, other: WeightedDraws) -> WeightedDraws:
-        """These draws, then other ones."""
+        """These draws, followed by other draws."""
         pairs = zip(self.columns, other.columns, strict=True)
         return WeightedDraws(*map(np.concatenate, pairs))
 

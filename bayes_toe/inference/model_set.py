@@ -95,7 +95,7 @@ class ModelSet:
     def bayes_factor_error(self, has_effect: BoolArray) -> float:
         """The standard error of :meth:`log_bayes_factor`.
 
-        The error of a log mean follows from those of its terms by their shares in it.
+        The variance of a log mean is a sum over its terms of (share in the mean * error)^2.
         """
         variance = 0.0
         for is_chosen in (has_effect, ~has_effect):

@@ -169,7 +169,8 @@ def burn_in(fitted: Fitted) -> int:
     """
     if not fitted.is_trusted:
         return 8
-    return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.draws.efficiency))))
+    n_steps = np.log(1e-3) / np.log1p(-fitted.draws.efficiency)
+    return min(8, int(np.ceil(n_steps)))
 
 
 class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types

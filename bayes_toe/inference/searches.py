@@ -25,7 +25,7 @@ from bayes_toe.model.posterior_array import PosteriorArray
 #: Constant errors at which searches start, over the D of the prior. The first one is that of a
 #: model without constant error.
 _ERRORS = np.array([0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0])
-#: Normal scores of the lapse rate in its prior, at which searches hold it.
+#: Searches hold the lapse rate at these normal scores of its prior.
 _LAPSE_STARTS = (-1.0, 0.6, 1.8)
 #: Normal scores of the noise in its prior at which searches start. With little noise the curve is
 #: steep, and with much noise it is flat.
@@ -41,8 +41,8 @@ def observer_maxima(array: PosteriorArray) -> list[Ascent]:
     First, searches hold a constant error, or start from a flat curve. From the best of their ends,
     further searches are free, or hold a lapse rate.
 
-    A posterior without constant error must stand right before the same one with it: at the constant
-    error 0 the two are equal, so that it takes the search of that one.
+    The posterior of a model without constant error must stand right before that of the same model
+    with it. At the constant error 0 both are equal, and both begin with one search.
     """
     has_error = array.is_free[:, array.names.index(CONSTANT_ERROR.name)]
     lapse = array.names.index(LAPSE_RATE.name)

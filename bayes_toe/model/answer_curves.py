@@ -58,7 +58,7 @@ def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def with_complement(yes: FloatArray, no: FloatArray) -> LogAnswers:
-    """Both log probabilities, of which the larger one becomes the complement of the smaller one.
+    """Both log probabilities, the larger one computed as the complement of the smaller one.
 
     The log of the larger one is near 0, where its own digits are lost.
     """

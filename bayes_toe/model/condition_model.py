@@ -21,8 +21,8 @@ The mean first stimulus sbar and the scales D and R are those over all condition
 move with the stimuli of a condition. The evidence is one integral over all conditions; where
 nothing differs it is that of the pooled answers.
 
-The conditions may be tasks. Then one observer does all tasks, with the criterion of those that have
-'equal' as an answer. What can differ is what all tasks have.
+The conditions may be tasks. Then one observer does all tasks, and has one criterion in the tasks
+with the answer 'equal'. Only parameters of all tasks can differ.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class ConditionModels:
 
     @cached_property
     def differing(self) -> Parameters:
-        """The parameters that may differ."""
+        """The parameters that may differ between units: those that all their tasks have."""
         tasks = {unit.task for unit in self.units}
         return tuple(parameter for parameter in DIFFERENCE_SDS if tasks.issubset(parameter.tasks))
 
@@ -158,7 +158,7 @@ class ConditionModels:
 
     def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
         """The posteriors for these choices of parameters that differ."""
-        # One likelihood for each task. The first one adds those of the others to its own.
+        # One likelihood for each task. That of the first task has the further ones as a part.
         first, *further = map(self._likelihood, self.units_by_task)
         likelihood = replace(first, further=tuple(further))
         # Every choice has this one likelihood.

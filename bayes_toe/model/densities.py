@@ -1,7 +1,7 @@
 """The densities of coordinates: the prior of every coordinate of every model is one of them.
 
-A score is the standard normal quantile of the probability that the prior gives to smaller values,
-so that a coordinate which is a score has the density :class:`StandardNormal`.
+A score is the standard normal quantile of the probability that the prior gives to smaller values. A
+coordinate that is a score has the density :class:`StandardNormal`.
 """
 
 from __future__ import annotations

@@ -219,7 +219,7 @@ class ObserverRows(AnswerRows):
     def plain_answers_at(self, curve: Curve) -> tuple[FloatArray, ...]:
         """Probability of each answer on a curve, (rows, points, pairs) each.
 
-        Two answers are the counted one and the other one; three are 'equal', 'second' and 'first'.
+        The counted answer comes first. Three answers are 'equal', 'second' and 'first'.
         Each is lambda P(answer at z = 0) + (1 - lambda) P(answer at z), lambda the lapse rate.
         """
         lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
@@ -233,7 +233,7 @@ class ObserverRows(AnswerRows):
         if not self.task.has_three_answers:
             return equal, lapse * 2.0 * ndtr(-k) + attend * (near + far)
         guessed = lapse * ndtr(-k)
-        # The answer that names the stronger stimulus, and the one that names the weaker one.
+        # The answer that names the stronger stimulus, and the answer that names the weaker one.
         expected = guessed + attend * near
         opposite = guessed + attend * far
         second_is_expected = z > 0.0
@@ -297,8 +297,8 @@ class ObserverRows(AnswerRows):
         if k is not None and self.task.has_three_answers:
             equal, second, first = probabilities
             by_equal, by_second, by_first = by_answer
-            # P(second) has Phi(z - k), and P(first) has Phi(-z - k); the rest is 'equal'. So each
-            # of the criteria k and -k parts two answers: it gives to one what the other one loses.
+            # P(second) has Phi(z - k), P(first) has Phi(-z - k), and the rest is 'equal'. So each
+            # criterion, k or -k, separates two answers: what one gains, the other loses.
             upper = attend * _density(z - k) * (by_second - by_equal)
             lower = attend * _density(z + k) * (by_first - by_equal)
             in_lapses = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
@@ -342,7 +342,8 @@ class ObserverRows(AnswerRows):
     def _slope_units(self, values: NamedArrays) -> FloatArray:
         """Slope of each quantity in its coordinate, (rows, points, coordinates).
 
-        They are in the order of :attr:`units`. That of the lapse rate lambda is over 1 - lambda.
+        They are in the order of :attr:`units`. The slope of the lapse rate lambda is divided by
+        1 - lambda.
         """
         # phi(u) / (b (1 - Phi(u))): d lambda/du over 1 - lambda, which `_pair_slopes` leaves out.
         lapse_rise = normal_hazard(values["lapse_score"]) / self.prior.lapse_rate_b

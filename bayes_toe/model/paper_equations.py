@@ -37,7 +37,7 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     NumericalError
-        If a gamma is negative or above 1e306. That of a NaN is NaN.
+        If a gamma is negative or above 1e306. A NaN gives NaN.
 
     Examples
     --------

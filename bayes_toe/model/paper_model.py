@@ -132,9 +132,9 @@ class PaperRows(AnswerRows):
         return LN2 + log_ndtr(u[..., 2]) - log_divisor
 
     def _log_spread_share(self, pull: FloatArray) -> FloatArray:
-        """Log of the spread over the width w: the spread is w or sigma_p = w (1 - p)^power.
+        """Log of the spread over the width w.
 
-        It is the one of the two that has a prior of its own.
+        The spread is w or sigma_p = w (1 - p)^power, whichever has a prior of its own.
         """
         if self.prior.spread == "width":
             return np.zeros_like(pull)
@@ -247,10 +247,12 @@ def bell_slopes(
 
     With the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0).
     """
-    lapse = expit(-logit_q0)
+    lapse = expit(-logit_q0)  # 1 - q0, the slope of log q
     with np.errstate(over="ignore", invalid="ignore"):
+        yes_in_z = -2.0 * LN2 * z
         odds = np.exp(answers.yes - answers.no)
-        return (-2.0 * LN2 * z, 2.0 * LN2 * odds * z), (lapse, -odds * lapse)
+        no_in_z = 2.0 * LN2 * odds * z
+        return (yes_in_z, no_in_z), (lapse, -odds * lapse)
 
 
 def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:

@@ -233,7 +233,7 @@ class Parameter(Quantity):
     prior : str
         Its distribution; fields of :class:`ObserverPrior` stand in braces.
     limits : tuple of (float, float, str)
-        Between which numbers it lies, without these, and the same in words.
+        The two numbers between which the parameter lies, which it never has, and the same in words.
     typical : float
         Its value in an observer without order effects; that of the noise is in D.
     tasks : tuple of Task

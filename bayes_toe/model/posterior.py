@@ -36,7 +36,7 @@ class Names:
     natural: Texts  # what the model is written in
     identified: Texts  # what the answers depend on
     derived: Texts = ()  # further ones that tables report
-    # Monotone functions of one other quantity, so that their ranks say nothing new.
+    # Monotone functions of another quantity, which have its ranks.
     monotone: Texts = ()
 
     @property
@@ -172,7 +172,8 @@ class SubjectPosterior(ABC):
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a quantity.
 
-        That of a quantity without a prior of its own comes from evenly spread points of the prior.
+        A quantity that no coordinate alone determines has its quantile from evenly spread points of
+        the prior.
 
         Raises
         ------

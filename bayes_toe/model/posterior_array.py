@@ -5,7 +5,7 @@ coordinates of a row are linear in those of its posterior:
 
     u = L w,   L the loading of the row.
 
-A model is a choice of coordinates. Those that it does not have are held at 0.
+A model is a choice of coordinates. All other coordinates are held at 0.
 """
 
 from __future__ import annotations

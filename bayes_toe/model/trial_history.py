@@ -68,7 +68,7 @@ class TrialHistory:
     def name(self) -> str:
         """The order model and its histories, as in 'both + carry-over + previous response'.
 
-        Random streams are keyed by it. So it has an order of its own, which must stay.
+        Random streams are keyed by the name, so the order of the histories in it must stay.
         """
         is_present = self.has_carry_over, self.has_previous_response
         histories = compress(("carry-over", "previous response"), is_present)
@@ -159,7 +159,7 @@ class HistoryRows(ObserverRows):
 
     @property
     def coordinates(self) -> Texts:
-        """Names of the coordinates."""
+        """Names of the observer's coordinates, then of those of kappa and rho."""
         return (*super().coordinates, *self.history.effects)
 
     @cached_property
