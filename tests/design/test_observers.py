@@ -61,9 +61,10 @@ def test_a_file_has_ranges_or_values_of_each_kind_of_observers(tmp_path):
     observers = assume_observers(path, 2, 1, [PAPER])
     names = [observer.name for observer in observers]
     assert names == ["weak 1", "weak 2", "no effect 1", "no effect 2"]
-    assert observers[0].parameters["contraction"] == 0.1
-    assert 0.85 <= observers[0].parameters["q0"] <= 0.98  # the range if the file has none
-    assert observers[2].parameters["q0"] == 0.9
+    weak, _, no_effect, _ = observers
+    assert weak.parameters["contraction"] == 0.1
+    assert 0.85 <= weak.parameters["q0"] <= 0.98  # the range if the file has none
+    assert no_effect.parameters["q0"] == 0.9
 
 
 @pytest.mark.parametrize(
@@ -128,6 +129,6 @@ FAR_APART = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
         (None, 1, FAR_APART, "kind 'none' all practically never answer 'equal'"),
     ],
 )
-def test_observers_that_are_refused(observers, size, design, message):
+def test_unknown_and_unsuitable_observers_are_refused(observers, size, design, message):
     with refused(message):
         assume_observers(observers, size, seed=1, designs=[design])
