@@ -229,14 +229,19 @@ def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again
     assert stat.S_IMODE(job.folder.stat().st_mode) == 0o700
 
 
+def test_a_folder_is_used_by_one_server_at_a_time(tmp_path):
+    with home_lock(tmp_path), refused("in use by another bayes-toe app"):
+        home_lock(tmp_path).__enter__()
+
+
 @pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
 def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
     # The folder of locks, or one of two locks in it, is replaced by a link to a folder or file of
     # the user, who also has a folder of this name elsewhere.
     home_folder = tmp_path / "home"
     mine = tmp_path / "mine"
-    with home_lock(home_folder), refused("in use by another bayes-toe app"):
-        home_lock(home_folder).__enter__()
+    with home_lock(home_folder):
+        pass  # the locks are made
     (mine / ".bayes_toe_app").mkdir(parents=True)
     notes = mine / ".bayes_toe_app" / "notes"
     notes.write_text("of the user")
