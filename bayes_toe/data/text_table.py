@@ -478,7 +478,7 @@ def _texts_by_name(
         indices_of_trials.append(index_of_name | own_indices)
     rows = array("q")
     for row, cells in records:
-        if names[-1] == "" and len(cells) == len(names) - 1:
+        if isinstance(cells, list) and names[-1] == "" and len(cells) == len(names) - 1:
             cells = [*cells, ""]  # only the row of names ends in a delimiter
         if isinstance(cells, csv.Error) or len(cells) != len(names):
             problems.add([(row, _broken(row, cells, len(names)))])

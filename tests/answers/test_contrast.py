@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import refusal_of, run_ok
+from conftest import refused
 from legible import words_of
 from numpy.random import default_rng
 from scipy.special import ndtr
@@ -106,7 +107,8 @@ def three_levels():
 def test_of_levels_that_are_numbers_the_highest_and_the_lowest_are_compared(three_levels):
     table = bt.contrast(bt.read_study(three_levels), seed=1)
     assert [(row.subject, row.comparison) for row in table.select("JND")] == [("A", "4 - 1")]
-    assert table.select("constant error")[0].mean < -0.05  # the truth is -.1 - .1
+    (constant_error,) = table.select("constant error")
+    assert constant_error.mean < -0.05  # the truth is -.1 - .1
     assert table.left_out == {"B": "at 2, 4 only"}
 
 
@@ -122,7 +124,7 @@ def test_each_level_that_is_a_name_is_compared_with_the_first_one(three_levels):
 def test_a_study_without_a_subject_at_both_levels_is_refused(three_levels):
     only_b = bt.read_study(three_levels).select(["B@2", "B@4"])
     message = "found no subject at both 4 and 1, allowed: one and more"
-    with pytest.raises(bt.InputError, match=message):
+    with refused(message):
         bt.contrast(only_b, seed=1)
 
 
@@ -133,7 +135,7 @@ def test_a_study_without_conditions_is_refused_with_the_way_on():
     general = "found no condition within subjects, allowed: a column condition, or --condition"
     with_proposal = "or --condition COLUMN, such as --condition isi"
     for frame, message in ((plain, general), (delays, with_proposal)):
-        with pytest.raises(bt.InputError, match=message):
+        with refused(message):
             bt.contrast(bt.read_study(frame))
 
 
@@ -141,11 +143,13 @@ def test_the_forest_shows_every_subject(table):
     figure = bt.plots.contrast(table)
     assert words_of(figure.axes[0].get_yticklabels()) == ["A", "B"]
     # Words are in their order, whichever panel has them first.
-    assert figure.legends[0].get_texts()[0].get_text() == "differs"
-    # The first line of the first panel is the interval of A's constant error, of which the first
-    # column are the x values.
-    low, high = figure.axes[0].collections[0].get_segments()[0][:, 0]
-    interval = table.select("constant error")[0].interval(table.unit)
+    first_word, *_ = words_of(figure.legends[0].get_texts())
+    assert first_word == "differs"
+    # The first line of the first panel is the interval of A's constant error.
+    first_line, *_ = figure.axes[0].collections[0].get_segments()
+    (low, _), (high, _) = first_line  # x and y of its ends
+    of_a, _ = table.select("constant error")
+    interval = of_a.interval(table.unit)
     assert (low, high) == pytest.approx((interval.q025, interval.q975))
 
 
@@ -172,12 +176,14 @@ def test_the_asymmetry_of_fit_has_rows_for_each_condition(two_hands):
     assert n_rows.to_dict() == {("A", "left"): 2, ("A", "right"): 2}
 
 
-def test_tasks_agree_but_for_what_differs(tmp_path):
-    """The subject has a contraction in both tasks, and a constant error in 2AFC alone.
+@pytest.fixture(scope="module")
+def two_tasks(tmp_path_factory):
+    """A folder with the study of a subject A in two tasks, 480 trials each, by the column `task`.
 
-    The tasks are the conditions: `check` proposes to compare them, and `run` takes only one.
+    A has the same contraction in both tasks, and a constant error in 2AFC alone.
     """
-    design = tmp_path / "design.csv"
+    folder = tmp_path_factory.mktemp("tasks")
+    design = folder / "design.csv"
     pd.DataFrame({"s1": FIRST, "s2": SECOND}).to_csv(design, index=False)
     observer = {"noise": 0.25, "contraction": 0.3}
     tables = []
@@ -185,17 +191,23 @@ def test_tasks_agree_but_for_what_differs(tmp_path):
         observers = {"A": observer | parameters}
         study, _ = bt.simulate(observers, design=str(design), batches=60, seed=1, task=task)
         tables.append(study.frame().drop(columns="synthetic").assign(task=task))
-    pd.concat(tables).to_csv(tmp_path / "study.csv", index=False)
-    assert "bayes-toe contrast" in run_ok("check study.csv --condition task", cwd=tmp_path)
-    assert "--where task=2afc" in refusal_of("run study.csv --condition task", cwd=tmp_path)
+    pd.concat(tables).to_csv(folder / "study.csv", index=False)
+    return folder
 
-    screen = run_ok("contrast study.csv --condition task --seed 1", cwd=tmp_path)
+
+def test_tasks_as_conditions_are_compared_by_contrast_and_refused_by_run(two_tasks):
+    assert "bayes-toe contrast" in run_ok("check study.csv --condition task", cwd=two_tasks)
+    assert "--where task=2afc" in refusal_of("run study.csv --condition task", cwd=two_tasks)
+
+
+def test_tasks_agree_but_for_what_differs_and_have_one_observer(two_tasks):
+    screen = run_ok("contrast study.csv --condition task --seed 1", cwd=two_tasks)
     assert "same/different - 2AFC" in screen
     assert "This does not test whether one observer fits." in screen
-    words = pd.read_csv(tmp_path / "contrast.csv").set_index("quantity").word
+    words = pd.read_csv(two_tasks / "contrast.csv").set_index("quantity").word
     # The contractions are equal, but 960 trials cannot show that nothing differs.
     assert (words["constant error"], words["contraction"]) == (DIFFERS, UNDECIDED)
     assert words["JND"] in NOT_DIFFERENT
     # The order effect of one observer that is fitted to both tasks together.
-    (answer,) = pd.read_csv(tmp_path / "contrast_one_observer.csv").itertuples()
+    (answer,) = pd.read_csv(two_tasks / "contrast_one_observer.csv").itertuples()
     assert (answer.subject, answer.order_effect) == ("A", "yes")

@@ -36,6 +36,7 @@ STUDY = [
     answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), fit_p=0.001),
     answer("D", (Word.NOT_INTERPRETABLE,) * 3, problems={"responses look swapped": None}),
 ]
+ANSWER_A, _, _, SWAPPED = STUDY
 
 
 #: For each subject the words for order effect, constant error and contraction, by the letters of
@@ -171,23 +172,25 @@ def answer_of(name, letters):
             signs.append("+")
         else:
             signs[-1] = letter
-    shift = {"+": 5.0, "-": -5.0, "0": 0.0}[signs[1]]
-    direction = "repulsion" if signs[2] == "-" else "contraction"
+    _, sign_of_error, sign_of_contraction = signs
+    shift = {"+": 5.0, "-": -5.0, "0": 0.0}[sign_of_error]
+    direction = "repulsion" if sign_of_contraction == "-" else "contraction"
     return answer(name, words, shift=shift, direction=direction, problems={"a reason": None})
 
 
 @pytest.mark.parametrize("case", MEANINGS.split("\n\n"))
-def test_what_the_answer_of_a_study_means(case):
+def test_the_answer_of_a_study_begins_with_what_its_words_mean(case):
     """A case has the words of each subject, the group's means ('-' is no group), and the text."""
     heading, *lines = case.strip().splitlines()
     subjects, means = heading.split(" | ")
     meaning = " ".join(map(str.strip, lines))
     # A name for each subject; there are seven at most.
-    answers = [answer_of(*row) for row in zip("ABCDEFG", subjects.split(), strict=False)]
-    letters = means.strip("-")
+    named_letters = zip("ABCDEFG", subjects.split(), strict=False)
+    answers = [answer_of(name, letters) for name, letters in named_letters]
+    means = means.strip("-")
     rows = []
-    names = ("constant_error", "contraction")[: len(letters)]
-    for name, letter in zip(names, letters, strict=True):
+    names = ("constant_error", "contraction")[: len(means)]
+    for name, letter in zip(names, means, strict=True):
         rows += group_rows(name, letter)
     group = SimpleNamespace(identified=names, table=PopulationTable(tuple(rows), seed=1))
     assert describe_meaning(answers, group) == meaning
@@ -202,14 +205,13 @@ def test_a_question_that_no_subject_can_answer_has_one_sentence():
     words = (Word.YES, Word.YES, Word.CANNOT_BE_TOLD)
     *_, contraction = study_lines([answer("A", words), answer("B", words)])
     assert contraction == "Contraction: cannot be told in any subject."
-    swapped = STUDY[-1]
-    assert study_lines([swapped, swapped]) == ["No subject can be interpreted."]
+    assert study_lines([SWAPPED, SWAPPED]) == ["No subject can be interpreted."]
 
 
 def test_one_subject_is_described_in_full():
-    _, line = study_lines(STUDY[:1])
+    _, line = study_lines([ANSWER_A])
     assert line.startswith("A: Order effect: yes (P = .50). Constant error: yes")
-    assert study_lines(STUDY[3:]) == ["D: Not interpreted: responses look swapped."]
+    assert study_lines([SWAPPED]) == ["D: Not interpreted: responses look swapped."]
 
 
 def test_synthetic_subjects_are_called_so():

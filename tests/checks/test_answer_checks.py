@@ -202,11 +202,10 @@ def guessing_subject(seed, task, n_trials):
 def test_a_guessing_subject_is_flagged_and_interpreted_all_the_same(task):
     codes = []
     for seed in range(8):
-        study = Study((guessing_subject(seed, task, n_trials=960),))
-        for finding in check_answers(study):
+        for finding in findings_of(guessing_subject(seed, task, n_trials=960)):
             codes.append(finding.code)
             assert finding.option == "", "nothing is to be swapped or excluded"
-        assert not_interpreted(study) == {}
+            assert finding.is_interpretable
     # Five or six of eight are: guesses may look like a weak dependence on the stimuli by chance.
     assert codes.count("independent_answers") >= 4
 
@@ -247,9 +246,11 @@ def test_answers_to_the_other_question_flag_every_subject(task):
     code = LIKE_OTHER[task]
     assert code not in messages(*right)
     findings = findings_of(*(replace(subject, task=task) for subject in right))
-    findings = [finding for finding in findings if finding.code == code]
-    assert [finding.subject for finding in findings] == ["a", "b", "c"]
-    assert "in 3 of 3 subjects" in findings[0].message.lower()
+    message_by_subject = {
+        finding.subject: finding.message for finding in findings if finding.code == code
+    }
+    assert list(message_by_subject) == ["a", "b", "c"]
+    assert "in 3 of 3 subjects" in message_by_subject["a"].lower()
 
 
 def p_yes(distance, task):
@@ -260,7 +261,7 @@ def p_yes(distance, task):
 
 
 @BOTH_TASKS
-def test_billions_of_trials_are_checked_by_their_counts(task):
+def test_scatter_of_shares_in_billions_of_trials_is_no_fault(task):
     """Shares scatter by .08 about the curve: not a sound fit, but no fault of the responses."""
     n_trials = 10**10
     keys = neighbouring_pairs(SAME_DIFFERENT)
@@ -286,15 +287,14 @@ def test_swapped_blocks_are_named_with_what_turns_them_back(blocks, words):
     option = f"--swap S:{','.join(map(str, blocks))}"
     n_recognised = 0
     for seed in range(5):
-        straight = Study((make_subject(seed),))
-        assert not_interpreted(straight) == {}
-        findings = check_answers(straight.swap("S", blocks))
+        findings = check_answers(Study((make_subject(seed),)).swap("S", blocks))
         # A wrong set of blocks is never proposed.
         assert {finding.option for finding in findings} <= {option, ""}
-        if findings[0].code == "swapped_blocks":
+        first, *further = findings
+        if first.code == "swapped_blocks":
             n_recognised += 1
-            (finding,) = findings
-            assert finding.message == f"Responses look swapped in {words}."
+            assert first.message == f"Responses look swapped in {words}."
+            assert further == []
     # If the swapped blocks are not sure enough, the blocks are said to differ, and no more.
     assert n_recognised >= 3
 
@@ -335,8 +335,8 @@ def test_drift_is_flagged_with_its_size_and_a_small_one_is_not():
 
     (text,) = messages_of(0.3).values()
     assert text.startswith("Responses drift (test p ")
-    # '... The P(second) changes by 0.31 over the trials.'
-    size = text.partition("The P(second) changes by ")[2].split()[0]
+    _, _, end = text.partition("The P(second) changes by ")  # '0.31 over the trials.'
+    size, *_ = end.split()
     assert 0.2 < float(size) < 0.4  # .3, and 2.5 standard errors either way
     assert messages_of(0.1) == {}  # a change below .2 is not flagged
 

@@ -125,13 +125,10 @@ def test_findings_of_subjects_follow_those_of_the_study():
         subject_of_pairs(GRID, share_yes=1.0, name="b"),
         subject_of_pairs([(0.0, 0.3)], name="B"),
     ]
-    findings = bt.check(Study(subjects))
-    assert findings[0] == Finding(
-        "",
-        "names_look_alike",
-        "Subjects 'b', 'B' look alike. If they are one subject, give them one name.",
-    )
-    assert [(finding.subject, finding.code) for finding in findings[1:]] == [
+    of_study, *of_subjects = bt.check(Study(subjects))
+    message = "Subjects 'b', 'B' look alike. If they are one subject, give them one name."
+    assert of_study == Finding("", "names_look_alike", message)
+    assert [(finding.subject, finding.code) for finding in of_subjects] == [
         ("B", "not_identified"),
         ("b", "one_answer"),
         ("B", "few_trials"),

@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from commands import on_one_line, output_of, refusal_of, run_command, run_ok, run_python
-from conftest import text_table, write_counts
+from conftest import leave_pictures_blank, text_table, write_counts
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
@@ -47,7 +47,7 @@ def text_of(folder, name="report.html"):
 # --- run ------------------------------------------------------------------------------------------
 
 
-def test_run_writes_all_results_and_prints_the_answer(results_of_run, screen_of_run):
+def test_run_writes_all_results(results_of_run):
     # Names that begin with a point are those of the folder's own record.
     files = sorted(path.name for path in results_of_run.glob("[!.]*"))
     expected = "corner evidence.csv methods.bib methods.md posterior.nc report.html summary.csv"
@@ -59,14 +59,17 @@ def test_run_writes_all_results_and_prints_the_answer(results_of_run, screen_of_
     parameters = "mu1 sigma_p sigma_l q0 gamma sigma1 gain width pse_shift jnd"
     assert summary.parameter.unique().tolist() == parameters.split()
     assert list(pd.read_csv(results_of_run / "evidence.csv").subject) == ["A", "B"]
+
+
+def test_run_prints_the_study_the_answer_and_the_seed_but_no_progress_bar(screen_of_run):
     start = "study.csv: 2 subjects, 1,300 trials, same-different task, 13 pairs\n"
     assert screen_of_run.startswith(start)
     assert "\nOrder effect: 2 of 2 subjects yes.\n" in screen_of_run
     assert screen_of_run.endswith("report.html. Seed 1.\n")
-    assert not re.search(r"\d+%", screen_of_run)  # no progress bar where nobody looks
+    assert not re.search(r"\d+%", screen_of_run)  # of a progress bar, which a terminal alone has
 
 
-def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(results_of_run):
+def test_the_report_has_its_sections_and_no_section_without_content(results_of_run):
     text = text_of(results_of_run)
     sections = "answer overview trust files subject-1 subject-2 order evidence read paper"
     positions = [text.index(f'id="{section}"') for section in sections.split()]
@@ -82,6 +85,10 @@ def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(r
         assert sentence in joined, sentence
     for absent in ("synthetic data", "Problems in the responses", 'class="misfit"'):
         assert absent not in text
+
+
+def test_the_report_needs_nothing_but_the_files_beside_it(results_of_run):
+    text = text_of(results_of_run)
     # Pictures are in the file itself, and all other links lead to the files beside it, or to an
     # anchor of the report.
     assert not re.search(r"""src=["'](?!data:)""", text)
@@ -116,34 +123,65 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_pat
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pictures):
-    # A name that would be a path and a script, names that pandas reads as missing, and a name with
-    # signs that a terminal obeys, which begins as a formula of a spreadsheet.
-    name_with_signs = "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"
-    names = ["../../<script>alert(1)</script> a$b_{c}", "na", "NA", name_with_signs]
+#: Names that would be a path and a script, and that pandas reads as missing. The last one has signs
+#: that a terminal obeys, and begins as a formula of a spreadsheet.
+ODD_NAMES = (
+    "../../<script>alert(1)</script> a$b_{c}",
+    "na",
+    "NA",
+    "=S\x1b[2J\x9b\u202e\u2066\u200b\nx",
+)
+
+
+@pytest.fixture(scope="module")
+def odd_names_folder(tmp_path_factory):
+    """A folder with s.csv, a study of subjects with odd names, and nothing else."""
+    folder = tmp_path_factory.mktemp("odd")
     pairs = ["0,0,48", "0,0.2,31", "0.2,0,35", "0.2,0.4,34", "0.4,0,11", "0.4,0.4,47"]
-    rows = [f'"{name}",{pair},50' for name, pair in itertools.product(names, pairs)]
+    rows = [f'"{name}",{pair},50' for name, pair in itertools.product(ODD_NAMES, pairs)]
     text = "\n".join(["subject,s1,s2,n_equal,n_trials", *rows])
-    (tmp_path / "s.csv").write_text(text, encoding="utf-8")
-    screen = run_ok("run s.csv -o out --draws 100 --seed 1", cwd=tmp_path)
-    results = tmp_path / "out"
+    (folder / "s.csv").write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def odd_names_screen(odd_names_folder):
+    """The screen of `run` on subjects with odd names, which writes the folder `out`."""
+    with pytest.MonkeyPatch.context() as patch:
+        leave_pictures_blank(patch)
+        return run_ok("run s.csv -o out --draws 100 --seed 1", cwd=odd_names_folder)
+
+
+def test_odd_names_become_plain_and_different_names_of_files(odd_names_folder, odd_names_screen):
     # No two names of files are equal where capitals do not count.
-    files = {name.lower() for name in os.listdir(results / "corner")}
-    assert len(files) == len(names)
+    files = {name.lower() for name in os.listdir(odd_names_folder / "out" / "corner")}
+    assert len(files) == len(ODD_NAMES)
     for file in files:
         assert re.fullmatch(r"[a-z0-9_.-]+\.png", file)
-    report = text_of(results)
+
+
+def test_odd_names_have_no_sign_that_a_terminal_or_browser_obeys(
+    odd_names_folder, odd_names_screen
+):
+    report = text_of(odd_names_folder / "out")
     assert "<script>alert" not in report
-    refusal = refusal_of("corner out/posterior.nc -o c --subject", "\x1b\u202e", cwd=tmp_path)
-    screen_of_check = run_ok("check s.csv", cwd=tmp_path)
-    for visible_text in (report, screen, screen_of_check, refusal):
-        # Nothing that a terminal or a browser obeys.
+    line = "corner out/posterior.nc -o c --subject"
+    refusal = refusal_of(line, "\x1b\u202e", cwd=odd_names_folder)
+    screen_of_check = run_ok("check s.csv", cwd=odd_names_folder)
+    for visible_text in (report, odd_names_screen, screen_of_check, refusal):
         assert "\\x1b" in visible_text
         assert visible_text.replace("\n", "").isprintable()
-    assert bt.load(results / "posterior.nc").names == tuple(names)
-    table = pd.read_csv(results / "evidence.csv", dtype=str, keep_default_na=False)
+
+
+def test_draws_and_tables_have_odd_names_as_they_are_but_for_formulas(
+    odd_names_folder, odd_names_screen
+):
+    assert bt.load(odd_names_folder / "out" / "posterior.nc").names == ODD_NAMES
+    path = odd_names_folder / "out" / "evidence.csv"
+    table = pd.read_csv(path, dtype=str, keep_default_na=False)
     # An apostrophe before the formula, and the escape sequence as text.
-    assert list(table.subject) == [*names[:-1], "'=S\\x1b[2J\\x9b\u202e\u2066\u200b\nx"]
+    formula = "'=S\\x1b[2J\\x9b\u202e\u2066\u200b\nx"
+    assert tuple(table.subject) == (*ODD_NAMES[:-1], formula)
 
 
 # --- evidence, sample, fit ------------------------------------------------------------------------

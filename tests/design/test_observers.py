@@ -128,6 +128,6 @@ FAR_APART = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
         (None, 1, FAR_APART, "kind 'none' all practically never answer 'equal'"),
     ],
 )
-def test_observers_that_are_refused(observers, size, design, message):
+def test_unknown_and_unsuitable_observers_are_refused(observers, size, design, message):
     with refused(message):
         assume_observers(observers, size, seed=1, designs=[design])

@@ -214,11 +214,12 @@ def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, messa
 def test_the_figure_has_the_design_on_the_plane(result):
     """The colour of a pair is its worth in thousandths of a nat, and a point is its trials."""
     figure = bt.plots.design(result)
-    plane = figure.axes[0]
+    plane, *_ = figure.axes
+    image, points, *_ = plane.collections
     # The x axis is s1, the slower index of the 9 x 9 pairs, so that rows of the image are s2.
-    worth = np.asarray(plane.collections[0].get_array()).reshape(9, 9)
+    worth = np.asarray(image.get_array()).reshape(9, 9)
     assert worth == pytest.approx(1000.0 * result.worth.reshape(9, 9).T)
-    assert len(plane.collections[1].get_offsets()) == result.design.n_pairs
+    assert len(points.get_offsets()) == result.design.n_pairs
 
 
 def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):

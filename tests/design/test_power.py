@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refusal_of, run_ok
-from conftest import text_table
+from conftest import refused, text_table
 from populations import grid_design
 
 import bayes_toe as bt
@@ -20,7 +20,6 @@ from bayes_toe.design.power import (
     power,
 )
 from bayes_toe.design.study_design import paper_study_design
-from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Hyperprior, ParameterHyperprior, Prior
 
 
@@ -45,7 +44,7 @@ def test_a_data_set_is_answered_as_a_subject_is(table, designs):
     _, data_set, *_ = table.data_sets  # any one of the first design, the paper's pairs
     subject = data_set.observer.answers(designs["paper"], seed=1)
     expected, _ = answer_subject(subject, seed=4)
-    # Fewer draws than those of a subject: Monte Carlo errors.
+    # A data set has fewer draws than a subject, and other ones: Monte Carlo errors.
     assert data_set.answer.probabilities == pytest.approx(expected.probabilities, abs=0.06)
     size = data_set.answer.sizes["contraction_p"]
     assert size.q50 == pytest.approx(expected.sizes["contraction_p"].q50, abs=0.05)
@@ -64,9 +63,9 @@ def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not
     assert widths["paper"] > 2.0 * widths["wide"]
 
 
-def test_words_are_counted(table):
+def test_power_is_the_share_of_data_sets_with_a_word(table):
     """Five data sets of observers without effects, each with one word for all questions."""
-    base = table.data_sets[0]
+    base, *_ = table.data_sets
     data_sets = []
     for word in ("YES", "PROBABLY", "PROBABLY", "UNDECIDED", "CANNOT_BE_TOLD"):
         words = dict.fromkeys(QUESTIONS, Word[word])
@@ -77,7 +76,7 @@ def test_words_are_counted(table):
     for word, expected in shares.items():
         assert counted["paper", 650, "none", "contraction", word].value == pytest.approx(expected)
     assert counted.sentences() == ["Paper, 650 trials: false positives 60 % [21, 91]."]
-    with pytest.raises(InputError, match="nothing counted for"):
+    with refused("nothing counted for"):
         counted["paper", 650, "none", "contraction", "maybe"]
 
 

@@ -130,7 +130,6 @@ REFUSED = [
     ({"observers": {"A": {**OBSERVER, "contraction": 1.0}}}, "above -1 and below 1"),
     ({"observers": {}}, "found none"),
     ({"observers": 0}, "allowed: a whole number from 1"),
-    ({"task": "3afc"}, "--task: found '3afc', allowed: same/different, 2afc"),
     ({"design": "mine"}, "--design"),
     ({"conditions": "ab"}, "conditions: found the text 'ab', allowed: a list of levels"),
     ({"carry_over": 1.0}, "--carry-over: found 1.0, allowed: a number from 0"),

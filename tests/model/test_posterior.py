@@ -52,7 +52,7 @@ PRIORS = {
 def test_value_and_gradient_at_any_point(task, prior, x):
     target = paper_posterior(five_pairs(task), prior)
     u = np.array([[x]])
-    z = target.rows.distance(u)[0, 0]
+    z = target.rows.distance(u)[0, 0]  # of each pair, for the only subject and point
     # A distance z of a pair that is small by cancellation has lost digits. Points with such a pair
     # are left out, and all others are held to 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
@@ -62,33 +62,34 @@ def test_value_and_gradient_at_any_point(task, prior, x):
 
 
 MIDDLE_POINT = (0.31, -0.3, 0.4, 1.1)
-#: Prior, the index of a coordinate and its value; all other coordinates are in the middle.
+#: Prior, the index of a coordinate and its value; all other coordinates are in the middle. The last
+#: column has the digits that the definition needs, which are most for a width of Phi(-25), 3e-138.
 FAR_POINTS = """
-    sigma_p | 1 | -25
-    sigma_p | 1 | -19
-    sigma_p | 1 | 12
-    sigma_p | 2 | -30
-    sigma_p | 2 | -9
-    sigma_p | 2 | 7
-    sigma_p | 3 | -9
-    sigma_p | 3 | 12
-    width | 1 | -25
-    width | 1 | -19
-    width | 1 | 12
+    sigma_p | 1 | -25 | 700
+    sigma_p | 1 | -19 | 300
+    sigma_p | 1 | 12 | 150
+    sigma_p | 2 | -30 | 150
+    sigma_p | 2 | -9 | 150
+    sigma_p | 2 | 7 | 150
+    sigma_p | 3 | -9 | 150
+    sigma_p | 3 | 12 | 150
+    width | 1 | -25 | 150
+    width | 1 | -19 | 150
+    width | 1 | 12 | 150
 """
 
 
 @BOTH_TASKS
-@pytest.mark.parametrize("prior, coordinate, value", text_table(FAR_POINTS))
-def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate, value):
+@pytest.mark.parametrize("prior, coordinate, value, digits", text_table(FAR_POINTS))
+def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate, value, digits):
     """The prior of the width changes the second coordinate alone, so that only this is tested.
 
-    With 50,000 trials a pair, values with hundreds of digits are compared.
+    Each pair has 50,000 trials.
     """
     x = list(MIDDLE_POINT)
     x[int(coordinate)] = float(value)
     posterior = paper_posterior(five_pairs(task, n_times=1000), PRIORS[prior])
-    assert_agrees(posterior, x, digits=700)
+    assert_agrees(posterior, x, int(digits))
 
 
 @BOTH_TASKS

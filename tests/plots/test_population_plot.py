@@ -27,20 +27,20 @@ def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(group_of_f
     ax = forests["contraction (%)"]
     lines = {line.get_label(): line.get_xdata() for line in ax.lines}
     medians = np.median(group_of_four.draws.subjects, axis=(0, 1))  # (subjects, quantities)
-    # Quantity 0 is the constant error, and 1 the contraction.
-    assert lines["subject, median and 95 % interval"] == pytest.approx(medians[:, 1])
+    constant_error, contraction = map(group_of_four.index, ("constant_error", "contraction"))
+    assert lines["subject, median and 95 % interval"] == pytest.approx(medians[:, contraction])
 
     bands = {band.get_label(): band.get_bbox().intervalx for band in ax.patches}
     for label, draws in (
         ("group mean", group_of_four.draws.mean),
         ("new subject", group_of_four.new_subject),
     ):
-        expected = np.quantile(draws[..., 1], [0.025, 0.975])
+        expected = np.quantile(draws[..., contraction], [0.025, 0.975])
         assert bands[label] == pytest.approx(expected)
 
     ax = forests["PSE shift (%)"]
     [points] = marks_of(ax, "o")
-    shifts = group_of_four.in_units("constant_error", medians[:, 0])
+    shifts = group_of_four.in_units("constant_error", medians[:, constant_error])
     assert points.get_xdata() == pytest.approx(shifts, rel=1e-3)
     assert words_of(ax.get_yticklabels()) == list(group_of_four.subjects)
 
@@ -85,12 +85,12 @@ def test_many_subjects_are_sorted_and_have_no_names():
 
 
 def require_effect(result, label, median):
-    """The third forest of the PSE shift has one effect, with a label and a median.
+    """The third forest of the PSE shift has one effect, with this label and this median.
 
-    The median `median` is in the unit of the constant error.
+    The median is in the unit of the constant error.
     """
     axes = bt.plots.population(result).axes
-    ax = [ax for ax in axes if ax.get_xlabel() == "PSE shift (%)"][2]
+    _, _, ax = (ax for ax in axes if ax.get_xlabel() == "PSE shift (%)")
     assert [text.replace("\n", " ") for text in words_of(ax.get_yticklabels())] == [label]
     [point] = marks_of(ax, "o")
     assert point.get_xdata() == pytest.approx(
@@ -101,7 +101,8 @@ def require_effect(result, label, median):
 def test_the_figure_shows_the_effect_of_a_covariate():
     # The ages of six subjects have the mean 29.5 and the SD 7.176.
     result = made_result(*with_ages())
-    median = np.median(result.draws.effects[..., 0, 0])
+    effects = result.draws.effects  # (chains, draws, covariates, coefficients)
+    median = np.median(effects[..., 0, result.index("constant_error")])
     require_effect(result, "age, per sd of 7.176 about 29.5", median)
 
 

@@ -18,8 +18,9 @@ def ranks_under(prior, n_studies=8):
 
     A rank is the share of posterior draws below the true value.
     """
+    options = {"seed": 7, "prior": prior, "truth": bt.Prior()}
     names = [f"test-{i}" for i in range(n_studies)]
-    rows = pd.DataFrame([rank_truth("sparse", name, 7, prior, bt.Prior()) for name in names])
+    rows = pd.DataFrame([rank_truth("sparse", name, **options) for name in names])
     assert not rows["shortfall"].any()  # all samples converged
     return pd.DataFrame(judged_ranks(rows, RANKED)).set_index("what")
 
@@ -64,8 +65,8 @@ def test_the_script_writes_and_says_what_was_found(tmp_path, monkeypatch, capsys
     monkeypatch.setattr(sys, "argv", line.split())
     monkeypatch.setattr(calibration, "REPLICATES", 20)  # few, so that it takes seconds
     assert calibration.main() == 0
-    # Eight quantities of RANKED for each of two designs.
-    assert "*Ranks*, 16 of 16 rows are calibrated." in capsys.readouterr().out
+    n_rows = 2 * len(RANKED)  # each quantity in two designs
+    assert f"*Ranks*, {n_rows} of {n_rows} rows are calibrated." in capsys.readouterr().out
     table = pd.read_csv(tmp_path / "calibration.csv")
     assert set(table.loc[table.part == "rank", "what"]) == set(RANKED)
     assert "| Appendix C |" in (tmp_path / "calibration.md").read_text()

@@ -22,7 +22,7 @@ def written(analysis, small_study):
     group = made_result(small_study)
     asymmetry = bt.asymmetry(small_study)
     fits = bt.fit(small_study, replicates=5, seed=1)
-    power = bt.design.power(trials=[26], data_sets=1, seed=1)
+    power = bt.design.power(trials=[26], observers="none", data_sets=1, seed=1)
     return {
         "summary.csv": analysis.summary(),
         "evidence.csv": analysis.evidence.frame(full=True),
