@@ -21,7 +21,7 @@ LARGEST_COUNT = 10**12
 #: What stands between a subject and a level in the name of a unit.
 CONDITION_SEPARATOR = "@"
 #: What a cell may say, in any case, where there is nothing to say.
-MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
+MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null", "undefined"})
 # Alternatives never overlap, so that a cell of 100,000 digits costs linear time.
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it
