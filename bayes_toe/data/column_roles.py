@@ -1006,7 +1006,7 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     return "", 0
 
 
-def score_remedies(names: Texts) -> list[Remedy]:
+def score_remedies(names: Iterable[str]) -> list[Remedy]:
     """Options to type if these columns say right or wrong."""
     return [
         Remedy("correct", name, f"if {display_name(name)} says right or wrong (2AFC)")

@@ -23,6 +23,7 @@ from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     VOCABULARY,
     from_left_to_right,
+    is_flag,
     is_missed_flag,
     is_no_response,
     looks_like,
@@ -129,9 +130,11 @@ def responses(
     if not has_scores:
         names = task.answers
         words = tuple(map(_WORDS.__getitem__, names))
+        advice = f"; other codes by --{'-code, --'.join(names)}-code"
     else:  # the column says right or wrong
         names = ("right", "wrong")
         words = _RIGHT_WRONG
+        advice = ""
     codes = _all_codes(column, options.codes(task))
     answer_index = column.map(lambda text: _answer_index(text, codes, words), np.int64)
 
@@ -160,12 +163,12 @@ def responses(
                 "--correct COLUMN needs no codes; if there is none, check then proposes --swap for "
                 "these subjects."
             )
-            remedies = score_remedies(names_like(table.columns, "correct")) + best
+            scores = names_like(table.columns, "correct")
+            flags = filter(lambda name: is_flag(table.columns[name].texts), scores)
+            remedies = score_remedies(flags) + best
         table.problems.ask(f"{column}: {problem}", remedies)
     else:  # each unknown text is a problem of its rows
-        rule = _allowed_texts(options.codes(task), words, names)
-        if not has_scores:
-            rule += f"; other codes by --{'-code, --'.join(names)}-code"
+        rule = _allowed_texts(options.codes(task), words, names) + advice
         table.fault(column, answer_index == _UNKNOWN, rule)
         table.problems.remedies += remedies
 
@@ -198,7 +201,7 @@ def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> Boo
     >>> subject.only(_has_opposite_keys(column, subject, rise)).texts
     ['b']
     """
-    deviation = rise - rise.mean()
+    deviation = rise - rise.sum() / (len(rise) or 1)
     is_code = column.matches(_frequent(column)[:1])
     trend = np.bincount(subject.codes, deviation * (is_code - 0.5))
     # The SD of guesses is half of the root.
