@@ -794,18 +794,20 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
     words = named_places(f"{column.name} {_joined(texts).replace(',', '')}").other_words
     if not words.isdisjoint(VOCABULARY["words"]["sameness"]):
         rises["equal_code"] = np.inf
-    remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
 
     codes = list(map(_without_decimals, texts))
     right_codes = [code for code in codes if code.lower() in _RIGHT_WRONG[0]]
     if right_codes and set(map(str.lower, codes)) <= set(chain(*_RIGHT_WRONG)):
         meaning = f"if {right_codes[0]} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
-        # Without equal stimuli, more than 70 % may be right responses, but hardly 'different'.
-        is_often_right = column.matches(right_codes).mean() > 0.7 and trends["equal_code"].all()
-        option, equal = remedies[0][:2]
-        if is_often_right and option == "equal_code" and equal not in right_codes:
-            remedies.reverse()  # --correct comes first
+        rises["correct"] = -1.0
+    # Without equal stimuli, participants were hardly asked which are equal. But right responses are
+    # commoner the farther stimuli are from each other.
+    if trends["equal_code"].all() and rises["equal_code"] < np.inf:
+        if remedies[0].value not in right_codes:
+            rises["correct"] = rises["equal_code"]
+        rises["equal_code"] = -1.0
+    remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
     return remedies
 
 
