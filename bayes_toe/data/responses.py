@@ -501,23 +501,32 @@ def _unknown_meaning(
         problem = f"the only code is {counts_shown}. The program does not know what it means."
     else:
         problem = f"the codes are {counts_shown}. The program does not know what they mean."
+    keys = []
     if len(texts) > 3:
         problem += (
             " If they say how sure participants were, --columns response=NAME names the column of "
             "their answers."
         )
+        keys = _keys_beside(table, column)
     frequent = _frequent(column)
     if not frequent:  # as of many numbers, such as those of a slider
-        return problem, []
-    # If the file names its task, options for the answers of other tasks are not proposed.
-    task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
-    remedies = []
-    for remedy in _code_remedies(column, frequent, trends):
+        return problem, keys
+    remedies = _code_remedies(column, frequent, trends)
+    for task in tasks_by_text.values():  # one, whose answers the options are for, or none
         # All options but --equal-code, also --correct, are about which was stronger.
-        answer = "equal" if remedy.option == "equal_code" else "second"
-        if not task_answers or answer in task_answers:
-            remedies.append(remedy)
-    return problem, remedies
+        is_for = {"equal_code": task.has_criterion}
+        remedies = [r for r in remedies if is_for.get(r.option, task.has_direction)]
+    return problem, keys + remedies
+
+
+def _keys_beside(table: TextTable, ratings: Column) -> list[Remedy]:
+    """Options to type if another column has keys, and these are no answers but ratings."""
+    remedies = []
+    for name in names_like(table.columns, "key") + names_like(table.columns, "response"):
+        if 1 < len(table.columns[name].texts) < 4:  # two keys, and an empty cell
+            meaning = f"if {ratings} says how sure participants were"
+            remedies.append(Remedy("columns", (("response", name),), meaning))
+    return remedies
 
 
 def _complement(table: TextTable, counts: IntArray) -> str:
@@ -636,7 +645,7 @@ def _proposals(
     answers, or about counts. An odd number of frequent texts may be three answers; options for
     these come first.
     """
-    if _are_counts(table, column):
+    if "columns" in chain(*remedies[:1]):  # for counts, or keys beside ratings
         return remedies
     unknown = column.only(answer_index == _UNKNOWN)
     given = options.code_by_answer
