@@ -672,7 +672,8 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     >>> _answer_roles(["n_first", "n_second"], ReadOptions())
     ['n_second', 'n_first']
     """
-    names = list(filterfalse(options.stimulus_names.__contains__, names))
+    # What an option takes as a stimulus is no count: n_first and n_second may be numbers of dots.
+    names = list(filterfalse(set(options.stimulus_names).__contains__, names))
     if options.correct is not None:
         return ["correct"]
     if "n_correct" in options.columns:  # only by the option: it may count a same-different task
