@@ -504,10 +504,6 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     if response:  # other columns with similar names are then no counts
         return response_alone
 
-    # Columns 'first' and 'second' are the stimuli, if no others are.
-    has_stimuli = set(options.stimulus_names) <= set(names)
-    if not has_stimuli and counts.get("n_first", "").lower() == "first":
-        return {}
     # One column such as 'second_longer' or 'same' may have responses, yes or no.
     if len(count_roles) == 1 and not any(map(is_percentage, counts.values())):
         return {}
@@ -712,6 +708,8 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
     """
     if options.has_standard:
         return ""
+    if {"standard", "comparison"} <= options.columns.keys():  # the user names them
+        return f"{options.columns['standard']} and {options.columns['comparison']}"
     candidates = options.stimulus_names
     are_open = set(names).isdisjoint(candidates)
     if are_open:  # the file lacks these, so that all its columns may be stimuli
@@ -925,6 +923,8 @@ def _remedies(
         yield from wide
         if wide:  # what else is missing depends on it
             return
+        # Columns n_first and n_second may have numbers of dots, and not of answers.
+        pairs = _likely_pairs(list(columns), are_positive=options.has_intensities)
     # Of columns that are as full, those of ratings come last.
     unread.sort(key=lambda column: (empty(column).sum(), len(column.texts) > 3))
 
@@ -1012,7 +1012,7 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     return "", 0
 
 
-def score_remedies(names: Texts) -> list[Remedy]:
+def score_remedies(names: Iterable[str]) -> list[Remedy]:
     """Options to type if these columns say right or wrong."""
     return [
         Remedy("correct", name, f"if {display_name(name)} says right or wrong (2AFC)")

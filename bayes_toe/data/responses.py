@@ -23,6 +23,7 @@ from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     VOCABULARY,
     from_left_to_right,
+    is_flag,
     is_missed_flag,
     is_no_response,
     looks_like,
@@ -128,9 +129,11 @@ def responses(
     if not has_scores:
         names = task.answers
         words = tuple(map(_WORDS.__getitem__, names))
+        advice = f"; other codes by --{'-code, --'.join(names)}-code"
     else:  # the column says right or wrong
         names = ("right", "wrong")
         words = _RIGHT_WRONG
+        advice = ""
     codes = _all_codes(column, options.codes(task))
     answer_index = column.map(lambda text: _answer_index(text, codes, words), np.int64)
 
@@ -159,12 +162,12 @@ def responses(
                 "--correct COLUMN needs no codes; if there is none, check then proposes --swap for "
                 "these subjects."
             )
-            remedies = score_remedies(names_like(table.columns, "correct")) + best
+            scores = names_like(table.columns, "correct")
+            flags = filter(lambda name: is_flag(table.columns[name].texts), scores)
+            remedies = score_remedies(flags) + best
         table.problems.ask(f"{column}: {problem}", remedies)
     else:  # each unknown text is a problem of its rows
-        rule = _allowed_texts(options.codes(task), words, names)
-        if not has_scores:
-            rule += f"; other codes by --{'-code, --'.join(names)}-code"
+        rule = _allowed_texts(options.codes(task), words, names) + advice
         table.fault(column, answer_index == _UNKNOWN, rule)
         table.problems.remedies += remedies
 
@@ -530,23 +533,32 @@ def _unknown_meaning(
         problem = f"the only code is {counts_shown}. The program does not know what it means."
     else:
         problem = f"the codes are {counts_shown}. The program does not know what they mean."
+    keys = []
     if len(texts) > 3:
         problem += (
             " If they say how sure participants were, --columns response=NAME names the column of "
             "their answers."
         )
+        keys = _keys_beside(table, column)
     frequent = _frequent(column)
     if not frequent:  # as of many numbers, such as those of a slider
-        return problem, []
-    # If the file names its task, options for the answers of other tasks are not proposed.
-    task_answers = set(chain.from_iterable(task.answers for task in tasks_by_text.values()))
-    remedies = []
-    for remedy in _code_remedies(column, frequent, trends):
+        return problem, keys
+    remedies = _code_remedies(column, frequent, trends)
+    for task in tasks_by_text.values():  # one, whose answers the options are for, or none
         # All options but --equal-code, also --correct, are about which was stronger.
-        answer = "equal" if remedy.option == "equal_code" else "second"
-        if not task_answers or answer in task_answers:
-            remedies.append(remedy)
-    return problem, remedies
+        is_for = {"equal_code": task.has_criterion}
+        remedies = [r for r in remedies if is_for.get(r.option, task.has_direction)]
+    return problem, keys + remedies
+
+
+def _keys_beside(table: TextTable, ratings: Column) -> list[Remedy]:
+    """Options to type if another column has keys, and these are no answers but ratings."""
+    remedies = []
+    for name in names_like(table.columns, "key") + names_like(table.columns, "response"):
+        if 1 < len(table.columns[name].texts) < 4:  # two keys, and an empty cell
+            meaning = f"if {ratings} says how sure participants were"
+            remedies.append(Remedy("columns", (("response", name),), meaning))
+    return remedies
 
 
 def _complement(table: TextTable, counts: IntArray) -> str:
@@ -667,7 +679,7 @@ def _proposals(
     answers, or about counts. An odd number of frequent texts may be three answers; options for
     these come first.
     """
-    if _are_counts(table, column):
+    if "columns" in chain(*remedies[:1]):  # for counts, or keys beside ratings
         return remedies
     unknown = column.only(answer_index == _UNKNOWN)
     given = options.code_by_answer
@@ -823,17 +835,19 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
     words = named_places(f"{column.name} {_joined(texts).replace(',', '')}").other_words
     if not words.isdisjoint(VOCABULARY["words"]["sameness"]):
         rises["equal_code"] = np.inf
-    remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
 
     right_codes = [code for code in texts if code.lower() in _RIGHT_WRONG[0]]
     if right_codes and set(map(str.lower, texts)) <= set(chain(*_RIGHT_WRONG)):
         meaning = f"if {right_codes[0]} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
-        # Without equal stimuli, more than 70 % may be right responses, but hardly 'different'.
-        is_often_right = column.matches(right_codes).mean() > 0.7 and trends["equal_code"].all()
-        option, equal = remedies[0][:2]
-        if is_often_right and option == "equal_code" and equal not in right_codes:
-            remedies.reverse()  # --correct comes first
+        rises["correct"] = -1.0
+    # Without equal stimuli, participants were hardly asked which are equal. But right responses are
+    # commoner the farther stimuli are from each other.
+    if trends["equal_code"].all() and rises["equal_code"] < np.inf:
+        if remedies[0].value not in right_codes:
+            rises["correct"] = rises["equal_code"]
+        rises["equal_code"] = -1.0
+    remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
     return remedies
 
 

@@ -480,6 +480,18 @@ NOTE_BY_NAME = dict(text_table(NOTES))
 
 #: The name of a file with options, its content, and parts of what is said, with what helps.
 REFUSED = {
+    "dots.csv": (
+        "subject,n_first,n_second,response\na,18,12,first\na,12,18,second\n",
+        "type:  --columns s1=n_first,s2=n_second --unit a.u. ",
+    ),
+    "speeds.csv --columns standard=v,comparison=v_test": (
+        "subject,v,v_test,response\na,18,12,first\na,12,18,second\n",
+        "columns v and v_test do not say which stimulus came first",
+    ),
+    "keys_beside_ratings.csv": (
+        "subject,s1,s2,key,response\n" + "a,0,1,j,4\na,1,0,f,3\na,0,1,j,2\na,1,0,f,1\n" * 9,
+        "type:  --columns response=key --second-code j\n",
+    ),
     "opposite_keys.csv": (
         "subject,s1,s2,key,correct\n" + "a,0,1,j,1\na,1,0,f,1\n" * 8 + "b,0,1,f,1\nb,1,0,j,1\n" * 8,
         "In b they seem to mean the opposite, as where keys are counterbalanced: --correct",
