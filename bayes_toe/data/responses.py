@@ -353,8 +353,10 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
 def codes_found(columns: Columns, signs: Iterable[Column], options: ReadOptions) -> Iterator[str]:
     """The codes of missed trials that cells have, and codes of responses if they are there."""
     for column in (*columns.values(), *signs):
-        texts = {*column.texts, *map(_without_decimals, column.texts)}
-        yield from texts.intersection(options.missed)
+        texts = set(map(_without_decimals, column.texts))
+        for code in options.missed:
+            if _without_decimals(code) in texts:
+                yield code
     if "response" in columns:
         yield from options.code_by_answer.values()
 
