@@ -392,7 +392,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
 def missed_codes_found(columns: Iterable[Column], options: ReadOptions) -> Iterator[str]:
     """The codes of missed trials that the options name and cells have."""
     for column, code in product(columns, options.missed):
-        if code in column.texts or code in map(without_decimals, column.texts):
+        if without_decimals(code) in map(without_decimals, column.texts):
             yield code
 
 

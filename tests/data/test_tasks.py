@@ -23,6 +23,8 @@ READ = f"""
     {RIGHT} a,0,1,1 a,0,1,0 a,1,0,1 a,1,0,wrong a,0,0,1 a,0,1, | --correct acc | 0 1 1 2, 1 0 1 2
     subject,s1,s2,response a,0,1,second, a,1,0,first, |  | 0 1 1 1, 1 0 0 1
     subject,s1,s2,response, a,0,1,second a,1,0,first |  | 0 1 1 1, 1 0 0 1
+    {TRIALS} a,0,1,2.0 a,0,1,9.0 | --second-code 2 --first-code 1 --missed 9.0 | 0 1 1 1
+    {TRIALS} a,0,1,2 a,0,1,9 | --second-code 2 --first-code 1 --missed 9.0 | 0 1 1 1
     {TASK} a,0,1,second,2AFC a,0,1,same,same-different | --where task=2AFC | 0 1 1 1
     {TASK} a,0,1,second,comparison a,1,0,first,rating |  | 0 1 1 1, 1 0 0 1
 """
