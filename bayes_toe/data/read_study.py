@@ -83,8 +83,8 @@ from bayes_toe.data.trial_rows import (
 )
 from bayes_toe.data.units import (
     follows_from_pairs,
+    options_by_task,
     pooled_conditions,
-    studies_by_task,
     study_of_tasks,
     unit_column,
     with_conditions,
@@ -210,12 +210,13 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     choice = partial(known_names, options=options)
     table = read_table(path, choice, LARGEST_STUDY, encoding=options.encoding, sheet=options.sheet)
 
-    def read_rows(row_options: ReadOptions) -> Study:
-        rows = _rows(table, path, row_options)
+    table, options_of_tasks = options_by_task(table, options)
+    studies = []
+    for task_options in options_of_tasks:
+        rows = _rows(table, path, task_options)
         task = task_counted(rows.columns)
-        return _trial_study(rows) if task is None else _count_study(rows, task)
-
-    return studies_by_task(table, options, read_rows)
+        studies.append(_trial_study(rows) if task is None else _count_study(rows, task))
+    return studies
 
 
 def example_study(task: Task | str = WHICH_STRONGER, options: ReadOptions | None = None) -> Study:

@@ -2,15 +2,14 @@
 
 `unit_column` has these names in place of the subjects. `with_conditions` gives the study its
 conditions, or takes the names back if no subject has two levels. Where the levels are tasks,
-`studies_by_task` reads the rows of each task, and `study_of_tasks` makes one study of them.
+`options_by_task` has the options for the rows of each task, and `study_of_tasks` makes one study.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -28,8 +27,6 @@ from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
 
-#: Reads the rows of a table with options.
-Reader: TypeAlias = Callable[[ReadOptions], Study]
 #: The condition whose levels are tasks.
 TASK = "task"
 #: With so many repeated trials it is no chance that each pair keeps its level.
@@ -128,8 +125,8 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     return replace(study, subjects=with_shared_scales(units), conditions=conditions, notes=notes)
 
 
-def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> list[Study]:
-    """The study in a table; a study for each task, where tasks are the condition.
+def options_by_task(table: TextTable, options: ReadOptions) -> tuple[TextTable, list[ReadOptions]]:
+    """The table, perhaps with a note, and the options of each task, where tasks are the condition.
 
     The condition is then a column whose texts name tasks. Without a column `task`,
     `--condition task` means that each file has one task.
@@ -137,30 +134,25 @@ def studies_by_task(table: TextTable, options: ReadOptions, read: Reader) -> lis
     Raises
     ------
     InputError
-        If `read` refuses the table. Also if codes of responses are of two tasks, and the condition
-        is not the task.
+        If codes of responses are of two tasks, and the condition is not the task.
     """
     if options.condition is None:
-        return [read(options)]
+        return table, [options]
 
     column = table.columns.get(options.condition)
     # All rows that are read are of one task.
     if options.condition in options.where or (column is None and options.condition == TASK):
-        return [read(options.without_condition)]
+        return table, [options.without_condition]
     tasks = {} if column is None else tasks_named(column.texts)
     if column is None or len(set(tasks.values())) < 2:  # the condition is another one
         replace(options, condition=None)  # an InputError if the codes are of two tasks
-        return [read(options)]
+        return table, [options]
 
-    studies = []
-    for text, task in tasks.items():
-        studies.append(read(options.of_task(task, {column.name: text})))
     left_out = [quoted(text) for text in column.texts if text not in tasks]
     if left_out:
         note = f"{column}: rows with {join_names(left_out)} left out, which tell no task"
-        # One study has the note.
-        studies[-1] = replace(studies[-1], notes=(*studies[-1].notes, note))
-    return studies
+        table = replace(table, notes=(*table.notes, note))
+    return table, [options.of_task(task, {column.name: text}) for text, task in tasks.items()]
 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:

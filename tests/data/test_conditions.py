@@ -259,7 +259,7 @@ def test_the_column_of_tasks_may_have_another_name():
     # The row of a third task, 'rating', is left out with a note.
     renamed = TASKS.replace(",task", ",question")
     study = read(renamed + "b,0,1,7,rating\n", "--condition question --reference same/different")
-    assert "study.csv: column question: rows with 'rating' left out" in str(study.notes)
+    assert "column question: rows with 'rating' left out, which tell no task" in study.notes
     assert study.conditions == Conditions("question", ("same/different", "2AFC"))
 
 
