@@ -76,13 +76,13 @@ class Explorer(BrowserPage):
         cell = self.page.locator(f"#cell-{self.panel(y, x)}")
         cell.scroll_into_view_if_needed()
         frame = cell.bounding_box()
-        places = [
+        first, last = (
             (frame["x"] + across * frame["width"], frame["y"] + down * frame["height"])
             for across, down in (start, end)
-        ]
-        self.page.mouse.move(*places[0])
+        )
+        self.page.mouse.move(*first)
         self.page.mouse.down()
-        self.page.mouse.move(*places[1], steps=4)
+        self.page.mouse.move(*last, steps=4)
         self.page.mouse.up()
         self.settle()
 
@@ -217,7 +217,8 @@ def test_subjects_and_models_can_be_switched(explorer_page, draws_without_effect
     selected = explorer_page.selected_draws("b", "noise", "jnd")
     rows = np.arange(len(selected["row"])) * noise.size // len(selected["row"])
     np.testing.assert_allclose(selected["y"], noise[rows], rtol=1e-6)
-    label = "Bokeh.documents[0].get_model_by_name('panel-3-2').below[0].axis_label"
+    panel = explorer_page.panel("noise", "jnd")
+    label = f"Bokeh.documents[0].get_model_by_name('panel-{panel}').below[0].axis_label"
     assert explorer_page.page.evaluate(label) == "JND, %"
     # Subject b is shown under the model 'none', which has no contraction.
     explorer_page.drag("contraction", "contraction", (0.2, 0.5), (0.5, 0.6))
@@ -252,9 +253,10 @@ def test_the_selection_becomes_a_table(explorer_page, analysis):
     # The file has a row for each selected draw, with its subject, chain and number.
     lines = list(csv.DictReader(coming.value.path().read_text(encoding="utf-8").splitlines()))
     rows_of_a = [line for line in lines if line["which"] == "A"]
-    assert len(rows_of_a) == len(explorer_page.selected_draws("a", "sigma_p", "mu1")["row"]) > 0
-    mu1 = analysis.draws.natural("A").mu1[int(rows_of_a[0]["chain"]), int(rows_of_a[0]["draw"])]
-    assert float(rows_of_a[0]["mu1"]) == pytest.approx(mu1, rel=1e-6)
+    assert len(rows_of_a) == len(explorer_page.selected_draws("a", "sigma_p", "mu1")["row"])
+    row, *_ = rows_of_a
+    mu1 = analysis.draws.natural("A").mu1[int(row["chain"]), int(row["draw"])]
+    assert float(row["mu1"]) == pytest.approx(mu1, rel=1e-6)
 
 
 def test_truth_prior_and_badge_are_shown_and_the_page_fits_a_wide_screen(explorer_page):
