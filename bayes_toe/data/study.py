@@ -33,7 +33,7 @@ from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tables import frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR
-from bayes_toe.errors import InputError, Remedy, require_kind
+from bayes_toe.errors import InputError, require_kind
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -626,20 +626,12 @@ def require_study(study: Any, several_tasks: bool = False) -> None:
     """Refuse what is no study, and a study of several tasks unless these are allowed."""
     rule = "a Study, such as bt.read_study(path or DataFrame) or bt.Study(subjects)"
     require_kind("study", study, Study, rule)
-    if len(study.by_task) == 1 or several_tasks:
-        return
-    tasks = []
-    remedies = []
-    for part in study.by_task:
-        task = repr(part.task.name)
-        tasks.append(task)
-        rows = (study.conditions.name, part.subjects[0].condition)
-        remedies.append(Remedy("where", (rows,), f"for the task {task}"))
-    raise InputError(
-        f"{study.source}: found the tasks {join_words(tasks)}, allowed: one task, in a file of its "
-        "own or in the rows that --where COLUMN=TEXT chooses; contrast compares tasks",
-        remedies,
-    )
+    tasks = [repr(task_study.task.name) for task_study in study.by_task]
+    if len(tasks) > 1 and not several_tasks:
+        raise InputError(
+            f"{study.source}: found the tasks {join_words(tasks)}, allowed: one task, in a file of "
+            "its own or in the rows that --where COLUMN=TEXT chooses; contrast compares tasks"
+        )
 
 
 def pairs_in_both_orders(subject: Subject) -> IndexArray:
