@@ -12,7 +12,7 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from inspect import Parameter
 from os.path import isfile
@@ -91,12 +91,13 @@ class RunContext:
         A study with several tasks is refused, unless the command compares them.
         """
         from bayes_toe.checks.design_checks import urgent_findings
-        from bayes_toe.data.study import require_study
         from bayes_toe.model.prior_file import preset_or_file, prior_for
 
         preset = preset_or_file(self.prior)
         study = file.read()
-        require_study(study, several_tasks)
+        if len(study.by_task) > 1 and not several_tasks:
+            # Reading without --condition raises an error that says what to type for each task.
+            replace(file, reading={**file.reading, "condition": None}).read()
         prior = prior_for(study, preset)
         self.out.line(describe_study(study))
         if study.changes:

@@ -28,6 +28,7 @@ from bayes_toe.arrays import FloatArray, combination_counts, run_starts
 from bayes_toe.data.messages import Texts, display_name, join_names, join_words
 from bayes_toe.data.options import COLUMNS, HISTORY_COLUMNS, ReadOptions
 from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
+from bayes_toe.data.tasks import tasks_named
 from bayes_toe.data.text_table import Column, repeated_columns
 from bayes_toe.data.validation import MISSING_WORDS, empty, number
 from bayes_toe.errors import Remedy
@@ -580,7 +581,7 @@ def columns_to_read(
     problems += repeated_columns(names, required)
     missing = list(filterfalse(names.__contains__, required))
     if not missing:
-        return roles_read, problems, []
+        return roles_read, problems, task_remedies(columns)
 
     problems.append(_missing_columns(names, missing))
     return roles_read, problems, list(dict.fromkeys(_remedies(roles_read, options, columns)))
@@ -775,6 +776,21 @@ def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
     yield Remedy("standard_first", "", "if the standard was always first")
+
+
+def task_remedies(columns: Iterable[Column]) -> list[Remedy]:
+    """Options to type if a column names several tasks: they choose one of them, or compare them."""
+    remedies = []
+    for column in columns:
+        tasks = tasks_named(column.texts) if looks_like(column.name, "task") else {}
+        if len(tasks) < 2:
+            continue
+        for text, task in tasks.items():
+            meaning = f"for the task {task.name!r}"
+            remedies.append(Remedy("where", ((column.name, text),), meaning))
+        meaning = "for contrast, which compares the tasks"
+        remedies.append(Remedy("condition", column.name, meaning))
+    return remedies
 
 
 def unit_remedies(unit: str) -> list[Remedy]:

@@ -30,6 +30,7 @@ from bayes_toe.data.column_roles import (
     named_places,
     names_like,
     score_remedies,
+    task_remedies,
     without_accents,
 )
 from bayes_toe.data.messages import (
@@ -618,14 +619,7 @@ def _two_tasks(finding: str, task_column: Column | None) -> Question:
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
         "contrast compares tasks if the texts of --condition COLUMN are 2afc and same/different"
     )
-    remedies = []
-    if task_column is not None:
-        for text, task in tasks_named(task_column.texts).items():
-            meaning = f"for the task {task.name!r}"
-            remedies.append(Remedy("where", ((task_column.name, text),), meaning))
-        meaning = "for contrast, which compares the tasks"
-        remedies.append(Remedy("condition", task_column.name, meaning))
-    return problem, remedies
+    return problem, [] if task_column is None else task_remedies([task_column])
 
 
 def _unknown_texts(

@@ -197,7 +197,7 @@ def two_tasks(tmp_path_factory):
 
 def test_tasks_as_conditions_are_compared_by_contrast_and_refused_by_run(two_tasks):
     assert "bayes-toe contrast" in run_ok("check study.csv --condition task", cwd=two_tasks)
-    assert "--where COLUMN=TEXT" in refusal_of("run study.csv --condition task", cwd=two_tasks)
+    assert "--where task=2afc" in refusal_of("run study.csv --condition task", cwd=two_tasks)
 
 
 def test_tasks_agree_but_for_what_differs_and_have_one_observer(two_tasks):
