@@ -385,7 +385,7 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     """
     text, label = decoded(source, data, encoding)
     text, n_remarks = _without_remarks(source, text)
-    delimiter, head_index, has_row_names = _layout(text, choice)
+    delimiter, head_index, header = _layout(text, choice)
     records: Iterator[CsvRecord] = itertools.islice(_records(text, delimiter), head_index, None)
     first_row, head = next(records, (0, []))
     if not head:
@@ -395,27 +395,20 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     if isinstance(head, csv.Error):
         raise InputError(f"{source}: {_broken(first_row, head, width=0)}")
     require_size(source, len(head), len(head))
-    header = _names(head)
     names = names_or_numbers(header, choice)
     if names != header:  # it is a row of the table
         records = itertools.chain([(first_row, head)], records)
-    elif has_row_names:
-        names = ["", *names]
 
     problems = Problems(source)
     # By name of several trials a newline for each trial, which separates its name from the next.
     newlines = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
     rows, texts = _texts_by_name(records, names, newlines, problems)
-    # R numbers the rows by default. Other texts in front of a row may be a cell too many, or each
-    # row ends in an empty cell.
-    if has_row_names and texts[""] != list(map(str, range(1, len(rows) + 1))):
-        if any(texts[names[-1]]) or len(texts) < len(names):
-            raise InputError(
-                f"{source}: row {rows[0]}: found {len(names)} cells below {len(names) - 1} "
-                "names, allowed: a name for each column"
-            )
-        names = [*names[1:], ""]
-        texts = dict(zip(names, texts.values(), strict=True))
+    # R numbers the rows by default. Other texts in front of a row may be a cell too many.
+    if len(names) > len(head) and texts[names[0]] != list(map(str, range(1, len(rows) + 1))):
+        raise InputError(
+            f"{source}: row {rows[0]}: found {len(names)} cells below {len(head)} names, "
+            "allowed: a name for each column"
+        )
 
     chosen = {*choice(names), ""}  # also the numbers of rows, which have no name
     columns = {}
@@ -468,7 +461,8 @@ def _texts_by_name(
 
     A record has one trial, or several where PsychoPy writes each trial in a column without a name
     behind a name such as 'key.keys_raw'; `newlines` are what :data:`_TRIALS_IN_A_ROW` finds.
-    Records that cannot be split into as many cells are problems.
+    Records that cannot be split into as many cells are problems, but empty cells behind them are no
+    cells: loops write a delimiter behind each cell.
     """
     index_of_name = name_places(names)
     texts = {name: list[str]() for name in index_of_name}
@@ -477,11 +471,10 @@ def _texts_by_name(
         own_indices = {name: index_of_name[name] + i for name in newlines}
         indices_of_trials.append(index_of_name | own_indices)
     rows = array("q")
+    width = len(names)
     for row, cells in records:
-        if isinstance(cells, list) and names[-1] == "" and len(cells) == len(names) - 1:
-            cells = [*cells, ""]  # only the row of names ends in a delimiter
-        if isinstance(cells, csv.Error) or len(cells) != len(names):
-            problems.add([(row, _broken(row, cells, len(names)))])
+        if isinstance(cells, csv.Error) or len(cells) < width or any(cells[width:]):
+            problems.add([(row, _broken(row, cells, width))])
             continue
 
         for indices in indices_of_trials:
@@ -491,11 +484,12 @@ def _texts_by_name(
     return np.array(rows, np.int64), texts
 
 
-def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
-    """The delimiter, the index of the record with the names, and whether R wrote names of rows.
+def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
+    """The delimiter, the index of the record with the names, and the names.
 
-    Under this delimiter most names are chosen; of several such ones, it makes most cells. Names of
-    rows have no name of their own, so that the next record has one cell more.
+    Under this delimiter most names are chosen; of several such ones, it makes most cells. R
+    writes names of rows without a name of their own, so that the next record has one cell more. The
+    last names of a loop that writes a delimiter behind each may be empty, without cells below.
     """
     layouts = []
     for delimiter in DELIMITERS:
@@ -503,12 +497,17 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, bool]:
         records = [_names(cells) for _, cells in first_records] or [[]]
         index = header_place(records[:MOST_RECORDS], choice)
         names = records[index]
-        next_widths = list(map(len, records[index + 1 : index + 2]))  # one, or none
-        has_row_names = next_widths == [len(names) + 1]
         # Spaces in a name make no cells. Numbers have none, so that spaces around them do.
         cells = filter(_NUMBER.fullmatch, names) if delimiter == " " else names
         fit = n_chosen(names, choice), len(list(cells))
-        layouts.append((fit, (delimiter, index, has_row_names)))
+
+        next_cells = [*records, names][index + 1]
+        width = len(next_cells)
+        if width == len(names) + 1 and next_cells[-1]:
+            names = ["", *names]
+        elif not any(names[width:]):
+            names = names[:width]
+        layouts.append((fit, (delimiter, index, names)))
     return max(layouts, key=itemgetter(0))[1]
 
 

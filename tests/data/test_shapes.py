@@ -291,6 +291,8 @@ READ = {
     "logs_from_0.csv --columns s1=x1,s2=x2": IN_LOGS.rename(columns={"s1": "x1", "s2": "x2"}),
     "decimal_commas.csv": csv_bytes(IN_LOGS, decimal=","),
     "last_comma.csv": IN_LOGS.assign(**{"": ""}),
+    "last_comma_of_names.csv": csv_bytes(IN_LOGS).replace(b"\n", b",\n", 1),
+    "last_comma_of_rows.csv": f"trial,{ROW_NAMES}".replace("\n", ",\n").replace(",\n", "\n", 1),
     "gorilla.csv": csv_bytes(IN_LOGS) + b"END OF FILE\n",
     "remarks_below.csv": csv_bytes(IN_LOGS) + b"\n# stopped at 12:30, by hand\n#\n",
     "names_of_history.csv": IN_LOGS.assign(Trial=list(range(40)) * 2, Block=1, Session="a"),
