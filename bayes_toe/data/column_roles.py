@@ -933,7 +933,8 @@ def _remedies(
     pairs = _likely_pairs(unread, are_positive=options.has_intensities)
     # If no two columns may be the stimuli, names or cells may be pairs of stimuli.
     if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
-        if names_like(names, "event"):  # no option makes trials of a log of events
+        # No option makes trials of a log of events, which has no response beside the stimuli.
+        if "response" in missing and names_like(names, "event"):
             return
         wide = list(_wide_remedies(names, columns))
         yield from wide
