@@ -355,11 +355,12 @@ _NUMBER_OF_TRIAL = (
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
 #: Shapes of names with two numbers, of which none is that of a question, trial or subject, as in
-#: 'Q{}_{}', or of a name, as in 'F{}={}'.
+#: 'Q{}_{}', or of the name of a value, as in 'F{}={}'.
 _PAIR_SHAPE = (
-    r"(?i)(?!.*{}=)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
+    r"(?i)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
     r"(?!.*{}_(?:[ps]|vpn?|sub|subj|subject|participant)_?{})"
     r"(?!(?:[^{}]*[-_. ])?(?:q|b|block|question)[-_. ]*{}[^{}]+{}$)"
+    r"(?!.*[^\W\d]{} ?= ?{})"
     r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*"  # 'Q5_' may be in front
 )
 #: Roles whose names are proposed only, by role.
@@ -1014,8 +1015,8 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     (('Q*_{first}_{second}', 2), ('', 0))
     >>> _pair_pattern(["p350_500_r1", "p350_500_r2"]), _pair_pattern(["1_Q7", "2_Q7", "3_Q7"])
     (('p{first}_{second}_r*', 2), ('', 0))
-    >>> _pair_pattern(["F1=190", "F1=130"])
-    ('', 0)
+    >>> _pair_pattern(["F1=190", "F1=130"]), _pair_pattern(["400=440", "440=400"])
+    (('', 0), ('{first}={second}', 2))
     """
     # The shape of '440 Hz vs 460 Hz' is '{} Hz vs {} Hz'.
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)

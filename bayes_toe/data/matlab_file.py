@@ -113,8 +113,12 @@ def _variables(source: str, data: bytes) -> Record:
 def _with_columns_of_matrix(variables: Record) -> Record:
     """The variables with the columns of a matrix in its place, if there is one matrix.
 
-    Their names are the texts of a cell array that has one for each column; else their numbers.
+    Their names are the texts of a cell array that has one for each column; else their numbers. In a
+    struct such as data.trials and data.colNames, columns stand in the place of its matrix.
     """
+    for name, value in variables.items():
+        if isinstance(value, dict):
+            variables[name] = _with_columns_of_matrix(value)
     matrices = [name for name, value in variables.items() if np.ndim(value) == 2]
     if len(matrices) != 1:
         return variables

@@ -331,7 +331,7 @@ READ = {
     "struct.mat": matlab_bytes({"data": LISTS}),
     "nested.mat": matlab_bytes({"data": NESTED}),
     "matrix.mat --second-code 2": matlab_bytes(
-        {**MATRIX, "names": np.array(["s1", "s2", "answer"], "O")}
+        {"test": {**MATRIX, "names": np.array(["s1", "s2", "answer"], "O")}}
     ),
     "matrix.mat --columns s1=1,s2=2,response=3 --second-code 2": matlab_bytes(MATRIX),
     "nested.json": NESTED,
