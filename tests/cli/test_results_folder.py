@@ -73,14 +73,15 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     assert "2 of 3 subjects need action" in index
 
     # A does not fit one pair, B has no problem, and C is not interpreted.
-    pages = [text_of(out / "subjects", f"{name}.html") for name in "ABC"]
-    assert [text.count("data:image/png") for text in pages] == [2, 0, 2]
+    pages = {name: text_of(out / "subjects", f"{name}.html") for name in "ABC"}
+    # A corner plot and curves of each flagged subject.
+    assert [text.count("data:image/png") for text in pages.values()] == [2, 0, 2]
     misfit = "For (s1, s2) = (0, 0.3), 90 % of the responses are &#39;equal&#39;, and the model"
-    assert misfit in pages[0]
-    assert "Not interpreted: responses look swapped" in pages[2]
-    assert "<code>--swap C:2</code>" in pages[2]
-    assert all('href="../report.html#read"' in text for text in pages)
-    assert 'href="../corner/A.png"' in pages[0]
+    assert misfit in pages["A"]
+    assert "Not interpreted: responses look swapped" in pages["C"]
+    assert "<code>--swap C:2</code>" in pages["C"]
+    assert all('href="../report.html#read"' in text for text in pages.values())
+    assert 'href="../corner/A.png"' in pages["A"]
 
     # If the page may have three, there are no others, and the old ones are removed.
     monkeypatch.setattr(report, "MAX_SUBJECTS", 3)
