@@ -243,7 +243,7 @@ def _sections(
 
 
 def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
-    """A row of the summary, its estimate as text, and that in the unit of differences, or ''.
+    """A row of the summary, its estimate as text, and the same in the unit of differences, or ''.
 
     The texts have the digits that are certain: '0.112 [0.041, 0.183]' and '12 % [4, 20]'.
     """

@@ -477,7 +477,7 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
 
 
 def _curve_positions(start: float, end: float) -> FloatArray:
-    """Positions along a curve from its start to beyond its last pair, which is at the end.
+    """Positions along a curve from `start` to beyond `end`, the place of the last pair.
 
     If all pairs are in one place, the curve has a length near 0.
     """

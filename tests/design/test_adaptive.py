@@ -85,15 +85,15 @@ def test_information_is_the_expected_fall_of_entropy(aim, error):
     expected_entropy = 0.0
     for number, (name, probability) in enumerate(MODEL_PRIOR.items()):
         posterior = OrderModel(name).posterior(DESIGN.unanswered)
-        x = posterior.sample_prior(default_rng(number), 8_000)
+        x = posterior.sample_prior(default_rng(number), size=8_000)
         p_yes = np.exp(posterior.log_answers(x).yes)  # (draws, pairs)
         model_mean = p_yes.mean(axis=0)
         mean = mean + probability * model_mean
         # The entropy that is left if the model is known, or the parameters, too.
         entropies = entropy(model_mean) if aim == "model" else entropy(p_yes).mean(axis=0)
         expected_entropy = expected_entropy + probability * entropies
-    sessions = [Adaptive(PAIRS, seed=seed, about=aim).information() for seed in range(3)]
-    information = np.mean(sessions, axis=0)
+    informations = [Adaptive(PAIRS, seed=seed, about=aim).information() for seed in range(3)]
+    information = np.mean(informations, axis=0)  # of each pair
     assert information == pytest.approx(entropy(mean) - expected_entropy, abs=error)
     assert information.max() > 0.002  # so that it is not 0 to the error
 

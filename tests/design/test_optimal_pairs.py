@@ -29,7 +29,7 @@ WIDE = grid(-0.75, 1.25, 0.25)
 FIXED_PAIRS = StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
 PAIRS = each_once([-0.75, -0.75, 0.25, 1.25, 1.25], [-0.6, -0.3, 0.5, 0.9, 1.25])
 #: Designs do not depend on it much: two observers are quick.
-OBSERVERS = assume_observers("both", 2, 1, [PAIRS])
+OBSERVERS = assume_observers("both", size=2, seed=1, designs=[PAIRS])
 
 
 def information_about(aim, observers=OBSERVERS, pairs=PAIRS):
@@ -76,7 +76,7 @@ def test_more_trials_of_a_pair_are_worth_what_the_changed_design_is(aim, task):
     observers = [replace(observer, task=task) for observer in OBSERVERS]
     aim_information = information_about(aim, observers, replace(PAIRS, task=task))
     n = np.array([30, 40, 20, 10, 5])  # trials of each pair
-    utilities = aim_information.utilities(n, 7)  # with 7 more trials of each pair in turn
+    utilities = aim_information.utilities(n, n_more=7)  # of each pair in turn
     changed = [aim_information.utility(n + added) for added in 7 * np.eye(5, dtype=int)]
     assert utilities == pytest.approx(changed, rel=1e-9)
 
@@ -149,7 +149,8 @@ def test_pairs_that_are_kept_in_one_order_leave_room_for_few_others():
 def test_a_design_of_which_is_stronger_may_have_an_odd_number_of_trials_and_has_its_task():
     # With an even number both orders of each pair could have equally many trials.
     goal = DesignGoal(task="2afc")
-    observers = assume_observers("both", 2, 1, [each_once([0, 0.3], [0.3, 0], task=goal.task)])
+    pairs = each_once([0, 0.3], [0.3, 0], task=goal.task)
+    observers = assume_observers("both", size=2, seed=1, designs=[pairs])
     design, _ = best_design(WIDE, 201, goal, observers)
     assert design.total == 201
     assert design.task.yes == "second"

@@ -121,7 +121,6 @@ def test_each_condition_has_all_pairs():
     [
         ([90, 10], {"blocks": 10}, "block 1, of 10 trials, has 9 equal pairs: more than 3 would"),
         ([1, 1], {"blocks": 3}, "--blocks 3: allowed is 1 to 2"),
-        ([5, 5], {"conditions": ("a", "a")}, "found 'a,a', allowed: two levels and more, each"),
     ],
 )
 def test_what_cannot_be_listed_is_refused(n_trials, options, message):

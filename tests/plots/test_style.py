@@ -24,10 +24,6 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
     assert "synthetic" in figure.get_suptitle()
 
 
-def test_names_are_drawn_as_text_and_not_as_mathematics():
-    assert plain("$x_1$") == r"\$x_1\$"
-
-
 def test_names_are_shortened_to_what_tells_them_apart():
     assert len(plain("n" * 100)) == 32  # characters, if no limit is given
     names = [f"participant_of_the_study_{i:03d}" for i in range(40)]
