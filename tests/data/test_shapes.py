@@ -860,6 +860,11 @@ REFUSED = {
         "If a row is one event, such as a stimulus or a response, write a row for each trial",
         "and response.\nEND",  # and no advice
     ),
+    "pairs_beside_an_event.csv": (
+        "subject,pair,event name,response\na,500 vs 400,Response,first\n"
+        + "a,400 vs 500,Response,second\n",
+        "type:  --wide '{first} vs {second}'",
+    ),
     "mistyped.csv": (
         "subject,s1,s2,response\na,0,1,secnd\n" + "a,0,1,second\na,1,0,first\n" * 20,
         "row 2, column response: found 'secnd', allowed: second, s2, 2nd (second) or first, s1, ",
