@@ -106,7 +106,7 @@ RECIPES = {
     "Several files a subject": (
         SESSIONS,
         "2 subjects, 9 trials",
-        "1 subject in several files, put together: A 2",
+        "1 subject in several files, put together (for conditions, add a column): A 2",
     ),
     "BIDS": (
         {f"bids/sub-{name}/beh/sub-{name}_task-same_events.tsv": EVENTS for name in ("01", "02")},

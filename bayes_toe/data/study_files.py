@@ -312,7 +312,13 @@ def together(studies: Sequence[Study]) -> Study:
     notes = list(common_notes(studies))
     if n_files:
         n_subjects = (len(n_files), "subject")
-        notes.append(Note(n_subjects, " in several files, put together: ", named_counts(n_files)))
+        notes.append(
+            Note(
+                n_subjects,
+                " in several files, put together (for conditions, add a column): ",
+                named_counts(n_files),
+            )
+        )
     # All frames are one source.
     if len(subjects) == 1 and len({study.source for study in studies}) > 1:
         # Of a/x.csv the folder may be the subject, as in '{}/*', else the name, as in '{}.*'.
