@@ -836,8 +836,8 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
         remedies.append(Remedy("correct", column.name, meaning))
         rises["correct"] = -1.0
     # Without equal stimuli, participants were hardly asked which are equal. But right responses are
-    # commoner the farther stimuli are from each other.
-    if trends["equal_code"].all() and rises["equal_code"] < np.inf:
+    # commoner the farther stimuli are from each other. Screens have no stimuli and no such code.
+    if trends["equal_code"][column.matches(texts)].all() and rises["equal_code"] < np.inf:
         if remedies[0].value not in right_codes:
             rises["correct"] = rises["equal_code"]
         rises["equal_code"] = -1.0
