@@ -468,8 +468,9 @@ def _texts_by_name(
         indices_of_trials.append(index_of_name | own_indices)
     rows = array("q")
     for row, cells in records:
-        if names[-1] == "" and len(cells) == len(names) - 1:
-            cells = [*cells, ""]  # only the row of names ends in a delimiter
+        # Where only the row of names ends in a delimiter, its last name is empty.
+        if isinstance(cells, list) and len(cells) == len(names) - 1 and not names[-1]:
+            cells = [*cells, ""]
         if isinstance(cells, csv.Error) or len(cells) != len(names):
             problems.add([(row, _broken(row, cells, len(names)))])
             continue
