@@ -69,6 +69,7 @@ from bayes_toe.data.tasks import (
 from bayes_toe.data.text_table import DELIMITERS, Column, Columns, Frame, TextTable
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import (
+    ask_for_screens,
     chosen_rows,
     columns_of_file,
     dropped_notes,
@@ -567,6 +568,8 @@ def _trial_study(rows: _Rows) -> Study:
 
     # Rows without a response, such as instruction screens, may hold anything else.
     has_response = answers.is_answered | answers.is_unscorable
+    lacks_stimuli = np.all(list(map(empty, rows.stimulus_columns)), axis=0)
+    ask_for_screens(table, has_response & lacks_stimuli)
     rows.require_pairs(has_response)
     table.problems.refuse()
     require_task(table, answers.task, task_column)

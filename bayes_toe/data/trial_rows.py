@@ -245,6 +245,22 @@ def _counts_by_subject(subject: Column, rows: BoolArray) -> Texts:
     return named_counts(dict(zip(names, np.bincount(part.codes).tolist(), strict=True)))
 
 
+def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
+    """Ask whether rows with a response and without stimuli, such as a start screen, are no trials.
+
+    A column answers if all other rows have one text there, which these rows lack.
+    """
+    if not is_screen.any():
+        return
+    for name, column in table.columns.items():
+        texts = column.only(~is_screen).texts
+        if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
+            rows = plural(is_screen.sum(), "row")
+            remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
+            table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
+            return
+
+
 def dropped_notes(
     subject: Column, is_dropped: BoolArray, reason: str, cells: Texts = ()
 ) -> Iterator[str]:

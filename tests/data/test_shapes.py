@@ -618,6 +618,11 @@ REFUSED = {
         excel_bytes(A=IN_LOGS, B=IN_LOGS),
         "found the sheets A, B, allowed: one of them",
     ),
+    "start_screen.csv": (
+        with_rows_above(IN_LOGS.assign(screen="pair"), [["P03", "", "", "first", "start"]]),
+        "1 row with a response and without stimuli.",
+        "type:  --where screen=pair",
+    ),
     "no_subjects.xlsx --sheet *": (
         excel_bytes(A=WITHOUT_SUBJECT, B=WITHOUT_SUBJECT),
         "--subject-from '{}'",
