@@ -13,7 +13,7 @@ posterior.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -123,7 +123,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     n_columns = min(2, len(groups))
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * grid_rows(len(groups), n_columns) + 0.9)
     # The legend of a subfigure stands below the title of its figure.
-    below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
+    below_title: Any = figure.subfigures()  # a single one
     panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
     for ax, group in zip(panels, groups, strict=True):
         if has_three_curves:

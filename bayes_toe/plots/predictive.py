@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -81,7 +82,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     width = COLUMN if n_columns == 1 else PAGE
     figure = new_figure(width, grid_rows(len(selected), n_columns) * height + _TITLE_AND_LEGEND)
     # The legend of a subfigure stands below the title of its figure.
-    below_title = figure.add_subfigure(figure.add_gridspec(1, 1)[0])
+    below_title: Any = figure.subfigures()  # a single one
     panels = grid_panels(below_title, len(selected), n_columns, sharex=True)
     for ax, subject in zip(panels, selected, strict=True):
         # Pairs by their order, weaker first to stronger first, and then by their intensity.
