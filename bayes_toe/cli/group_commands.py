@@ -126,7 +126,7 @@ def contrast(
     written = context.write(writers, table.seed)
     context.finish(store, table.failed)
 
-    print_contrast(context.out, table, output.name)
+    print_contrast(context.out, table, str(output))
     context.print_uninterpretable(study)
     context.out.reasons("No result", table.failed)
     lines = table.sentences()
@@ -169,7 +169,7 @@ def history(
         table.seed,
     )
 
-    print_history(context.out, table, output.name)
+    print_history(context.out, table, str(output))
     context.print_uninterpretable(study)
     context.out.answer([*history_lines(table), written])
     context.end(not all(row.has_result for row in table))

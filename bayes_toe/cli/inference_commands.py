@@ -17,7 +17,7 @@ from bayes_toe.cli.terminal import (
     number,
     without_zeros,
 )
-from bayes_toe.data.messages import capitalized, plural
+from bayes_toe.data.messages import capitalized
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
@@ -166,8 +166,8 @@ def evidence(
     table = context.work("evidence", len(study), bt.evidence, study, prior=prior, keep=store)
     table.save(output, overwrite=context.overwrite, units=study.conditions is not None)
     context.finish(store, table.failed)
-    print_model_evidence(context.out, table, output.name)
-    print_subjects(context.out, table.answers, output.name)
+    print_model_evidence(context.out, table, study, str(output))
+    print_subjects(context.out, table.answers, str(output))
     closing = without_decision(table.answers, table.failed)
     closing += [f"Table: {output}.", f"Seed {table.seed}."]
     context.out.reasons("No result", table.failed)
@@ -228,20 +228,21 @@ def print_failed(out: Terminal, draws: bt.Draws) -> None:
     out.reasons("The draws are not precise enough", draws.imprecise)
 
 
-def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None:
+def print_model_evidence(out: Terminal, table: EvidenceTable, study: bt.Study, file: str) -> None:
     """Print log evidences of the four models, and of the paper's model (H1) against H0.
 
     `file` has the whole table.
     """
     from statistics import median
 
-    from bayes_toe.answers.study_summary import APPENDIX_C
+    from bayes_toe.answers.study_summary import APPENDIX_C, count_all
 
     # A space stands in place of the star that marks the best model.
     headings = ["subject", "none ", "constant ", "contraction ", "both "]
     headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
     rows = []
     log_factors = []  # of H1 against H0
+    compared = []  # the answers that have one
     for row, answer in zip(table, table.answers, strict=True):
         cells = [row.subject]
         for model, value in answer.log_evidence.items():
@@ -253,6 +254,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None
         else:
             cells.append(f"{log_factor:+.1f}")
             log_factors.append(log_factor)
+            compared.append(answer)
         rows.append(cells)
 
     title = "Log model evidence. * marks the largest of the four models."
@@ -261,8 +263,9 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str) -> None
     conclusion = f"{APPENDIX_C}."
     if log_factors:
         n_better = sum(log_factor > 0.0 for log_factor in log_factors)
+        n_compared = count_all(compared, "subject", study.conditions is not None)
         conclusion = (
-            f"H1 predicts better than H0 for {n_better} of {plural(len(log_factors), 'subject')} "
+            f"H1 predicts better than H0 for {n_better} of {n_compared} "
             f"(median ln BF {median(log_factors):.1f}). {conclusion}"
         )
     out.line()

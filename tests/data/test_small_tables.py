@@ -52,8 +52,8 @@ def test_a_design_is_read_and_other_columns_are_ignored_even_if_two_have_one_nam
 
 
 def test_a_population_is_read_by_names_which_are_texts(file_of):
-    # The parameters are mu1, sigma_p, sigma_l and q0.
-    text = "subject,mu1,sigma_p,sigma_l,q0\n01,-0.5,0.25,0.125,0.75\nNA,0.5,1.25,0.5,0.875\n"
+    # The parameters are mu1, sigma_p, sigma_l and q0; the comma behind the last makes no column.
+    text = "subject,mu1,sigma_p,sigma_l,q0,\n01,-0.5,0.25,0.125,0.75\nNA,0.5,1.25,0.5,0.875\n"
     observers = {"01": [-0.5, 0.25, 0.125, 0.75], "NA": [0.5, 1.25, 0.5, 0.875]}
     assert parameters_by_observer(file_of(text)) == observers
 
