@@ -414,14 +414,6 @@ def _without_unit(
     # The texts around the numbers, ('tone_', 'Hz', '.wav'). If they differ, they stay in the cells.
     parts = set(re.findall(_NUMBER_IN_NAME, texts))
     beginning, unit, ending = parts.pop() if len(parts) == 1 else ("", "", "")
-    units = {part[1] for part in parts}
-    if len(units) > 1 and "" not in units:  # such as 'ms' of one task and 'dB' of another one
-        table.problems.ask(
-            f"the stimuli have the units {join_quoted(sorted(units))}, allowed: one unit, such as "
-            "that of the rows that --where COLUMN=TEXT chooses.",
-            [],
-        )
-        table.problems.refuse()
     unit_name = unit_in(f"1 {unit}") or unit  # 'dB' for 'db'
     remedies = unit_remedies(unit_name)
     if unit and options.unit not in [remedy.value for remedy in remedies]:

@@ -670,10 +670,6 @@ REFUSED = {
         "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
         "found whole numbers from 12 to 14, allowed: natural logs or a unit\ntype:  --unit a.u.",
     ),
-    "two_units.csv --unit ms": (
-        "subject,s1,s2,response\na,70 dB,55 dB,first\na,300 ms,400 ms,second\n",
-        "the stimuli have the units 'dB', 'ms', allowed: one unit, such as that of the rows",
-    ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
         "the stimuli have the unit 'dB'.\n",
