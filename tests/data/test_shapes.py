@@ -862,7 +862,7 @@ REFUSED = {
     ),
     "pairs_beside_an_event.csv": (
         "subject,pair,event name,response\na,500 vs 400,Response,first\n"
-        + "a,400 vs 500,Response,second\n",
+        "a,400 vs 500,Response,second\n",
         "type:  --wide '{first} vs {second}'",
     ),
     "mistyped.csv": (
