@@ -164,7 +164,10 @@ def responses(
                 "these subjects."
             )
             scores = names_like(table.columns, "correct")
-            flags = filter(lambda name: is_flag(table.columns[name].texts), scores)
+            flags = []
+            for name in scores:
+                if is_flag(filterfalse(is_no_response, table.columns[name].texts)):
+                    flags.append(name)
             remedies = score_remedies(flags) + best
         table.problems.ask(f"{column}: {problem}", remedies)
     else:  # each unknown text is a problem of its rows
