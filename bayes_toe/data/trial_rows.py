@@ -296,8 +296,9 @@ def dropped_notes(
     dropped = subject.only(is_dropped)
     names = [text or "(no subject)" for text in dropped.texts]  # empty where the file has none
     counts = dict(zip(names, np.bincount(dropped.codes).tolist(), strict=True))
-    # Programs also write rows of screens, which are as many as the answers, or more.
-    noun = "trial" if is_dropped.mean() < 0.5 else "row"
+    # Programs also write rows of screens. These are as many as the answers, beside a few start
+    # screens, or more.
+    noun = "trial" if is_dropped.mean() < 0.45 else "row"
     finding = f" ({', '.join(cells)})" if cells else ""
     yield Note((is_dropped.sum(), noun), f" {reason} dropped{finding}: ", named_counts(counts))
 
