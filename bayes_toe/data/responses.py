@@ -401,23 +401,20 @@ def missed_codes_found(columns: Iterable[Column], options: ReadOptions) -> Itera
 
 
 def notes_without_effect(study: Study, options: ReadOptions) -> list[str]:
-    """Notes on codes of missed trials, and on columns to ignore, that no file of the study has.
+    """A note on codes, and on columns to ignore, that no file of the study has.
 
-    They are not refused, as one command may read the files of several subjects, one by one. Codes
-    of responses beside counts are.
+    They are not refused, as one command may read the files of several subjects, one by one. The
+    question about unknown responses asks for codes that no response has. Counts have no codes.
     """
-    codes = options.code_by_answer.values()
-    if codes and "response" not in study.reading.read:
-        raise InputError(
-            f"{study.source}: found counts, and {join_quoted(codes)} as the code of a response, "
-            "allowed: such codes for rows of trials"
-        )
+    texts = [*options.missed, *options.ignore]
+    if "response" not in study.reading.read:
+        texts += options.code_by_answer.values()
     found = ["practice", *study.reading.found]  # texts in any column may say that it is practice
     absent = []
-    for text in (*options.missed, *options.ignore):
+    for text in texts:
         if text not in found and not names_like(found, text):
             absent.append(text)
-    return [f"no cell and no column is {join_quoted(absent)}"] if absent else []
+    return [f"no effect of {join_quoted(absent)}, which the table lacks"] if absent else []
 
 
 def without_missed(

@@ -249,7 +249,7 @@ class Draws:
         for name in self.names:
             target = self.posterior(name)
             values = {key: self.values(name, key) for key in target.names.reported}
-            rows += summary_rows(target, values)
+            rows += summary_rows(target, values, known={})
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def to_arviz(self) -> Any:

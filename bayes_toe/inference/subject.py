@@ -13,7 +13,13 @@ from typing import TypeAlias
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, NamedArrays
-from bayes_toe.inference.diagnostics import Errors, convergence_of, errors_of, worst
+from bayes_toe.inference.diagnostics import (
+    Convergence,
+    Errors,
+    convergence_of,
+    errors_of,
+    worst,
+)
 from bayes_toe.inference.engine import SHARP
 from bayes_toe.inference.fitted import (
     Evidence,
@@ -138,7 +144,7 @@ def subject_draws(
 
     if summarised:
         reported = {name: quantities[name] for name in target.names.reported}
-        summary = summary_rows(target, reported)
+        summary = summary_rows(target, reported, chains.diagnostics)
     else:
         summary = ()
 
@@ -147,9 +153,15 @@ def subject_draws(
     return SubjectDraws(stored, chains.acceptance, statistics, fit, summary)
 
 
-def summary_rows(target: SubjectPosterior, values: NamedArrays) -> tuple[SummaryRow, ...]:
-    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws)."""
-    diagnostics = convergence_of(values)
+def summary_rows(
+    target: SubjectPosterior, values: NamedArrays, known: Mapping[str, Convergence]
+) -> tuple[SummaryRow, ...]:
+    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws).
+
+    `known` has the diagnostics of some quantities, but not of all. They take most of the time.
+    """
+    others = {name: draws for name, draws in values.items() if name not in known}
+    diagnostics = {**known, **convergence_of(others)}
     errors = errors_of(values)
     rows = []
     for name, draws in values.items():

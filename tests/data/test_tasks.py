@@ -67,7 +67,9 @@ def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for():
 def test_options_without_an_effect_are_said():
     # One command may read the files of several subjects, of whom one missed no trial.
     study = read("subject,s1,s2,response\na,0,1,second\n", "--missed zzz --ignore block")
-    assert "no cell and no column is 'zzz', 'block'" in study.notes
+    assert "no effect of 'zzz', 'block', which the table lacks" in study.notes
+    counts = read("subject,s1,s2,n_second,n_trials\na,0,1,1,2\n", "--equal-code zz")
+    assert "no effect of 'zz', which the table lacks" in counts.notes
 
 
 #: Header and rows, options, and what they are refused with.
@@ -91,7 +93,6 @@ REFUSED = f"""
     {RIGHT} a,0,1,1 | --correct hit | there is no column hit. The columns are subject, s1, s2, acc.
     {RIGHT} a,0,1,1 | --correct acc --second-code 1 | --second-code, --correct: found together
     subject,i1,i2,response a,0,1,second | --intensity 1 | row 2, column i1: found '0', allowed: a po
-    {COUNTS} a,0,1,1,2 | --equal-code zz | found counts, and 'zz' as the code of a response
     {TRIALS} a,0,1,second | --task same/different | --task is 'same/different', but the responses in
 """
 
