@@ -196,33 +196,31 @@ def _with_onsets(table: TextTable) -> TextTable:
     Such as tone_std.started and tone_cmp.started. The table stays as it is if one of them always
     began first, since their times may then count from different moments.
     """
-    onsets: dict[str, list[FloatArray]] = {"standard": [], "comparison": []}
-    names = []
-    for name, column in table.columns.items():
+    names = {"standard": list[str](), "comparison": list[str]()}
+    for name in table.columns:
         stimuli, places, other_words = named_places(name)
-        is_onset = not other_words.isdisjoint(VOCABULARY["words"]["of_onset"])
+        is_onset = other_words.intersection(VOCABULARY["words"]["of_onset"])
         if is_onset and len(stimuli) == 1 and not places:
-            onsets[stimuli[0]].append(column.map(number, np.float64))
-            names.append(name)
-    if list(map(len, onsets.values())) != [1, 1]:
+            names[stimuli[0]].append(name)
+    if list(map(len, names.values())) != [1, 1]:
         return table
+    pair = [*names["standard"], *names["comparison"]]
 
-    delay = onsets["comparison"][0] - onsets["standard"][0]
-    has_both = np.isfinite(delay)
-    delays = delay[has_both]
-    has_both_orders = has_both.any() and delays.min() < 0.0 < delays.max()
+    standard, comparison = (table.columns[name].map(number, np.float64) for name in pair)
+    delay = comparison - standard
+    delays = delay[np.isfinite(delay)]  # of rows with both stimuli
+    has_both_orders = (delays > 0.0).any() and (delays < 0.0).any()
     # The shortest delay is not much shorter than the longest one. Times that vary by chance, each
     # from its own start, would be nearly equal in some trials.
     if not has_both_orders or abs(delays).min() < 0.05 * abs(delays).max():
         return table
-    texts = np.where(delay > 0, "standard first", "comparison first")
-    texts[~has_both] = ""
+    texts = np.select([delay > 0.0, delay < 0.0], ["standard first", "comparison first"], "")
     order = Column.from_texts("onsets", texts.tolist())
     return replace(
         table,
         names=[*table.names, order.name],
         columns={**table.columns, order.name: order},
-        notes=(*table.notes, f"columns {join_display_names(names)} read as {order.name}"),
+        notes=(*table.notes, f"columns {join_display_names(pair)} read as {order.name}"),
     )
 
 

@@ -155,20 +155,14 @@ def responses(
         remedies = _with_mirrored(remedies, column, order, options)
 
     if problem:
-        others = join_names(subject.only(is_opposite).texts, max_items=4)
-        best = remedies[:1]
-        if others and "second_code" in chain(*best):
+        if is_opposite.any() and "second_code" in chain(*remedies[:1]):
+            others = join_names(subject.only(is_opposite).texts, max_items=4)
             problem += (
                 f" In {others} they seem to mean the opposite, as where keys are counterbalanced: "
                 "--correct COLUMN needs no codes; if there is none, check then proposes --swap for "
                 "these subjects."
             )
-            scores = names_like(table.columns, "correct")
-            flags = []
-            for name in scores:
-                if is_flag(filterfalse(is_no_response, table.columns[name].texts)):
-                    flags.append(name)
-            remedies = score_remedies(flags) + best
+            remedies = [*_score_remedies(table), *remedies[:1]]
         table.problems.ask(f"{column}: {problem}", remedies)
     else:  # each unknown text is a problem of its rows
         rule = _allowed_texts(options.codes(task), words, names) + advice
@@ -211,6 +205,13 @@ def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> Boo
     # The SD of guesses is half of the root.
     root = np.bincount(subject.codes, deviation**2) ** 0.5
     return (trend * np.copysign(1.0, trend.sum()) < -1.5 * root)[subject.codes]
+
+
+def _score_remedies(table: TextTable) -> Iterator[Remedy]:
+    """Options to type if responses that are right or wrong are read, in the place of codes."""
+    for name in names_like(table.columns, "correct"):
+        if is_flag(filterfalse(is_no_response, table.columns[name].texts)):
+            yield from score_remedies([name])
 
 
 def _task_of_scores(

@@ -31,9 +31,6 @@ from bayes_toe.errors import InputError
 TASK = "task"
 #: With so many repeated trials it is no chance that each pair keeps its level.
 _REPEATED = 10
-#: How many levels a condition that is not read may have, and words of columns that are none.
-_MOST_LEVELS = 6
-_NO_CONDITION = frozenset(VOCABULARY["words"]["of_no_condition"])
 
 
 def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column:
@@ -250,14 +247,14 @@ def pooled_conditions(
     is_unequal = direction[:, 0] != 0.0  # equal ones have no order and no right answer
 
     for column in columns:
-        words = named_places(column.name)
-        names_another = words.places or words.other_words & _NO_CONDITION
+        _, places, other_words = named_places(column.name)
+        names_another = places or other_words & set(VOCABULARY["words"]["of_no_condition"])
         row_levels = column.codes[answered]
         n_levels = len(combination_counts(row_levels))
         n_cells = len(combination_counts(subjects)) * n_levels  # each subject at each level
         # A level of a subject is rare with less than half of its share of the rows.
         is_rare = combination_counts(subjects, row_levels) < 0.5 * len(answered) / n_cells
-        has_levels = 1 < n_levels <= min(_MOST_LEVELS, len(answered) / _REPEATED)
+        has_levels = 1 < n_levels <= min(6, len(answered) / _REPEATED)  # a condition has few
         if names_another or not has_levels or np.count_nonzero(~is_rare) < 0.8 * n_cells:
             continue
         follows = False
