@@ -150,9 +150,10 @@ def try_each(
 def without_failed(
     names: Iterable[str], results: Iterable[Result | NumericalError]
 ) -> tuple[list[Result], dict[str, str]]:
-    """Split results: those of the jobs that did not fail, and the others' errors by name of job.
+    """Split results into those of the jobs that did not fail, and the errors of the other jobs.
 
-    A job that failed has its error in `results`; the second value has the text of this error.
+    A job that failed has its error in `results`. The second value has the text of this error by the
+    name of the job.
 
     Raises
     ------

@@ -273,8 +273,8 @@ class Entry:
         high = float(subject.stimuli.max())
         pad = _PLANE_MARGIN * (high - low) or 0.5  # 0.5 if there is only one stimulus
         ends = [low - pad, high + pad]
-        # Only a scale in per cent of the mean needs the mean, and the page has natural logs instead
-        # of such a scale.
+        # Only a scale in per cent of the mean needs the mean. The page has natural logs in place of
+        # such a scale.
         plane = stimulus_scale("first stimulus", subject.unit, mean=0.0, limits=ends)
 
         fitted = Predictor(self.target, x)

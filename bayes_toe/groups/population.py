@@ -238,12 +238,12 @@ class PopulationResult:
         Per cents become natural logs if an interval of the figure has an end that is too large.
         """
         j = self.index(name)
-        # `in_units` without a unit has constant errors and JNDs in per cent. The other parameters
-        # are shares, which are never large enough to matter.
-        new_subject = self.in_units(name, self.new_subject[..., j])  # (chains, draws)
-        subjects = self.in_units(name, self.draws.subjects[..., j])  # (chains, draws, subjects)
+        # A constant error and a JND in UNKNOWN_UNIT are in per cent. The other parameters are
+        # shares, which are never large enough to matter.
+        new_subject = self.in_units(name, self.new_subject[..., j], UNKNOWN_UNIT)
+        subjects = self.in_units(name, self.draws.subjects[..., j], UNKNOWN_UNIT)
         new_interval = np.quantile(new_subject, QUANTILES)
-        intervals = np.quantile(subjects, QUANTILES, axis=(0, 1))
+        intervals = np.quantile(subjects, QUANTILES, axis=(0, 1))  # over chains and draws
         return self.study.unit.for_percent(np.append(new_interval, intervals))
 
     def difference_columns(self, name: str) -> list[int]:
