@@ -1,6 +1,6 @@
 """Independent jobs side by side: by processes of this machine (joblib), or on a Dask cluster.
 
-`run_in_order` gives all results, `run_jobs` each one when it is there.
+`run_in_order` returns all results, and `run_jobs` yields each result when its job is done.
 """
 
 from __future__ import annotations
@@ -150,9 +150,10 @@ def try_each(
 def without_failed(
     names: Iterable[str], results: Iterable[Result | NumericalError]
 ) -> tuple[list[Result], dict[str, str]]:
-    """Split results: those of the jobs that did not fail, and the errors of the others by name.
+    """Split results into those of the jobs that did not fail, and the errors of the other jobs.
 
-    The result of a job that failed is its error; the second value has its text.
+    A job that failed has its error in `results`. The second value has the text of this error by the
+    name of the job.
 
     Raises
     ------
@@ -186,7 +187,10 @@ def _run_here(jobs: Jobs[Result]) -> Outcomes[Result]:
 
 
 def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
-    """Run the jobs by joblib, as :func:`run_jobs`; the processes wait for the next call."""
+    """Run the jobs by joblib, as :func:`run_jobs` does.
+
+    The processes stay when the jobs are done, and wait for those of the next call.
+    """
     with parallel_config(
         "loky",
         n_jobs=n_processes,
@@ -206,8 +210,8 @@ def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
             with _signals_held_back():
                 results = parallel(delayed(_run_numbered)(*job) for job in enumerate(jobs))
             try:
-                # If the caller stops early, `yield from` would close the results here. They are
-                # closed below, without joblib's warning of results that nobody takes.
+                # If the caller stops early, `yield from` would close the results, with joblib's
+                # warning of results that nobody takes. They are closed below, without the warning.
                 for numbered_result in results:  # noqa: UP028
                     yield numbered_result
             finally:
@@ -242,13 +246,16 @@ def _safe_path() -> Iterator[None]:
 
 @contextmanager
 def _signals_held_back() -> Iterator[None]:
-    """Hold back signals while workers start, which would end them with many lines of output."""
+    """Hold back signals while workers start.
+
+    A signal would end a worker that starts, with many lines of output.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
 
-    # joblib would start this tracker within the block. Python 3.11 and 3.12 unblock interrupts when
-    # they start the tracker, so it is started here.
+    # joblib would start this tracker while signals are blocked. But Python 3.11 and 3.12 unblock
+    # interrupts when they start the tracker, so it is started before.
     resource_tracker.ensure_running()
     earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_TERMINAL_SIGNALS])
 
@@ -259,12 +266,17 @@ def _signals_held_back() -> Iterator[None]:
 
 
 def _start_worker(parent: int) -> None:
-    """Prepare a worker: it ignores signals of the terminal and ends with its parent."""
+    """Prepare a worker: it ignores signals of the terminal and ends with its parent.
+
+    `parent` is the number of the process that starts the worker.
+    """
+    # Jobs may import matplotlib and ArviZ, which read settings files of the working folder. If
+    # there are such files, both are imported here without them.
     import_without_folder_settings()
     for number in _TERMINAL_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    # A worker starts with the blocked signals of its parent, see _signals_held_back. SIGTERM must
-    # end it.
+    # _signals_held_back blocks SIGTERM in the parent, and a worker inherits that. SIGTERM is
+    # unblocked here, so that it can end the worker.
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     Thread(target=_end_with_parent, args=(parent,), daemon=True).start()

@@ -296,7 +296,7 @@ class _Rows:
     """Rows that are asked for: columns by our names, and the stimuli of each row.
 
     `stimuli` are natural logs, shape (rows, 2), NaN where a cell cannot be read: s1 and s2, or the
-    standard and the comparison. `rounding` has doubts about those that differed by rounding only.
+    standard and the comparison. `rounding` has doubts about stimuli that differed by rounding only.
     """
 
     table: TextTable
@@ -323,7 +323,12 @@ class _Rows:
 
     @property
     def response_signs(self) -> Iterator[Column]:
-        """Columns that are not read and may show that nobody responded to a scored trial."""
+        """Columns that may show that nobody responded to a trial; none if trials are not scored.
+
+        Programs score a missed trial as wrong, so that another column must show the miss, such as a
+        reaction time. Without scores, an empty response shows it. A column that is read for
+        something else is none of these.
+        """
         if self.options.correct is None:
             return
         names_read = {column.name for column in self.columns.values()}
@@ -334,7 +339,10 @@ class _Rows:
 
     @property
     def names_not_read(self) -> Texts:
-        """The columns that are not read, without those that the options ignore."""
+        """The columns that are not read, without those that the options ignore.
+
+        Response signs are read too.
+        """
         columns = (*self.columns.values(), *self.response_signs)
         names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
         for ours in self.options.ignore:
@@ -408,7 +416,8 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     table, options = with_known_order(table, options)
     all_columns = table.columns.values()
     if not has_response_name and options.name("response") in solutions(all_columns, options):
-        # It has correct answers. Without its name, the program asks for that of the responses.
+        # The likely column has the correct answers. It loses its role here, so that the program
+        # asks for the column of the responses.
         options = replace(options, columns={**options.columns, "response": "response"})
     roles_read, problems, remedies = columns_to_read(table.names, options, all_columns)
     if not isinstance(path, StrPath):  # a frame has no name that may have the subject
@@ -440,11 +449,11 @@ def _columns(
     """The columns that are read by our names, and those that say something of the whole file."""
     columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     columns |= columns_of_file(table)
-    # `_count_study` makes counts of 'second' and 'first' of these.
+    # `_count_study` turns the counts of these columns into counts of 'second' and 'first'.
     for role in ("n_comparison", "n_correct", "n_standard"):
         if role in columns:
             columns["n_first" if role == "n_standard" else "n_second"] = columns[role]
-    for role in ("response", "correct", "standard_interval"):  # their cells may be codes
+    for role in ("response", "correct", "standard_interval"):  # cells may be codes, such as '1.0'
         if role in columns:
             columns[role] = columns[role].without_decimals()
     if "response" in columns:
@@ -469,7 +478,8 @@ def _columns(
 def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     """The study of valid rows, with the counts of each by their names in :class:`Answers`.
 
-    `notes` say how the rows were read. Subjects have answers in order if rows have an order.
+    `notes` say how the rows were read. Subjects have answers in order if the rows are trials or
+    have blocks.
     """
     n = counts["n_trials"]
     rows_of_units = rows.subject.rows_by_text(np.flatnonzero(n > 0))
@@ -524,13 +534,13 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
     doubts = list(rows.rounding)
     if task == THREE_ANSWERS:
         doubts += rare_answer_doubts(counts)
-    if len(n) >= 4 and (n == 100).all():  # fewer may be a chance
+    if len(n) >= 4 and (n == 100).all():  # in fewer rows it may be a chance
         doubts.append(
             "each row has 100 trials, as in a table of percentages. If there were fewer, write "
             "their number"
         )
     doubts += nameless_doubts(rows.subject)
-    # `without_headers` has left the note.
+    # `without_headers` has left this note if the table had repeated headers.
     if rows.options.subject_from is not None and "repeated header" in " ".join(rows.table.notes):
         doubts.append(
             "repeated headers may begin other subjects, but all rows are read as one subject. If "
@@ -576,7 +586,8 @@ def _trial_study(rows: _Rows) -> Study:
     if not answers.is_answered.any():
         remedy = Remedy("columns", (("response", "NAME"),), "if another column has the responses")
         remedies = [remedy] if options.correct is None else []
-        # With more trials, the responses are rather in another column.
+        # A file with few trials and no response is left out if there are others, see `read_files`.
+        # In a file with more trials, the responses are rather in another column.
         kind = NoTrialsError if has_stimuli.sum() < 10 else InputError
         raise kind(
             f"{table.source}: {column}: found no response in any of {len(table.rows)} rows, "
@@ -609,7 +620,8 @@ def _trial_study(rows: _Rows) -> Study:
 def _count_study(rows: _Rows, task: Task) -> Study:
     """The study of a table of counts of one answer, or of all.
 
-    Of each row, `n` are the trials, and `k` those with the answer; -1 where a cell has no number.
+    `n` has the trials of each row, and `k` the trials with the answer that the task counts; -1
+    where a cell has no number.
     """
     if "n_trials" not in rows.columns:
         return _full_count_study(rows, task)
@@ -683,7 +695,10 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
 
 
 def _require_counts(rows: _Rows, n: IntArray, task: Task) -> None:
-    """Refuse the table if it has problems, a subject has no trial, or it names another task."""
+    """Refuse the table if it has problems, if a subject has no trial, or if it names another task.
+
+    `n` has the trials of each row.
+    """
     subject = rows.subject
     has_trials = np.isin(subject.codes, subject.codes[n != 0])  # in this row or another one
     rule = "a subject with at least 1 trial in some row"

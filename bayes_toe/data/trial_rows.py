@@ -101,8 +101,8 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
 def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) -> Column | None:
     """The column that says for how many trials each row stands; None where rows are trials.
 
-    Options name it, or it is the only one with a name such as `Freq`, has whole numbers, not all of
-    them 0 or 1, and its rows are those of a cross table.
+    Options name this column. Or it is the only column with a name such as `Freq`, it has whole
+    numbers, some of them above 1, and the rows of the table are those of a cross table.
 
     Raises
     ------
@@ -122,8 +122,8 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
-        # Each row has another combination of the columns that are read, or of all columns, such as
-        # one of days.
+        # In a cross table no two rows are equal in the columns that are read, or in all columns,
+        # as where a column of days is not read.
         keys = (names_read, list(filter(column.name.__ne__, table.columns)))
         answers = list(map(options.name, answer_roles))
         if has_counts and any(_is_cross_table(table, key, answers) for key in keys):
@@ -142,8 +142,9 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
 def _is_cross_table(table: TextTable, key: Texts, answers: Texts) -> bool:
     """Whether rows differ in the columns of `key`, and a pair has a row for each response.
 
-    `answers` are the columns of responses among them. A few pairs with several responses may be a
-    chance, but not five, or most rows.
+    `answers` are the columns of responses among those of `key`. A pair is a combination of the
+    other columns of `key`. That a few pairs have several rows may be a chance, but not that five
+    pairs have, or the pairs of most rows.
     """
     codes = {name: table.columns[name].codes for name in key}
     n_of_pair = combination_counts(*(codes[name] for name in key if name not in answers))
@@ -207,8 +208,9 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
     """The table without the last rows of a subject that are zero in stimuli and response.
 
     A session that was stopped leaves such rows if a matrix of zeros was made for all its trials.
-    `answer` is 'response' or 'correct'. Two stimuli of zero may be a pair like others: the rows
-    stay if an earlier pair has a run a third as long, as where rows are sorted by pair.
+    `answer` is 'response' or 'correct'. But two stimuli of zero may also be a pair of the study,
+    and rows may be sorted by pair. So the last rows stay if an earlier run of one pair is at least
+    a third as long.
     """
     names = [*options.stimulus_names, options.name(answer)]
     is_zero = np.all([numbers(table, table.columns[name]) == 0 for name in names], axis=0)
@@ -246,9 +248,11 @@ def _counts_by_subject(subject: Column, rows: BoolArray) -> Texts:
 
 
 def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
-    """Ask whether rows with a response and without stimuli, such as a start screen, are no trials.
+    """Propose to leave out rows with a response and without stimuli, such as a start screen.
 
-    A column answers if all other rows have one text there, which these rows lack.
+    `is_screen` marks these rows. They are left out by --where COLUMN=TEXT, if a column has one text
+    in every other row, and another text in each of these rows. Without such a column, nothing is
+    proposed.
     """
     if not is_screen.any():
         return
@@ -256,6 +260,7 @@ def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
         texts = column.only(~is_screen).texts
         if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
             rows = plural(is_screen.sum(), "row")
+            # For the reader of the remedy, the other rows are those that the option leaves out.
             remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
             table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
             return
@@ -270,7 +275,8 @@ def dropped_notes(
     """
     if not is_dropped.any():
         return
-    # Programs also write rows of screens, which are about as many as the answers, or more.
+    # If many rows are dropped, they are hardly trials: programs also write rows of screens, which
+    # are about as many as the answers, or more.
     noun = "trial" if is_dropped.mean() < 0.4 else "row"
     finding = f" ({', '.join(cells)})" if cells else ""
     counts = _counts_by_subject(subject, is_dropped)
@@ -278,7 +284,7 @@ def dropped_notes(
 
 
 def columns_of_file(table: TextTable) -> dict[str, Column]:
-    """The columns `synthetic` and `task`, which say something of the whole file."""
+    """The columns `synthetic` and `task`, which say something of the whole file, by our names."""
     columns = {}
     for name, column in table.columns.items():
         if name == "synthetic":
@@ -290,7 +296,7 @@ def columns_of_file(table: TextTable) -> dict[str, Column]:
 
 
 def nameless_doubts(subject: Column) -> Iterator[str]:
-    """A doubt for each subject with a name such as 'NA', which may say that there is none."""
+    """A doubt for each subject with a name such as 'NA', which may say that the name is missing."""
     for code, text in enumerate(subject.texts):
         name = text.partition(CONDITION_SEPARATOR)[0]
         if name and name.lower() in MISSING_WORDS:
@@ -306,9 +312,9 @@ def taken_out_doubts(
 ) -> Iterator[str]:
     """A doubt for each column with texts, such as 'aborted', that say that a trial does not count.
 
-    Columns of blocks, of conditions, and those that are not read may have them. The doubt says how
-    many rows of the table have such a text. A column may also have the responses of another
-    subject.
+    Columns of blocks, of conditions, and those that are not read may have such texts. The doubt
+    says how many rows of the table have one. Another doubt is about a column with the same codes as
+    the responses, which may have the responses of another subject.
     """
     response = table.columns.get(options.name("response"))
     subject = _subjects(table, options)
@@ -322,7 +328,8 @@ def taken_out_doubts(
             )
             response = None  # one doubt for all
         texts = taken_out_texts(name, column.texts)
-        # In other columns, such rows are left out. Subjects with one level each are groups.
+        # `without_practice` leaves out the rows with such texts in other columns. If each subject
+        # has one level, the levels are groups, such as trained subjects.
         if name == "condition":
             levels = combination_counts(subject.codes, column.codes)
             if len(levels) > len(subject.texts):
@@ -340,7 +347,10 @@ def taken_out_doubts(
 
 
 def rare_answer_doubts(counts: Counts) -> Iterator[str]:
-    """A doubt about each of three answers that is as rare as stray words in a study of two."""
+    """A doubt about each of three answers that is as rare as stray words in a study of two answers.
+
+    `counts` has the counts of each row.
+    """
     n_equal, n_trials, n_second = (counts[name].sum() for name in THREE_ANSWERS.counts)
     sums = {"equal": n_equal, "second": n_second, "first": n_trials - n_equal - n_second}
     for answer, n_answers in sums.items():
@@ -352,7 +362,10 @@ def rare_answer_doubts(counts: Counts) -> Iterator[str]:
 
 
 def _subjects(table: TextTable, options: ReadOptions) -> Column:
-    """The subject of each row; one subject with the file's name if that name tells the subject."""
+    """The subject of each row.
+
+    If options read the subject from the name of the file, all rows are of one subject.
+    """
     if options.subject_from is not None:
         return Column("", [table.source], np.zeros(len(table.rows), np.int64))
     return table.columns[options.name("subject")]

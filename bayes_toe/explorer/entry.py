@@ -105,9 +105,11 @@ class Entry:
     truth : mapping, optional
         Known values. Values of quantities that the model does not have are ignored.
     estimates : mapping
-        The intervals that tables have, by quantity, if they are not those of these draws.
+        The 95 % intervals of tables, by quantity, where they are not computed from these draws.
+        Differences are in per cent.
     is_averaged : bool
-        Whether the draws are averaged over the four models; an effect that a draw lacks is 0.
+        Whether the draws are those of the four models. A draw of a model without an effect has 0
+        for this effect.
     synthetic : bool
         Whether the responses are simulated.
     description : str
@@ -172,7 +174,7 @@ class Entry:
         index = np.arange(n_rows) * len(draws) // n_rows
 
         columns = self.columns()
-        # By quantity, the draws that have it.
+        # The values of each quantity in the draws that have it.
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
         names = self.target.names.all
         known = {name: value for name, value in self.truth.items() if name in names}
@@ -203,7 +205,7 @@ class Entry:
         }
 
     def _packed_priors(self, names: Sequence[str]) -> Record:
-        """Quantiles of the prior of each quantity, and the prior probability that it exists.
+        """Quantiles of the prior of each quantity, and the prior probability that a draw has it.
 
         The page makes a density of 201 quantiles, from 0 to 100 %.
         """
@@ -226,7 +228,8 @@ class Entry:
         if name not in self.estimates:
             return np.quantile(values, MARKED).tolist()
         interval = np.asarray(self.estimates[name])
-        # Tables have differences in per cent, other quantities as the model has them.
+        # The estimates are those of tables, which have differences in per cent, and any other
+        # quantity in the unit that the model has.
         if QUANTITY_BY_NAME[name].display == "difference":
             return self.unit.from_percent(interval).tolist()
         return axis_values(name, interval, self.unit).tolist()
@@ -268,9 +271,10 @@ class Entry:
 
         low = float(subject.stimuli.min())
         high = float(subject.stimuli.max())
-        pad = _PLANE_MARGIN * (high - low) or 0.5  # of a single stimulus
+        pad = _PLANE_MARGIN * (high - low) or 0.5  # 0.5 if there is only one stimulus
         ends = [low - pad, high + pad]
-        # The mean would count only where a scale is in per cent of it; the page then has logs.
+        # Only a scale in per cent of the mean needs the mean. The page has natural logs in place of
+        # such a scale.
         plane = stimulus_scale("first stimulus", subject.unit, mean=0.0, limits=ends)
 
         fitted = Predictor(self.target, x)
@@ -297,7 +301,7 @@ class Entry:
         """
         quantities = self.quantities
         first = np.array(ends)[:, None]  # (2, 1)
-        zeros = np.zeros_like(quantities["jnd"])  # of a model without the effect
+        zeros = np.zeros_like(quantities["jnd"])  # for a model without the effect
         # The paper's model has 'pull' and 'offset' in place of contraction and constant error.
         contraction = quantities.get("contraction", quantities.get("pull", zeros))
         constant_error = quantities.get("constant_error", quantities.get("offset", zeros))
@@ -305,7 +309,10 @@ class Entry:
 
 
 def _is_plottable(is_present: BoolArray) -> bool:
-    """Whether enough draws have an effect to show it; of few draws, all must have it."""
+    """Whether enough draws have an effect to show it.
+
+    That is at least FEWEST_DRAWS draws, or all draws if there are fewer than that.
+    """
     return bool(is_present.sum() >= min(FEWEST_DRAWS, len(is_present)))
 
 
@@ -313,7 +320,7 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
     """The contours of every two quantities, each a text; the innermost one first.
 
     `columns` and `spans` are as axes show them. A contour has its x, then its y, with NaN between
-    two lines. There are none where few draws have both quantities.
+    two lines. Two quantities have no contours if few draws have both.
     """
     from bokeh.plotting.contour import contour_data
 
@@ -374,7 +381,7 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     average = evidence.averaged()
     # The page takes draws of equal weight, here as one chain, as long as a file has by default.
     points = average.resampled(generator(draws.seed, subject.name, "explorer"), size=4000)
-    # The badge of the fit says whether the model fits.
+    # The flag of a misfit is left out, because the badge of the fit says the same.
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
     sizes = answer.sizes
     label = entry.label.replace(model_title(draws.model), "four models averaged")
@@ -398,7 +405,8 @@ def badges(draws: Draws, name: str) -> Pairs:
     shortfall = draws.not_converged.get(name)
     convergence = ("unconverged", shortfall) if shortfall else ("fine", "converged")
     is_testable = fit.degrees_of_freedom > 0
-    # Some draws determine as many parameters as there are pairs. Then nothing is said of the fit.
+    # There is no p-value if the pairs determine about as many parameters as there are pairs. Then
+    # nothing is said of the fit.
     if is_testable and np.isnan(fit.fit_p):
         return (convergence,)
     return convergence, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
@@ -459,8 +467,8 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
         presented = {-1: (weaker, x), 1: (x, weaker), 0: (x, x)}
         scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)  # as in the plane
 
-    # P of the counted answer to the first and second stimuli that are presented along the curve of
-    # each order. (rows, POINTS) for an order becomes (orders, POINTS, rows).
+    # P of the counted answer to the stimuli that are presented along the curve of each order. An
+    # order has the shape (rows, POINTS), and `curves` has (orders, POINTS, rows).
     curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
     title = f"{subject.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
     # The names by which explorer.js reads them.

@@ -98,7 +98,8 @@ class GroupSettings:
     seed : int
     hyperprior : Hyperprior
     draws : int
-        Of all chains together; twice as many where these are not reliable.
+        Number of draws of all chains together. If these draws are not reliable, there are twice as
+        many.
     """
 
     seed: int
@@ -141,8 +142,9 @@ def _mean_first(units: Sequence[Subject]) -> float:
 class PopulationResult:
     """The posterior of a group, with everything that is needed to read it.
 
-    Coefficients are those of `names`; with conditions there follow, for each parameter of
-    :data:`DIFFERING`, the columns of the design of the conditions.
+    The first coefficients are the parameters of `names`. With conditions, coefficients of the
+    differences follow: for each parameter of :data:`DIFFERING`, one for each column of the design
+    of the conditions.
 
     Attributes
     ----------
@@ -199,9 +201,12 @@ class PopulationResult:
 
     @cached_property
     def identified(self) -> frozenset[str]:
-        """The parameters that the pairs of a subject can show; other means rest on the prior."""
-        # A unit has reasons for the effects that its pairs cannot show. An effect is unknown if all
-        # units have a reason.
+        """The parameters that the pairs of some subject can show.
+
+        The means of other parameters rest on the prior.
+        """
+        # `identify` gives a reason for each effect that the pairs of a unit cannot show. An effect
+        # is unknown if there is a reason in every unit.
         unknown = set(EFFECTS).intersection(*(identify(unit).reasons for unit in self.study))
         return frozenset(self.names) - unknown
 
@@ -214,8 +219,8 @@ class PopulationResult:
     ) -> FloatArray:
         """Coefficients of a parameter in the units of screens.
 
-        The constant error becomes a shift of the PSE, and the noise a JND, in a unit of
-        differences; logit q0 becomes q0, and p stays.
+        The constant error becomes a shift of the PSE, and the noise a JND. Both are in `unit`, by
+        default in per cent. Logit q0 becomes q0, and the contraction p stays as it is.
         """
         if name == CONSTANT_ERROR.name:
             return unit.differences(coefficients * self.scales.step)
@@ -228,13 +233,17 @@ class PopulationResult:
         return coefficients
 
     def shown_unit(self, name: str) -> StimulusUnit:
-        """The unit in which a figure shows a parameter of all subjects and of a new one."""
+        """The unit in which a figure shows a parameter of all subjects and of a new one.
+
+        Per cents become natural logs if an interval of the figure has an end that is too large.
+        """
         j = self.index(name)
-        new_subject = self.in_units(name, self.new_subject[..., j])
-        subjects = self.in_units(name, self.draws.subjects[..., j])  # (chains, draws, subjects)
-        # The unit depends on how large the values of the figure are: its intervals, in per cent.
+        # A constant error and a JND in UNKNOWN_UNIT are in per cent. The other parameters are
+        # shares, which are never large enough to matter.
+        new_subject = self.in_units(name, self.new_subject[..., j], UNKNOWN_UNIT)
+        subjects = self.in_units(name, self.draws.subjects[..., j], UNKNOWN_UNIT)
         new_interval = np.quantile(new_subject, QUANTILES)
-        intervals = np.quantile(subjects, QUANTILES, axis=(0, 1))
+        intervals = np.quantile(subjects, QUANTILES, axis=(0, 1))  # over chains and draws
         return self.study.unit.for_percent(np.append(new_interval, intervals))
 
     def difference_columns(self, name: str) -> list[int]:
@@ -287,7 +296,7 @@ class PopulationResult:
         values = {name: coefficients[..., j] for j, name in enumerate(self.names)}
         for name, quantity in COMPUTED.items():
             if name in values:
-                values[quantity] = self.in_units(name, values[name])  # in per cent by default
+                values[quantity] = self.in_units(name, values[name])  # per cent, or a share
         return values
 
     @property
@@ -320,7 +329,7 @@ class PopulationResult:
             if name in EFFECTS:
                 j = self.index(name)
                 zero_factor = zero_mean(self.draws, self.numbers, self.regressors.x, j)
-            else:  # whether another mean is 0 is no question
+            else:  # nobody asks whether the mean of another parameter is 0
                 zero_factor = None
             rows.append(summary_row(name, "mean", values, zero_factor=zero_factor))
         for j, name in enumerate(self.names):
@@ -528,18 +537,18 @@ def load(path: StrPath) -> Draws | PopulationResult:
     Raises
     ------
     InputError
-        If it is missing, is damaged, or is neither.
+        If the file is missing or damaged, or has neither kind of draws.
     """
     require_kind("file", path, (str, os.PathLike), "the path of a posterior.nc or population.nc")
     tree = read_tree(path)
     if COVARIATES not in tree.children:
-        return draws_from(tree, path)
+        return draws_from(tree, path)  # which has its own `with reading(path)`
     with reading(path):
         return _stored_population(tree)
 
 
 def _stored_population(tree: xr.DataTree) -> PopulationResult:
-    """The result from its :meth:`PopulationResult.tree`."""
+    """The result from the tree that :meth:`PopulationResult.tree` made of it."""
     posterior = tree["posterior"].to_dataset()
     covariates = tree[COVARIATES].to_dataset()
     require_numbers(posterior, _DRAWS)

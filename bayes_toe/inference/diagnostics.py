@@ -69,34 +69,34 @@ def convergence(draws: FloatArray) -> Convergence:
 def errors(draws: FloatArray) -> Errors:
     """Monte Carlo standard errors of draws, shape (chains, draws).
 
-    NaN as in :func:`convergence`.
+    All four are NaN where the diagnostics of :func:`convergence` are.
     """
     return errors_of({"": draws})[""]
 
 
 def convergence_of(quantities: NamedArrays) -> dict[str, Convergence]:
-    """:func:`convergence` of many quantities of one shape, by name, in one go."""
+    """:func:`convergence` of many quantities by name; draws of all have the same shape."""
     values = _measured(_CONVERGENCE, quantities)
     return dict(zip(quantities, map(Convergence._make, values), strict=True))
 
 
 def errors_of(quantities: NamedArrays) -> dict[str, Errors]:
-    """:func:`errors` of many quantities of one shape, by name, in one go."""
+    """:func:`errors` of many quantities by name; draws of all have the same shape."""
     return dict(zip(quantities, map(Errors._make, _measured(_ERRORS, quantities)), strict=True))
 
 
 def _measured(
     measures: tuple[Callable[[FloatArray], FloatArray], ...], quantities: NamedArrays
 ) -> list[list[float]]:
-    """For each quantity a list of the measures of its draws, (chains, draws).
+    """A list of the measures for each quantity, whose draws have the shape (chains, draws).
 
-    All are NaN for a constant, for which ArviZ would count all draws as effective.
+    The measures of a constant are NaN, because ArviZ would count all of its draws as effective.
     """
     draws = np.stack(list(quantities.values()))  # (quantities, chains, draws)
     values = np.full((len(draws), len(measures)), np.nan)
     varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # False where a draw is NaN
     if varies.any():  # ArviZ fails without a quantity
-        with np.errstate(all="ignore"):  # of infinite draws, and of chains none of which varies
+        with np.errstate(all="ignore"):  # infinite draws, and chains that do not vary
             values[varies] = np.stack([measure(draws[varies]) for measure in measures], axis=-1)
     return values.tolist()
 
@@ -106,8 +106,8 @@ def worst(
 ) -> tuple[tuple[str, float], tuple[str, float]]:
     """The quantity with the fewest effective draws, and the one with the largest R-hat.
 
-    Each comes with its number; effective draws are the fewer of bulk and tail. NaN is worst: 0
-    effective draws, and an infinite R-hat.
+    Each name comes with its number. The effective draws of a quantity are the fewer of bulk and
+    tail. NaN counts as the worst value: as 0 effective draws, and as an infinite R-hat.
     """
     ess = {}
     r_hat = {}
@@ -120,23 +120,32 @@ def worst(
 
 
 def shortfall(convergences: Mapping[str, Convergence], required: int, max_r_hat: float) -> str:
-    """The criteria that were not met, in words; empty if all were.
+    """The criteria of convergence that were not met, in words; empty if all were met.
 
-    Every quantity needs the `required` effective draws and an R-hat below the largest one allowed.
+    Every quantity needs at least `required` effective draws and an R-hat below `max_r_hat`.
+
+    Examples
+    --------
+    >>> shortfall({"p": Convergence(399.7, 900.0, 1.0103)}, 400, 1.01)
+    '399 effective draws of p, 400 required; R-hat 1.011 of p, below 1.01 required'
     """
+    # Neither number is NaN, which would pass its comparison: `worst` has made 0 effective draws or
+    # an infinite R-hat of it.
     (lowest, ess), (highest, r_hat) = worst(convergences)
     problems = []
+    # A number is rounded away from its limit, or 399.7 would read "400 effective draws, 400
+    # required". Half a unit of the last digit is added to R-hat, so that R-hat is rounded up.
     if ess < required:
-        problems.append(f"{ess:.0f} effective draws of {lowest}, {required} required")
+        problems.append(f"{int(ess)} effective draws of {lowest}, {required} required")
     if r_hat >= max_r_hat:
-        problems.append(f"R-hat {r_hat:.3f} of {highest}, below {max_r_hat:g} required")
+        problems.append(f"R-hat {r_hat + 0.0005:.3f} of {highest}, below {max_r_hat:g} required")
     return "; ".join(problems)
 
 
 def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: float) -> FloatArray:
     """Monte Carlo errors of quantiles where the effective sample size is known.
 
-    Draws have any shape. There is one error for each probability.
+    Draws may have any shape. There is one error for each probability.
 
     The share of draws below the p-quantile is as uncertain as that of `ess` independent draws: it
     has the distribution Beta(ess p + 1, ess (1 - p) + 1). The error is half of the distance between
@@ -150,7 +159,7 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
     if not ess > 0.0:  # NaN too
         return np.full(p.shape, np.nan)
 
-    # The ends of the central 68 % of Beta(a, b): as one SD of a normal below and above its mean.
+    # The ends of the central 68 % of Beta(a, b). A normal has 68 % within one SD of its mean.
     a = ess * p + 1.0
     b = ess * (1.0 - p) + 1.0
     low_share = betaincinv(a, b, 0.1586553)
@@ -182,9 +191,9 @@ def tail_error(draws: FloatArray, ess: float) -> float:
 def pareto_k(log_weights: FloatArray) -> float:
     """Pareto k-hat of importance weights, shape (draws,); infinite where no tail can be fitted.
 
-    Above 0.7 their average cannot be trusted.
+    Above 0.7, averages with these weights cannot be trusted.
     """
-    with np.errstate(all="ignore"):  # weights of zero, and tails that are all but flat
+    with np.errstate(all="ignore"):  # warnings of weights of 0 and of nearly flat tails
         try:
             smoothed, k = array_stats.psislw(-log_weights)  # ArviZ takes the opposite sign
         except (ValueError, IndexError):  # a tail of fewer than five weights, or of equal ones

@@ -235,7 +235,8 @@ def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> P
             if not is_text and variable.size > 0 and variable.ndim > 0:
                 options[str(name)] = {"fletcher32": True}
 
-    # HDF5 would end the process at an error of writing, as on a full disk: it writes to memory.
+    # HDF5 would end the process at an error of writing, as on a full disk. So HDF5 writes to
+    # memory, and Python writes the file.
     content = io.BytesIO()
     with whole_file(path, overwrite=overwrite) as target:
         with without_cluster():  # xarray would ask a cluster for a lock
@@ -253,7 +254,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
         If the file is missing or damaged, or has another format.
     """
     path = Path(path)
-    # A Path refuses names that are too long with an error of its own.
+    # os.path, because the methods of a Path raise an error for a name that is too long.
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"
         raise InputError(
@@ -264,7 +265,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
     with reading(path):
         names = _group_names(path)
         tree = xr.DataTree.from_dict({f"/{name}": _read_group(path, name) for name in names})
-        tree.attrs |= _read_group(path, name=None).attrs  # of the root
+        tree.attrs |= _read_group(path, name=None).attrs  # those of the root
         if tree.attrs.get("format") != FORMAT:
             raise InputError("not a file of draws of this version")
     return tree
@@ -272,7 +273,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
 
 @contextmanager
 def reading(path: StrPath) -> Iterator[None]:
-    """Turn errors of reading a file of draws into one line."""
+    """Turn any error of the block, which reads a file of draws, into one of a single line."""
     name = format_path(Path(path))
     try:
         yield
@@ -287,7 +288,7 @@ def reading(path: StrPath) -> Iterator[None]:
 
 
 def _group_names(path: Path) -> list[str]:
-    """The names of the groups in a file, of those that a tree may have.
+    """The groups of a file that a tree may have, by name.
 
     A link is refused, because it may lead to another file.
     """
@@ -302,16 +303,20 @@ def _group_names(path: Path) -> list[str]:
 
 
 def _read_group(path: Path, name: str | None) -> xr.Dataset:
-    """A group, or the root of the file for None, with every text as an object.
+    """A group of a file, or its root for None, in memory.
 
-    A damaged file may declare so many numbers that memory cannot hold them: it is refused.
+    A damaged file may declare so many numbers that memory cannot hold them. Such a file is refused.
     """
-    # No units are times, and dimensions without a name cause no warning.
+    # By default, xarray makes dates of numbers with a unit such as 'days since 2000-01-01', and
+    # warns of dimensions without a name. A file of another program may have both.
     options: Record = {"decode_times": False, "phony_dims": "access"}
     with xr.open_dataset(path, group=name, engine="h5netcdf", **options) as group:
+        # `save_tree` does not compress, so that a file is larger than the arrays in it.
         if group.nbytes > path.stat().st_size:
             raise InputError("it declares more numbers than it has")
         group.load()
+    # Some versions of the libraries read texts into arrays of strings. These become arrays of
+    # objects, as a tree has them before it is saved.
     texts = {}
     for key, variable in group.variables.items():
         if variable.dtype.kind in "TU":
@@ -320,11 +325,15 @@ def _read_group(path: Path, name: str | None) -> xr.Dataset:
 
 
 def require_numbers(group: xr.Dataset, dims: Mapping[str, Texts]) -> None:
-    """Refuse a group without these variables over these dimensions, or with a value of no use."""
+    """Refuse a group that lacks a variable over its dimensions, or has a number that is no draw.
+
+    `dims` has the dimensions of each variable.
+    """
     for name, expected in dims.items():
         if name not in group or group[name].dims != expected:
             raise InputError(f"no {name} over ({', '.join(expected)})")
-        # Squares and products of larger numbers are infinite. A NaN is not below the limit either.
+        # Squares and products of numbers above the limit are infinite. NaN is refused too, because
+        # it is not below the limit.
         if not (np.abs(group[name].values) < 1e100).all():
             raise InputError(f"draws of {name} are no numbers")
 

@@ -45,8 +45,8 @@ class Fitted:
         The posterior as an array of one, in the coordinates w of the mixture.
     mixture : PriorMixture
     draws : WeightedDraws
-        Draws of the mixture by which it was judged: with heavy ones, it would have been refitted.
-        So an evidence needs other draws, see :meth:`fresh`.
+        Draws of the mixture by which it was judged. The mixture would have been refitted if some of
+        these draws had had large weights, so that an evidence needs other draws, see :meth:`fresh`.
     """
 
     target: SubjectPosterior
@@ -76,9 +76,10 @@ class Fitted:
         return draws
 
     def original(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Points of the posterior, (points, k), and log |dw/du| there, from points w (points, d).
+        """Points of the posterior, (points, k), and log |dw/du| there, (points,).
 
-        u are the posterior's own d coordinates, of which the model has k.
+        They follow from points w, (points, d), in the coordinates of the mixture. u are the d
+        coordinates of the task, of which the model has k.
         """
         u, log_volume = self.array.original(w[None])
         return u[0][:, self.target.is_free], log_volume[0]
@@ -96,7 +97,9 @@ def is_trusted(k: float, efficiency: float) -> bool:
 def fit_posterior(
     target: SubjectPosterior, rng: Rng, judging_draws: int = SHARP.most_draws
 ) -> Fitted:
-    """Fit a mixture to a posterior, as sharp as emcee needs it; `judging_draws` draws judge it.
+    """Fit a mixture to a posterior, precise enough for a sampler.
+
+    `judging_draws` is how many draws decide whether the mixture is good enough.
 
     Examples
     --------
@@ -111,13 +114,15 @@ def fit_posterior(
     clouds = normal_clouds(ends, rng)
     array: PosteriorArray = target.array
     if isinstance(target, PaperPosterior):
-        # A mixture cannot follow the funnel of this posterior, so it has coordinates without one.
+        # A mixture cannot follow the funnel of this posterior. So the array and the clouds get
+        # other coordinates, in which there is no funnel.
         funnel = funnel_of_maxima(target, ends)
         array = FunnelArray(
             array.likelihood, array.names, further_priors=(), is_free=array.is_free, funnel=funnel
         )
         clouds = [funnel.forward(cloud[None])[0] for cloud in clouds]
 
+    # `ends` keep the coordinates of the posterior. They only decide the weights of the clouds.
     first_mixture = mixture_of_clouds(clouds, ends, array, rng)
     precision = replace(SHARP, most_draws=judging_draws)
     (mixture,), (draws,) = fitted_draws(array, [first_mixture], [rng], precision)
@@ -136,12 +141,13 @@ def _maxima_from(target: SubjectPosterior, ends: Ascent) -> Ascent:
 
 
 def _distinct_ends(target: SubjectPosterior) -> Ascent:
-    """Distinct ends of a few steps of scoring: maxima, or several points along a ridge.
+    """Distinct points at which short searches end: maxima, or several points along a ridge.
 
     A mixture needs the points along a ridge. An exact search would move all of them to one maximum.
     """
     if isinstance(target, ObserverPosterior):
-        # A model without a constant error needs the searches of the same model with one.
+        # The four models are searched together: a model without a constant error needs the searches
+        # of the same model with a constant error.
         maxima_of_models = observer_maxima(order_posteriors(target.rows))
         coarse_ends = maxima_of_models[MODEL_NAMES.index(target.model.name)]
     else:
@@ -168,8 +174,8 @@ def importance_evidence(draws: WeightedDraws) -> Evidence:
     """Log evidence and its standard error from draws that chose no mixture.
 
     The estimate is the log of the mean weight. Its standard error is the error of the mean weight
-    over this mean. The estimate is withheld, with a reason, if the weights' Pareto k says that
-    neither can be trusted.
+    over the mean weight. The estimate is withheld, with a reason, if Pareto k and the efficiency of
+    the weights say that neither number can be trusted, see :func:`is_trusted`.
     """
     k = pareto_k(draws.log_weights)
     efficiency = draws.efficiency

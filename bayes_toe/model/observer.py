@@ -60,19 +60,22 @@ DEFAULT_PRIOR = ObserverPrior()
 JND_OVER_NOISE = 0.6744897501960817
 
 
-#: Slopes in z, in ln k (None of which is stronger) and in the lapse rate, for each pair.
+#: Slopes in z, in ln k (None in 'which is stronger') and in the lapse rate, for each pair.
 Slopes = tuple[FloatArray, FloatArray | None, FloatArray]
 
 
 class Curve(NamedTuple):
-    """The parameters at points, and what follows for every pair, (rows, points, pairs) each."""
+    """The parameters at points, and what follows from them for every pair.
+
+    Where nothing else is said, the shape is (rows, points, pairs).
+    """
 
     values: NamedArrays  # the quantities, and the criterion at the middle, (rows, points) each
     log_lapse: FloatArray  # log of the lapse rate, and of its complement, (rows, points, 1)
     log_attend: FloatArray
     log_scale: FloatArray  # log of the noise
     z: FloatArray  # the distance
-    k: FloatArray | None  # the criterion k_m; None of which is stronger
+    k: FloatArray | None  # the criterion k_m; None in 'which is stronger'
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +86,7 @@ class ObserverRows(AnswerRows):
     ----------
     first, difference, middle : ndarray, shape (rows, 1, pairs)
         s1 - sbar, s2 - s1 and (s1 + s2)/2 - sbar, in units of D.
-    n_yes, n_no : ndarray, shape (rows, 1, pairs), of three answers (rows, 1, 2 pairs)
+    n_yes, n_no : ndarray, shape (rows, 1, pairs), or (rows, 1, 2 pairs) of three answers
     slope_unit : ndarray, shape (rows, 1)
         D / R.
     contraction_sd : ndarray, shape (rows, 1)
@@ -103,7 +106,10 @@ class ObserverRows(AnswerRows):
         prior: ObserverPrior = DEFAULT_PRIOR,
         scales: Sequence[StimulusScales] | None = None,
     ) -> ObserverRows:
-        """A row for each subject; all of one task. `scales` default to the subjects' own."""
+        """A row for each subject. All subjects have one task.
+
+        Without `scales`, each subject has its own.
+        """
         if scales is None:
             scales = [subject.scales for subject in subjects]
         pairs = pair_arrays(subjects, [row.sbar for row in scales], [row.step for row in scales])
@@ -126,7 +132,7 @@ class ObserverRows(AnswerRows):
 
     @property
     def coordinates(self) -> Texts:
-        """Names of the k coordinates: 7 with 'equal', 5 of which is stronger."""
+        """Names of the k coordinates: 7 in tasks with 'equal', 5 in 'which is stronger'."""
         return tuple(parameter.name for parameter in task_parameters(self.task))
 
     # --- Quantities in units of D ----------------------------------------------------------------
@@ -177,7 +183,7 @@ class ObserverRows(AnswerRows):
         return Curve(values, log_lapse, log_attend, log_scale, z, k)
 
     def lever_at(self, values: NamedArrays) -> FloatArray:
-        """The first stimulus from the centre of the contraction, in D: here from sbar."""
+        """The first stimulus less the centre of the contraction, here sbar, in units of D."""
         return self.first
 
     # --- Likelihood ------------------------------------------------------------------------------
@@ -185,13 +191,15 @@ class ObserverRows(AnswerRows):
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each.
 
-        Of three answers, those of the second question follow: (rows, points, 2 pairs).
+        If there are three answers, those to the second question stand behind those to the first
+        one, (rows, points, 2 pairs) each.
         """
         curve = self.curve_at(u)
         answers = _first_answers(curve)
         if not self.task.has_three_answers:
             return answers
-        # Both answers on the first axis, (2, rows, points, pairs).
+        # Each of the two questions has the log probabilities of both of its answers, (2, rows,
+        # points, pairs). The two questions are joined along the pairs.
         return LogAnswers(*np.concatenate([answers, _direction_answers(curve)], axis=-1))
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
@@ -207,7 +215,8 @@ class ObserverRows(AnswerRows):
         """How often each answer was given: of three answers 'equal', 'second' and 'first'."""
         if not self.task.has_three_answers:
             return self.n_yes, self.n_no
-        # The first half of n_no, 'unequal', is no further answer: it is 'second' or 'first'.
+        # The first half of n_no counts 'unequal', which is no further answer: each of these answers
+        # is also counted as 'second' or 'first'.
         n_equal, n_second = np.split(self.n_yes, 2, axis=-1)
         return n_equal, n_second, self.n_no[..., n_equal.shape[-1] :]
 
@@ -309,7 +318,7 @@ class ObserverRows(AnswerRows):
             )
             return upper - lower, -k * (upper + lower + in_lapses), in_lapse_rate
 
-        # What is added to P is taken from the probability of the other answer.
+        # There are two answers: what is added to P of one is taken from P of the other.
         by_yes = by_answer[0] - by_answer[1]
         if k is None:  # P(second) has Phi(z), and is 1/2 in a lapse
             return attend * by_yes * _density(z), None, by_yes * (0.5 - probabilities[0])
@@ -325,7 +334,8 @@ class ObserverRows(AnswerRows):
     def _slope_terms(self, curve: Curve, slopes: Slopes) -> list[FloatArray]:
         """Slopes of each pair in every quantity, in the order of the coordinates.
 
-        They follow with z = ((s2 - s1) - c + p (s1 - sbar)) / scale.
+        They follow from `slopes` by the chain rule, where z is
+        ((s2 - s1) - c + p (s1 - sbar)) / scale.
         """
         in_z, in_log_k, in_lapse = slopes
         in_log_scale = -in_z * curve.z
@@ -336,7 +346,7 @@ class ObserverRows(AnswerRows):
         else:
             in_criterion_slope = in_log_k * self.middle
             terms = [in_log_scale, in_log_k, in_lapse, in_noise_slope, in_criterion_slope]
-        # In c and in p, which the shift p (s1 - sbar) - c has.
+        # The last two are the slopes in c and in p: the shift is p (s1 - sbar) - c.
         return [*terms, -in_shift, in_shift * self.first]
 
     def _slope_units(self, values: NamedArrays) -> FloatArray:
@@ -402,17 +412,18 @@ def _direction_answers(curve: Curve) -> LogAnswers:
 
 
 def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """P that the noisy distance lies from -k to k, beyond the nearer end, and beyond the other one.
+    """P that the noisy distance lies from -k to k, beyond the nearer end, and beyond the other end.
 
-    Each has the shape of z and k, (rows, points, pairs). The nearer end is on the side of z.
+    Each P has the shape of z and k, (rows, points, pairs). The nearer end is on the side of z.
     """
     distance = np.abs(z)
-    with np.errstate(invalid="ignore"):  # both may be infinite
+    with np.errstate(invalid="ignore"):  # `distance` and k may both be infinite
         near = near_edge(distance, k)
     far = -k - distance
     inside = ndtr(near) - ndtr(far)
-    # Rounding could turn the difference negative. In so narrow a window the density is level: its
-    # mean differs from its middle by a share of k^2 (z^2 - 1) / 6.
+    # Rounding could turn this difference negative if the window from -k to k is narrow. There it is
+    # the width times the density in the middle, from which the mean density of the window differs
+    # by a share of k^2 (z^2 - 1) / 6.
     is_narrow = k < 1e-6
     if is_narrow.any():
         inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)

@@ -56,19 +56,20 @@ Panels = npt.NDArray[Any]
 
 COORDINATES = ("natural", "identified")
 BINS = 60
-#: Bins beyond either end of a panel, where contours close.
+#: Bins that are added beyond either end of a panel, so that contours close there.
 AROUND = 2
 #: Shares of the draws inside the contours.
 LEVELS = (0.5, 0.95)
 #: Quantiles between which a panel shows its quantity.
 SPANNED = (0.005, 0.995)
-#: Bins by which counts are smoothed, times the sixth root of the number of distinct draws. A panel
-#: is about six SD wide. The factor is 1 in the normal reference rule, but contours of few draws
-#: wobble.
+#: SD of the kernel that smooths counts, in bins, times the sixth root of the number of distinct
+#: draws. The draws of a panel have an SD of about BINS / 6 bins. The normal reference rule has the
+#: factor 1 in place of 1.4, but with it contours of few draws wobble.
 _SMOOTHING = 1.4 * BINS / 6.0
 #: Bins of a curve on the diagonal.
 _CURVE_BINS = 240
-#: Bins by which a curve is smoothed, times the fifth root of the number of distinct draws.
+#: SD of the kernel that smooths a curve, in bins, times the fifth root of the number of distinct
+#: draws.
 _SMOOTHING_OF_CURVE = 1.2 * _CURVE_BINS / 6.0
 PRIOR = "#999999"
 TRUTH = WEAKER_FIRST
@@ -171,7 +172,10 @@ def corner(
 
 
 def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
-    """The names of the subjects of a plot; none, more than four and repeated ones are refused."""
+    """The names of the subjects of a plot.
+
+    No name, more than four names and a repeated name are refused.
+    """
     names = name_list(subject)
     if not 1 <= len(names) <= len(OVERLAID) or len(set(names)) < len(names):
         raise InputError(
@@ -200,9 +204,9 @@ class _Sample(NamedTuple):
 
 
 def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> Texts:
-    """The quantities of a choice, or the quantities that are named.
+    """The names of the quantities of 'natural' or 'identified', or those in a sequence.
 
-    For the four models, 'natural' has constant error, contraction and JND.
+    For the four models, 'natural' has constant error, contraction and JND, if the model has them.
     """
     if coordinates == "identified":
         return target.names.identified
@@ -296,8 +300,9 @@ def axis_limits(
 ) -> list[Span]:
     """Axis limits of quantities, within their support, with the true values that are known.
 
-    Draws, true values and limits are as axes show them. Limits are at quantiles, not at the ends: a
-    few draws far out in a funnel would squeeze all others into one bin.
+    Draws, true values and limits are as axes show them. Limits are at quantiles of the draws, not
+    at the smallest and the largest draw: a few draws far out in a funnel would squeeze all other
+    draws into one bin.
     """
     spans = []
     for values, name in zip(columns, names, strict=True):
@@ -362,30 +367,35 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
 
 
 def contour_grid(x: FloatArray, y: FloatArray, across: Span, up: Span) -> tuple[FloatArray, ...]:
-    """Smoothed counts of draws `x`, `y` in the bins of a panel, and levels of contours.
+    """Smoothed counts of draws `x`, `y` in and around a panel, and levels of contours.
 
-    `across` and `up` are the limits of the panel. Returns the middles of the bins across and
-    upward, shape (BINS + 4,) each; the counts, shape (bins upward, bins across); and the levels in
-    ascending order. The shares :data:`LEVELS` of all draws lie above the levels. If all draws are
-    one point, there is one level.
+    `across` and `up` are the limits of the panel. It has BINS bins across and BINS bins upward, and
+    2 bins are added beyond each of its sides. Returns the middles of the bins across and those
+    upward, shape (BINS + 4,) each; the counts, shape (BINS + 4, BINS + 4), upward and across; and
+    the levels in ascending order. For each share in :data:`LEVELS` there is a level: the density at
+    this share of the draws is above it. If all draws are one point, there is one level.
     """
     counts, _, _ = np.histogram2d(y, x, BINS, [up, across])
-    n_distinct = len(np.unique(x))  # a draw that is repeated says nothing new
+    # A draw that the sampler repeats says nothing new. Draws with one x are such repetitions: other
+    # draws differ in x, because x is continuous.
+    n_distinct = len(np.unique(x))
     smooth = gaussian_filter(counts, _SMOOTHING * n_distinct ** (-1.0 / 6.0))
 
-    # Two more bins on each side: the density goes on, and then drops, so that contours close.
+    # On each side there follow a bin that repeats the edge, and a bin of the lowest density, where
+    # contours close.
     continued = np.pad(smooth, 1, mode="edge")
     padded = np.pad(continued, 1, constant_values=smooth.min())
-    # Middles of bins as shares of the panel.
+    # Middles of the bins as shares of the panel, below 0 and above 1 in the added bins.
     shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS
     middle_x = across[0] + (across[1] - across[0]) * shares
     middle_y = up[0] + (up[1] - up[0]) * shares
 
-    # The density at draws outside the panel is below any level.
+    # Draws beyond the added bins get a density below that of all other draws.
     density = RegularGridInterpolator(
         (middle_y, middle_x), padded, bounds_error=False, fill_value=-1.0
     )
-    # Half of the draws lie where the density is above its median at the draws.
+    # A share L of the draws has a density above the (1 - L) quantile of the density at the draws.
+    # Both quantiles are the same if all draws are one point.
     levels = np.unique(np.quantile(density((y, x)), 1.0 - np.array(LEVELS)))
     return middle_x, middle_y, padded, levels
 
@@ -457,7 +467,7 @@ def _draw_contours(
             ax.plot(x, y, "s", color=TRUTH)
             ax.axvline(x, color=TRUTH)
             ax.axhline(y, color=TRUTH)
-        else:  # lines would be taken for medians
+        else:  # only a mark, because lines would be taken for medians
             ax.plot(x, y, "s", ms=5, color=sample.colour, **_TRUTH_MARKS)
 
 
@@ -486,9 +496,12 @@ def _draw_curves(
 
 
 def _smooth_density(values: FloatArray, span: Span) -> ArrayPair:
-    """Middles of the bins of a curve on the diagonal, and the smoothed share of draws in each."""
+    """Middles of the bins of a curve on the diagonal, and the smoothed share of draws in each bin.
+
+    Both have the shape (_CURVE_BINS,).
+    """
     counts, edges = np.histogram(values, _CURVE_BINS, span)
-    n_distinct = len(np.unique(values))  # a draw that is repeated says nothing new
+    n_distinct = len(np.unique(values))  # a repeated draw says nothing new, see `contour_grid`
     smooth = gaussian_filter(counts / len(values), _SMOOTHING_OF_CURVE * n_distinct**-0.2)
     return 0.5 * (edges[1:] + edges[:-1]), smooth
 
@@ -537,7 +550,10 @@ def _write_key(
     *,
     has_prior: bool,
 ) -> None:
-    """Write what lines and marks mean, above few panels or in the corner that more leave free."""
+    """Write what lines and marks mean.
+
+    The key stands above the panels if they are few. More panels leave a corner free for it.
+    """
     style: Style = {
         "loc": "upper right",
         "alignment": "left",

@@ -276,9 +276,9 @@ def write_note(ax: Axes, text: str) -> None:
 
 
 def style_axes(ax: Axes) -> Axes:
-    """Set fonts and lines of a panel as a journal prints them.
+    """Set fonts and lines of a panel as a journal prints them, and return the panel.
 
-    7 points for numbers, 8 for words, no box.
+    Numbers have the size :data:`SMALL`, words the size :data:`LETTERS`. The panel has no box.
     """
     ax.tick_params(labelsize=SMALL, width=0.6, length=2.5, pad=2.0)
     for text in (ax.xaxis.label, ax.yaxis.label, ax.title):
