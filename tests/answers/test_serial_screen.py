@@ -1,4 +1,4 @@
-"""Score tests of the trial before: calibration, power, what is not known."""
+"""Score tests of an effect of the trial before: calibration, power, and missing p-values."""
 
 from dataclasses import astuple, replace
 
@@ -29,7 +29,7 @@ def screen(subject, p=0.0):
 
 
 def p_values(screens, name):
-    """The p-value of this name of each screen."""
+    """The p-values of one test, the field `name`, of these screens."""
     return np.array([getattr(row, name) for row in screens])
 
 
@@ -44,20 +44,20 @@ def test_observers_without_memory_seldom_fail_the_screen():
         screens.append(screen(answered(i, WHICH_STRONGER, repeats=20, p=0.2), p=0.2))
         screens.append(screen(answered(i, SAME_DIFFERENT, repeats=12, p=0.2), p=0.2))
     observed = np.array([astuple(row) for row in screens])
-    # Of 960 p-values, those of four tests of each of two subjects in 120 rounds, ten are expected
-    # below .01; 20 is three standard deviations above.
+    # Four tests of each of 240 subjects give 960 p-values. Ten are expected below .01, and 20 is
+    # three standard deviations above ten.
     assert np.count_nonzero(observed < 0.01) <= 20
 
-    # Of four tests of uniformity one fails in 250 runs.
+    # In one of 250 runs, one of these four tests of uniformity fails by chance.
     for column in observed.T:
         assert kstest(column, "uniform").pvalue > 1e-3
 
 
 def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
-    """Six trials to a pair: there an answer says much of the other ones to its pair.
+    """A pair has six trials, so an answer tells much about the other answers to its pair.
 
-    Where nothing depends on the trial before, p-values are uniform. A limit of 1e-3 is a false
-    alarm in 500 runs of these two tests.
+    The observers have no memory, so the p-values are uniform. In one of 500 runs, one of the two
+    tests of uniformity falls below 1e-3 by chance.
     """
     screens = [screen(answered(1000 + i, repeats=6, sessions=1, noise=0.6)) for i in range(400)]
     for name in ("answer_p", "moving_criterion_p"):
@@ -65,13 +65,15 @@ def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
 
 
 def test_three_errors_are_no_dependence():
-    """Three errors in two pairs, of an observer without memory: V has hardly any variance."""
+    """An observer without memory makes three errors, in two pairs, so V is almost singular.
+
+    V is the variance in the docstring of the module that is tested.
+    """
     assert screen(answered(57, repeats=12, noise=0.07)).joint_p > 0.1
 
 
 @pytest.mark.parametrize(
-    # An effect on 10 observers, and how many of them have p < .01 at least, by the name of the
-    # test.
+    # An effect, and for each test the fewest of 10 observers with p < .01.
     "effect, fewest",
     [
         ({"share_repeated": 0.2}, {"answer_p": 9}),
@@ -87,7 +89,7 @@ def test_an_effect_is_seen_by_its_own_test(effect, fewest, monkeypatch):
         screens.append(screen(subject, p=effect.get("p", 0.0)))
     for name, n_significant in fewest.items():
         assert np.count_nonzero(p_values(screens, name) < 0.01) >= n_significant
-    # A carry-over is no effect of the response before: of 10 p-values .1 is expected below .01.
+    # A carry-over is no effect of the response before, so p < .01 occurs in 1 % of these tests.
     if "carry_over" in effect:
         assert np.count_nonzero(p_values(screens, "answer_p") < 0.01) <= 1
 
@@ -106,7 +108,7 @@ def test_there_is_no_p_value_without_the_order_of_trials_or_if_pairs_were_answer
 
 
 def test_the_first_trial_of_a_session_has_no_trial_before():
-    """Sessions in another sequence are the same trials to all but a criterion that wanders."""
+    """Only the test of a criterion that wanders depends on which session comes first."""
     subject = answered(6, sessions=2, share_repeated=0.2)
     rows = np.roll(np.arange(400), 200)  # the sessions have 200 trials each
     answers = subject.answers
@@ -127,9 +129,9 @@ def test_with_a_constant_first_stimulus_all_p_values_exist():
 def test_a_trial_before_that_is_not_tested_needs_no_correction():
     """Blocks of two trials of one pair; the answers are independent.
 
-    The first trial of a block has no trial before. Its answer is not tested, but it is one of those
-    to which the second is compared. Of 150 p-values 5 % are expected below .05, and 12 % once in
-    1,800 runs.
+    The first trial of a block has no trial before. Its answer is not tested, but it is the one
+    before the second trial. In a sound test, 5 % of the p-values are below .05. In one of 1,800
+    runs, 12 % of 150 p-values are below .05 by chance.
     """
     answer_p = []
     for seed in range(150):

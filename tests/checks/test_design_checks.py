@@ -1,4 +1,4 @@
-"""What a study leaves open: each finding where it holds, and only there."""
+"""Findings about the design of a study: each is reported where it holds, and only there."""
 
 import itertools
 
@@ -30,7 +30,8 @@ def messages(*subjects, **keywords):
 
 def test_effects_that_the_pairs_cannot_show_are_named():
     assert messages(subject_of_pairs(GRID)) == {}
-    # Only equal pairs; and only one first stimulus, where a contraction is a constant error.
+    # The first study has only equal pairs. The second has only one first stimulus, so that a
+    # contraction looks like a constant error.
     pairs_by_effects = {
         "Order effect, constant error and contraction": [(-0.3, -0.3), (0.0, 0.0)],
         "Contraction": [(0.25, s2) for s2 in (-0.3, 0.0, 0.25, 0.4)],
@@ -60,10 +61,15 @@ def test_pairs_in_one_order_are_named_the_first_three_of_them():
 
 
 @pytest.mark.parametrize(
-    "shift, scale, is_raw", [(0, 1, False), (9.0, 1, False), (20.7, 1e-4, False), (0, 10, True)]
+    "shift, scale, is_raw",
+    [(0, 1, False), (9.0, 1, False), (20.7, 1e-4, False), (0, 10, True)],
+    ids=["near 0", "far from 0", "narrow and farther from 0", "whole numbers from -3 to 4"],
 )
 def test_stimuli_that_look_raw_are_named(shift, scale, is_raw):
-    """Natural logs of intensities from -.3 to .4 are plausible, a range of 7 is not."""
+    """Stimuli may be natural logs if they are not whole and lie close together, even far from 0.
+
+    Those near 20.7, for example, are the logs of intensities near a billion.
+    """
     subject = subject_of_pairs([(shift + scale * s1, shift + scale * s2) for s1, s2 in GRID])
     assert ("raw_stimuli" in messages(subject)) == is_raw
     read = messages(subject, reading=Reading(read=("i1", "i2")))
@@ -86,8 +92,8 @@ def test_stimuli_on_two_scales_are_named():
 
 
 def test_subjects_whose_stimuli_have_another_unit_are_named():
-    # From S1.1, which is the median, S7 is a factor of 365 in intensity, S3.4026 one of 10, and S4
-    # one of 18.
+    # Each name has the subject's lower stimulus. S1.1 is the median. A factor of 10 from it
+    # (S3.4026), or of more than 100 (S7), may be that of another unit. A factor of 18 (S4) is not.
     shifts = (0.8, 0.9, 1, 1.1, 3.4026, 4, 7)
     subjects = [subject_of_pairs([(shift, shift + 0.1)], name=f"S{shift}") for shift in shifts]
     (finding,) = two_scales(subjects)

@@ -34,8 +34,8 @@ def test_asymmetry_and_p_value_of_one_comparison_are_those_by_scipy():
 
 @pytest.mark.parametrize("name, sign", [("A", 1), ("B", -1)])
 def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, name, sign):
-    # Paper, Fig. 3: prior left of the stimuli (A), more accurate with the weaker stimulus first;
-    # right of them (B), the opposite.
+    # Fig. 3 of the paper: if the prior is below the stimuli (A), responses are more accurate with
+    # the weaker stimulus first. If the prior is above them (B), the opposite holds.
     row = bt.asymmetry(small_study)[name]
     assert all(sign * comparison.asymmetry > 0 for comparison in row.comparisons)
 
@@ -112,14 +112,17 @@ def fisher(k1, n1, k2, n2):
 
 @settings(max_examples=40, deadline=None)
 @given(COUNTS)
-def test_never_above_fisher_and_blind_to_names(counts):
-    """The p-value stays the same if the orders, or the two responses, swap their names."""
+def test_the_exact_p_value_is_at_most_fishers_and_does_not_depend_on_names(counts):
+    """Counts of at most 80 trials have Boschloo's test, which has more power than Fisher's.
+
+    The p-value stays the same if the two orders, or the two responses, swap their names.
+    """
     k1, n1, k2, n2 = counts
     p_value, _ = equality_test(*counts)
-    assert 0 < p_value <= fisher(*counts) * (1 + 1e-9)  # equal to rounding
+    assert 0 < p_value <= fisher(*counts) * (1 + 1e-9)  # up to rounding
     other_orders, other_responses = (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2)
     for identical in (other_orders, other_responses):
-        # To the optimum that SciPy searches for.
+        # The two are equal up to the accuracy of SciPy's numerical optimum.
         assert equality_test(*identical)[0] == pytest.approx(p_value, rel=1e-6)
 
 
@@ -131,14 +134,16 @@ def test_more_than_150_trials_have_fishers_test_instead_of_boschloos():
 
 
 def test_both_tests_are_close_where_one_replaces_the_other():
-    counts = 30, 75, 45, 75  # 150 trials, the most for Boschloo's test, which is the sharper one
+    # The 150 trials are the most for Boschloo's test, which has more power than Fisher's.
+    counts = 30, 75, 45, 75
     p_value, test = equality_test(*counts)
     assert test == "boschloo"
     assert p_value < fisher(*counts) < 1.5 * p_value
 
 
 def test_p_values_are_adjusted_as_holm_says():
-    # From the smallest on: 4 x .01, 3 x .03, 2 x .04, 1 x .9, and no value below an earlier one.
+    # The sorted values .01, .03, .04 and .9 are multiplied by 4, 3, 2 and 1. The third product is
+    # .08, and it is raised to the second, .09.
     assert holm([0.04, 0.01, 0.03, 0.9]) == pytest.approx([0.09, 0.04, 0.09, 0.9])
     assert holm([0.6, 0.7]).tolist() == [1.0, 1.0]
     assert holm([]).shape == (0,)

@@ -30,7 +30,7 @@ P005,1,
 
 
 def draws_with_divergences(posterior, n_draws, rng):
-    """In the place of the sampler: draws of which two trajectories diverged."""
+    """Draws in the place of the sampler's, as if two trajectories had diverged."""
     draws = independent_draws(posterior, n_draws, rng)
     return replace(draws, n_divergent=2)
 
@@ -68,26 +68,26 @@ def test_the_command_writes_four_files_and_answers_with_mean_and_sd(screen, grou
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
 
 
-def test_files_of_a_group_have_the_numbers_of_the_screen_and_no_subject_without_age(
-    screen, group_folder
-):
-    # What the screen says is what the files have, and P005 without an age is left out.
+def test_files_of_a_group_have_the_numbers_of_the_screen(screen, group_folder):
     result = bt.load(group_folder / "group.nc")
     text = on_one_line(screen)
     shift = format_signed(Size(*result.table.row("mean", "pse_shift_percent").interval), "%")
     contraction = format_share(Size(*result.table.row("mean", "contraction").interval))
     assert f"mean PSE shift is {shift}" in text
     assert f"mean contraction is {contraction}" in text
-
-    assert result.subjects == ("P000", "P001", "P002", "P003", "P004")
-    assert result.settings.hyperprior.contraction.sd_scale == 0.5
-
-    table = pd.read_csv(group_folder / "group.csv", keep_default_na=False, na_values=[""])
+    table = pd.read_csv(group_folder / "group.csv")
     assert np.array_equal(table["q50"], result.summary()["q50"])
 
 
-#: Options of `population` where group.nc is there, and what they are refused with. A table beside
-#: study.nc would replace study.csv.
+def test_the_file_of_a_group_has_its_hyperprior_and_no_subject_without_age(screen, group_folder):
+    # P005 has no age. The hyperprior is that of wide.toml, which the fixture `group_folder` writes.
+    result = bt.load(group_folder / "group.nc")
+    assert result.subjects == ("P000", "P001", "P002", "P003", "P004")
+    assert result.settings.hyperprior.contraction.sd_scale == 0.5
+
+
+#: Options of `population` in a folder that has group.nc, and what they are refused with. With
+#: `-o study.nc`, the table of the group would replace study.csv.
 REFUSED = """
     -o other.csv | other.csv: the ending is '.csv'. Draws need .nc
     --categorical site | --categorical site needs --covariates FILE.csv
@@ -101,15 +101,15 @@ REFUSED = """
 
 @pytest.mark.parametrize("options, words", text_table(REFUSED))
 def test_options_of_a_group_that_cannot_be_used_are_refused(screen, group_folder, options, words):
-    # Such as '-o group.nc', which is there: overwrite is needed.
+    # Such as '-o group.nc', a file that exists, so that --overwrite is needed.
     assert words in refusal_of(
         f"population study.csv {OPTIONS} {options}", cwd=group_folder, silent=False
     )
 
 
 def test_a_group_with_divergent_trajectories_is_not_reliable(tmp_path, monkeypatch):
-    # The group has two divergent trajectories, which make it unreliable: exit code 3. The four
-    # pairs of its study show no contraction.
+    # Two divergent trajectories make the group's result unreliable, and the exit code is 3. The
+    # four pairs of the study cannot show a contraction.
     write_counts(tmp_path / "study.csv", quick_study("ABC"))
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", draws_with_divergences)
     finished = run_command(f"population study.csv {OPTIONS}", cwd=tmp_path)
@@ -124,8 +124,8 @@ def test_a_group_with_divergent_trajectories_is_not_reliable(tmp_path, monkeypat
 
 
 def test_an_sd_near_zero_is_given_as_a_bound():
-    # The draws of the SD of the constant error are set to 1 D, and those of the contraction to
-    # values from .001 to .021, whose upper bound is 2 %.
+    # The draws of two SDs between subjects are set. Those of the constant error are 1 D, where D is
+    # the unit of its prior. Those of the contraction are .001 to .021: the upper bound is 2 %.
     group = made_result(simulated_group(seed=1, n_subjects=6))
     sd = group.draws.sd.copy()  # (chains, draws, coefficients)
     sd[..., group.index("constant_error")] = 1.0
@@ -148,7 +148,7 @@ def test_conditions_of_a_group_have_a_line_and_a_table():
     assert group == "4 subjects, median [95 % interval]"
     assert [row[0] for row in rows] == ["constant error", "contraction", "JND"]
 
-    # The last row is that of the JND, whose difference is that of log noise, as a ratio.
+    # The last row is that of the JND. Its difference is a ratio, exp(difference of the log noise).
     *_, (_, label, difference_of_jnd, *_) = differences
     assert label == "JND (ratio)"
     [log_ratio] = result.table.select("difference", "noise")

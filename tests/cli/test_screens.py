@@ -31,9 +31,9 @@ NO_SIZE = (0, 0, 0)
 def conclusion(name, letters, shift=NO_SIZE, p=NO_SIZE, flag="", problem=""):
     """The answer of a subject whose words have these letters, with sizes and perhaps a flag.
 
-    The letters 'yun' are 'yes', 'undecided' and 'no' for order effect, constant error and
-    contraction. `shift` and `p` are the lower end, the median and the upper end of the PSE shift
-    and of the contraction.
+    The letters 'yun', for example, are 'yes', 'undecided' and 'no' for order effect, constant error
+    and contraction; WORD_BY_LETTER has all letters. `shift` and `p` are the lower end, the median
+    and the upper end of the PSE shift and of the contraction.
     """
     fields = {"sizes": {"pse_shift_percent": Size(*shift), "contraction_p": Size(*p)}}
     _, median_p, _ = p
@@ -49,17 +49,17 @@ def conclusion(name, letters, shift=NO_SIZE, p=NO_SIZE, flag="", problem=""):
 
 
 MISFIT = Problem("The model does not fit.")
-WIDER = Problem("A prior twice as wide changes contraction from 'undecided' to 'probably not'.")
+NARROWER = Problem("A prior half as wide changes constant error from 'no' to 'undecided'.")
 SWAP = Problem("Responses look swapped in blocks 2 and 4.", "--swap A08:2,4")
 ANSWERS = [
     conclusion("A01", "yyy", (8.2, 11.7, 16.1), (0.2, 0.29, 0.36)),
     conclusion("A02", "yyn", (18, 23, 29), NO_SIZE, MISFIT_FLAG, MISFIT),
-    conclusion("A03", "yny", p=(-0.38, -0.35, -0.28)),
+    conclusion(
+        "A03", "yny", NO_SIZE, (-0.38, -0.35, -0.28), f"{PRIOR_FLAG}: constant error", NARROWER
+    ),
     conclusion("A04", "yyp", (-14, -9.4, -5.2), (0.03, 0.17, 0.3)),
     conclusion("A05", "puc", (-1.1, 4.0, 8.4)),
-    conclusion(
-        "A06", "uuu", (-3.1, 2.9, 9.3), (-0.001, 0.1, 0.24), f"{PRIOR_FLAG}: contraction", WIDER
-    ),
+    conclusion("A06", "uuu", (-3.1, 2.9, 9.3), (-0.001, 0.1, 0.24)),
     conclusion("A07", "qqq"),
     conclusion("A08", "xxx", flag="responses look swapped", problem=SWAP),
 ]
@@ -68,10 +68,10 @@ SCREEN = """
 subject effect       error        contraction  [95 % interval]   [95 % interval]
 A01     yes          yes          yes          +12 [+8, +16]     29 [20, 36]
 A02 !   yes          yes          no           +23 [+18, +29]    -
-A03     yes          no           yes          -                 -35 [-38, -28]
+A03 ?   yes          no           yes          -                 -35 [-38, -28]
 A04     yes          yes          probably     -9 [-14, -5]      17 [3, 30]
 A05     probably     undecided    (a)          +4.0 [-1.1, +8.4] -
-A06 ?   undecided    undecided    undecided    +2.9 [-3.1, +9.3] 10 [-0.1, 24]
+A06     undecided    undecided    undecided    +2.9 [-3.1, +9.3] 10 [-0.1, 24]
 A07     probably not probably not probably not -                 -
 A08 !   not interpreted: responses look swapped
 (a) Cannot be told, because the first stimulus is always the same, so a
@@ -82,8 +82,7 @@ A08 !   not interpreted: responses look swapped
 ! A08  Responses look swapped in blocks 2 and 4.
        type: bayes-toe run study.csv -o results --overwrite --swap A08:2,4
 
-? A06  A prior twice as wide changes contraction from 'undecided' to 'probably
-       not'.
+? A03  A prior half as wide changes constant error from 'no' to 'undecided'.
 
 Answer
 In most subjects (4 of 7) the order changes the response, and probably in 1
@@ -104,14 +103,15 @@ The answer does not count A08. Start with results/report.html. Seed 1.
 
 
 def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
-    # The options that were typed stay in what is proposed.
+    # The command that is proposed for A08 repeats what was typed.
     typed = ["run", "study.csv", "-o", "results"]
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", typed)
     out = Terminal()
     print_subjects(out, ANSWERS, "results/report.html")
     group_lines = ["In the group of 7, the mean PSE shift is +5 % [-3, +13]."]
     closing = ["Start with results/report.html.", "Seed 1."]
-    # Of the study, the screen says whether it is synthetic and whether it has conditions.
+    # Any study will do that is not synthetic and has no conditions. The answer says nothing else
+    # about it.
     study = bt.Study([made_subject("0 0.3 2 5")])
     print_answer(out, ANSWERS, study, group_lines, closing)
     assert capsys.readouterr().out == SCREEN
@@ -119,7 +119,7 @@ def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     "s1, s2, text",
-    # First stimuli above second ones: (0, 0), (1, 1) and (0, 1); then two pairs in both orders.
+    # First the pairs (0, 0), (1, 1) and (0, 1). Then (0, 1) and (0, 2), each in both orders.
     [
         ([0, 1, 0], [0, 1, 1], "2 equal ones, and 1 different one in one order only"),
         ([0, 1, 0, 2], [1, 0, 2, 0], "2 different ones, each in both orders"),
@@ -136,7 +136,7 @@ def test_pairs_are_counted_whatever_their_order(s1, s2, text):
 #: Neighbours among four levels, in both orders.
 PAIRS = [(0.0, 0.3), (0.3, 0.0), (0.3, 0.6), (0.6, 0.3), (0.6, 0.9), (0.9, 0.6)]
 LONG = "subject with a rather long name"
-#: Each screen: the line that is typed, without `bayes-toe`.
+#: A command and its arguments, as typed after `bayes-toe`, for each screen.
 COMMANDS = {
     "check": "trials.csv",
     "check --prior": "default trials.csv",
@@ -154,7 +154,7 @@ COMMANDS = {
     "design design.csv": "--list list.csv --seed 1",
     "simulate": "-o made.csv --subjects 2 --trials 26 --seed 1",
 }
-#: Words that are not those of the field.
+#: Words that no screen has, because the field has other words for the same.
 FORBIDDEN = (
     r"\bpull(s|ed)?\b|\b(?<!cannot be )(told|tells?)\b|\bkept\b|\bpictures?\b|kind (is )?open|"
     r"P\(none\)|is said|has a say|not described|\brobust\b|\bverdicts?\b|free frequenc|both ways|"
@@ -211,7 +211,7 @@ def test_swapped_responses_are_named_with_what_to_type(screens, name):
 
 
 def test_false_positives_are_counted_in_brackets(screens):
-    # Such as ' (4 % [1, 9])', for order effect, constant error and contraction.
+    # Order effect, constant error and contraction have a share each, such as ' (4 % [1, 9])'.
     assert len(re.findall(r" \(\d+ % \[", screens["power"])) == 3
 
 
@@ -229,8 +229,8 @@ def test_a_word_that_depends_on_lapses_has_a_mark(contrast_table, capsys):
     assert text.count("\nP000") == 1
     assert " ?\n" not in text
 
-    # All words would change with another lapse rate. Of the quantities, the order effect has
-    # no line, but a sentence in the answer.
+    # Now every word would change with another lapse rate. One quantity, the order effect, has a
+    # sentence in the answer instead of a line.
     rows = tuple(row._replace(robust="no") for row in contrast_table)
     print_contrast(Terminal(), replace(contrast_table, rows=rows))
     text = capsys.readouterr().out
@@ -238,8 +238,9 @@ def test_a_word_that_depends_on_lapses_has_a_mark(contrast_table, capsys):
     assert "? The word changes if the lapse rate" in text
 
 
-#: Counts of 'second' of a subject, whose name is to be filled in: the second stimulus is stronger
-#: in all pairs, or in one of both orders, or both orders are answered the wrong way round.
+#: Counts of 'second' of a subject, whose name is to be filled in. SECOND_STRONGER has pairs in the
+#: order with the stronger stimulus second, and BOTH_ORDERS has the other order, too. In REVERSED, a
+#: subject responds to the pairs of BOTH_ORDERS the wrong way round.
 SECOND_STRONGER = "{0},0,0.3,36,40\n{0},0.3,0.6,36,40\n{0},0.6,0.9,36,40\n"
 BOTH_ORDERS = SECOND_STRONGER + "{0},0.3,0,4,40\n{0},0.6,0.3,4,40\n{0},0.9,0.6,4,40\n"
 REVERSED = BOTH_ORDERS.replace(",36,", ",n,").replace(",4,", ",36,").replace(",n,", ",4,")
@@ -265,7 +266,7 @@ def test_subjects_whose_design_can_show_an_effect_are_counted(check_answer):
     effects = "a constant error (3 of 4 subjects) and a contraction (3 of 4 subjects)."
     assert text.startswith(f"The design can show {effects} Order effect, constant error and")
     assert "unequal stimuli were presented in one order only (1 of 4 subjects)." in text
-    # The names z and Z look alike.
+    # The names z and Z look alike, so the answer refers to a problem that stands above it.
     command = "that stand above. Then type: bayes-toe run study.csv"
     assert check_answer("".join(map(BOTH_ORDERS.format, "zZ"))).endswith(command)
 
@@ -306,16 +307,16 @@ def test_where_the_task_is_another_one_nobody_is_analysed(tmp_path):
 
 
 def test_where_nothing_can_be_analysed_no_command_is_proposed(check_answer):
-    # One trial has one response.
+    # The only trial has only one response.
     sentence = "No subject gave both responses, so that nothing can be analysed."
     assert check_answer("A,0,0.3,1,1").endswith(sentence)
-    # One pair is of equal stimuli.
+    # The only pair has equal stimuli.
     sentence = "because no pair has two different stimuli."
     assert check_answer("A,0,0,4,40").endswith(sentence)
 
 
 def test_comparisons_have_a_column_of_their_own(contrast_table, capsys):
-    # The same rows stand there twice, the second time as those of another comparison, 6 - 4.
+    # The table has the same rows twice, the second time for another comparison, 6 - 4.
     second = [row._replace(comparison="6 - 4") for row in contrast_table]
     print_contrast(Terminal(), replace(contrast_table, rows=(*contrast_table, *second)))
     text = capsys.readouterr().out

@@ -26,7 +26,7 @@ from bayes_toe.cli.terminal import (
 @pytest.fixture
 def hundred_answers(analysis):
     """Answers of a hundred subjects S0 to S99: the blocks of S98 differ, and S99 does not fit."""
-    # The answers of A, B and C again and again.
+    # The hundred subjects have the answers of A, B and C by turns.
     answers = [replace(analysis.answers[i % 3], subject=f"S{i}", problems={}) for i in range(100)]
     differs = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
     misfit = Problem("The model does not fit.", "--exclude S99")
@@ -38,7 +38,7 @@ def hundred_answers(analysis):
 def test_of_many_subjects_the_table_has_those_that_need_action(
     hundred_answers, capsys, monkeypatch
 ):
-    # The blocks of S98 differ, and S99 does not fit.
+    # The typed option for block 2 of S99 gives way to the proposed one for all of S99.
     monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv", "--exclude", "S99:2"])
     print_subjects(Terminal(), hundred_answers, "evidence.csv")
     text = capsys.readouterr().out
@@ -51,7 +51,8 @@ def test_of_many_subjects_the_table_has_those_that_need_action(
 
 
 def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(hundred_answers):
-    # Neither may a subject have a problem, such as S98 and S99, nor draws that did not converge.
+    # The sentence is missing if a subject has a problem, as S98 and S99 have, or if draws did not
+    # converge.
     without_problems = hundred_answers[:98]
     all_converged = {}
     sentence = ["No subject needs a decision."]
@@ -63,14 +64,16 @@ def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(hundred_a
 def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
     sizes = {"rho": (0.1, 0.3, 0.5), "kappa": (0.2, 0.4, 0.6)}
     # The Bayes factor of carry-over is exp(-1.5) = .22, 'probably not'. That of the previous
-    # response is 1, 'undecided': half the models with it have carry-over, and half without it.
+    # response is 1, 'undecided': with and without the previous response, one model has carry-over
+    # and one has not, so the evidences are the same.
     log_evidence = np.where(EFFECT_MODELS["carry_over"], -1.5, 0.0)
     row = SubjectDependence("A", ("none", "contraction"), log_evidence, **sizes)
     table = SerialDependence((row,), small_study, seed=1, prior=bt.Prior())
     print_history(Terminal(), table, "history.csv")
     text = capsys.readouterr().out
-    # Carry-over with rho, then the previous response with kappa.
-    assert re.search(r"^A +probably not +- +undecided +.40 \[.20, .60\]$", text, re.MULTILINE)
+    # Carry-over, whose size is rho, is probably absent and has none. The size of the previous
+    # response is kappa.
+    assert re.search(r"^A +probably not +- +undecided +\.40 \[\.20, \.60\]$", text, re.MULTILINE)
 
 
 def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):

@@ -70,9 +70,9 @@ def test_units_are_subjects_in_conditions():
 
 
 def test_units_have_the_scales_of_their_subject():
-    # The prior is in units of the scales of stimuli. So that differences between conditions are not
-    # differences of units, both conditions have those of all trials of their subject, which a study
-    # without conditions has.
+    # The prior is in units of the scales of stimuli. Both conditions have the scales of all trials
+    # of their subject, as a study without conditions has them. Otherwise a difference between
+    # conditions might be one of scales.
     study, complete = read(ROWS), read(ROWS, "--ignore condition")
     for unit in study:  # such as a@left
         subject = complete[unit.subject_name]
@@ -80,7 +80,7 @@ def test_units_have_the_scales_of_their_subject():
         posterior_of_unit, posterior_of_subject = map(bt.model.paper_posterior, (unit, subject))
         assert posterior_of_unit.sbar == pytest.approx(posterior_of_subject.sbar)
         assert unit.scales[:4] == pytest.approx(subject.scales[:4])
-    # Answers have nothing to do with scales.
+    # The scales do not depend on the responses, which are swapped here.
     assert study.swap("a@left")["a@left"].shared_scales == study["a@left"].shared_scales
 
 
@@ -99,15 +99,13 @@ def test_a_level_that_no_subject_has_is_no_level():
     assert study.conditions.levels == ("0.5", "1", "2")
     remaining = study.exclude("a@0.5")
     assert remaining.conditions == Conditions("isi", ("1", "2"), numeric=True)
-    # A condition has two levels at least.
+    # Without units at level 1, it stays a level, because a condition has two levels at least.
     assert remaining.exclude("a@1").exclude("b@1").conditions.levels == ("1", "2")
 
 
 def test_what_does_not_differ_within_subjects_is_no_condition():
     # All rows of a are at the level 'training', and all rows of b at 'left'.
-    text = (HEADER + A_ROWS.replace("left", "right") + B_ROWS.replace("right", "left")).replace(
-        "right", "training"
-    )
+    text = HEADER + re.sub("left|right", "training", A_ROWS) + B_ROWS.replace("right", "left")
     study = read(text)
     assert not study.reading.doubts
     assert study.names == ("a", "b")
@@ -159,7 +157,7 @@ def test_check_warns_where_no_pair_is_in_two_conditions():
     )
 
 
-#: What replaces 'left' in the column of the condition, options, and what is refused.
+#: A text in the place of 'left' in the column condition, options, and the refusal.
 REFUSED = """
     l@ft |  | column condition: found 'l@ft' in 6 rows, the first is row 5, allowed: a name without
     |  | column condition: found '' in 6 rows, the first is row 5, allowed: a text that is not
@@ -171,8 +169,7 @@ REFUSED = """
 
 @pytest.mark.parametrize("level, options, problem", text_table(REFUSED))
 def test_levels_and_options_of_conditions_that_cannot_be_used_are_refused(level, options, problem):
-    # The level stands in the place of 'left' in the column condition, such as 'l@ft', whose @ would
-    # be that of a unit's name.
+    # Such as 'l@ft' in the place of 'left': names of units, such as a@left, have an @ of their own.
     with pytest.raises(bt.InputError, match=problem):
         read(ROWS.replace("left", level), options)
 
@@ -194,7 +191,7 @@ def test_tables_have_subject_and_condition(tmp_path):
     ]
 
 
-def test_check_warns_of_time_stimuli_and_missing_levels():
+def test_check_warns_of_conditions_in_order_of_other_stimuli_and_of_missing_levels():
     # Both subjects have all trials at 'right' before those at 'left', whose stimuli are 1 higher.
     # The standard deviation of the first stimuli is 0.52, so that 1 is 1.9 of them.
     messages = messages_of_check(read(ROWS))
@@ -209,7 +206,7 @@ def test_check_warns_of_time_stimuli_and_missing_levels():
     assert "No trials in condition left" in other_messages["b", "missing_condition"]
 
 
-def test_files_have_the_condition_all_or_none():
+def test_all_files_have_the_condition_or_none_has_it():
     # The second file has other subjects, c in the place of a, and the same rows of b.
     frame = pd.read_csv(StringIO(ROWS))
     other = frame.replace("a", "c")
@@ -236,17 +233,17 @@ a,0.0,0.3,second,2afc
 a,0.3,0.0,first,2afc
 b,0.0,0.3,second,2afc
 """
+# The response 'different' is followed by ',s'; the name of the task, same/different, is not.
 CODES = TASKS.replace("different,s", "0,s").replace("first", "0")
 CODES = CODES.replace("equal", "1").replace("second", "1")
 
 
-#: Subject b has answered one of the tasks alone.
+#: Subject a answered both tasks, and b only which stimulus was stronger.
 UNITS = ("a@2AFC", "a@same/different", "b@2AFC")
 
 
 def test_tasks_are_conditions_by_a_column():
-    # Subject a answered both tasks, and b only which was stronger: UNITS are a@2AFC,
-    # a@same/different and b@2AFC. In CODES the responses are 0 and 1.
+    # In CODES the responses are 0 and 1.
     study = read(TASKS, "--condition task")
     assert study.names == UNITS
     assert [part.task for part in study.by_task] == [WHICH_STRONGER, SAME_DIFFERENT]
@@ -264,8 +261,7 @@ def test_the_column_of_tasks_may_have_another_name():
 
 
 def test_tasks_are_conditions_by_files_of_one_task_each():
-    # Two files without a column of tasks: the words of the responses say which task it was. The
-    # units are a@2AFC, a@same/different and b@2AFC.
+    # The two files have no column of tasks. The words of the responses say which task it was.
     frame = pd.read_csv(StringIO(TASKS))
     files = [rows.drop(columns="task") for _, rows in frame.groupby("task")]
     assert bt.read_study(files, bt.ReadOptions(condition="task")).names == UNITS

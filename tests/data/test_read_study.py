@@ -350,10 +350,11 @@ def test_counts_have_answers_where_they_have_blocks():
 
 
 def test_columns_that_nobody_reads_are_told_by_name():
+    # The header has a column without a name, which is not told, and rt twice, which is told once.
     reading = read("rt,subject,s1,s2,i1,,response,rt,Notes\n1,a,0,1,5,,same,2,3\n").reading
     assert reading.ignored == ("rt", "i1", "Notes")
     assert reading.read == ("subject", "s1", "s2", "response")
-    # Nobody knows which of two columns block is meant, and no result depends on blocks.
+    # Two columns have the name block. Nobody knows which one is meant, so neither is read.
     twice = read("subject,s1,s2,response,block,block\na,0,1,same,1,2\n")
     assert twice.reading.ignored == ("block",)
 
@@ -369,8 +370,9 @@ def write_files(folder, **texts):
 
 
 def test_subjects_with_the_same_trials_are_told(tmp_path):
-    # Both subjects of the second file have the trials of a in the first one. The trials of c and d
-    # are the same, too, but with one answer to the pair, as easy ones have.
+    # Both subjects of two.csv, a and b, have the trials of a in first.csv. The subjects c and d of
+    # easy.csv have the same trials, too, but all answers are 'same'. Two subjects may both give
+    # such answers to an easy pair, so these are not doubted.
     text = TRIALS + "a,0,0.3,same\na,0,0.3,different\n" * 12
     easy = "c,0,0.3,same\n" * 40
     files = write_files(
@@ -421,7 +423,7 @@ def typed_remedies(data, typed=""):
     return [remedy.typed for remedy in caught.value.remedies]
 
 
-def test_a_column_of_responses_without_any_is_named():
+def test_an_empty_column_of_responses_asks_for_another_one():
     # The column response is empty, and the responses are in the column judgement.
     rows = "subject,s1,s2,response,judgement\na,0,0.3,,second\na,0.3,0,,first\n"
     assert typed_remedies(rows) == ["--columns response=NAME"]
@@ -443,14 +445,15 @@ REMEDIES = """
 def test_codes_and_columns_that_are_not_known_are_asked_for(rows, options, expected):
     """The code of 'second' is the one that is more frequent where the second stimulus is stronger.
 
-    With responses z and m, such as in 'a,0,0.3,z a,0.3,0,m', it is z. A column with 0 has no
-    intensities.
+    In the rows 'a,0,0.3,z a,0.3,0,m', for example, it is z. A column that has the number 0 has no
+    intensities, so other columns are asked for.
     """
     remedies = typed_remedies(TRIALS + rows.replace(" ", "\n"), options)
     assert ", ".join(remedies).startswith(expected)
 
 
-#: A column beside `correct`, its cell in missed trials, and those in others, of both orders.
+#: A column beside `correct`, its cell in a missed trial, and its cells in two answered trials, one
+#: in each order.
 SIGNS = """
     key | -1 | j l
     key | -99 | j l
@@ -476,7 +479,7 @@ SIGNS = """
     too_late | 1 | 0 0
     Timed out | yes | no no
 """
-#: The same where the cell of missed trials is that of an answered trial, too.
+#: Columns as in SIGNS, with cells that an answered trial may have, too.
 NO_SIGNS = """
     key | 0 | 1 1
     rt | 999 | 1400 1500
@@ -489,8 +492,8 @@ NO_SIGNS = """
 def scored_trials(column, missed, answered, scores="00"):
     """A text of eight answered trials, scored 1 or 0, and two more for each of `scores`.
 
-    In the column, which may be a key or a time, the latter have the cell `missed`, and answered
-    trials have the two cells in `answered`.
+    In the column, which may be a key or a time, the trials for `scores` have the cell `missed`, and
+    the answered trials have the two cells in `answered` by turns.
     """
     rows = "a,0,0.3,{0},{1}\na,0.3,0,{0},{2}\n"
     text = f"subject,s1,s2,correct,{column}\n"

@@ -1079,8 +1079,8 @@ def first_advice(source, options=None):
 
 @pytest.mark.parametrize("name", ADVISED)
 def test_the_first_advice_reads_a_table(name, tmp_path):
-    # ADVISED has what a file has, and the options that its refusal proposes first. With them, it
-    # has the same trials as all shapes.
+    # ADVISED has the content of a file, and the options that its refusal proposes first. Read with
+    # these options, the file has the same trials as the other shapes.
     content, advice = ADVISED[name]
     write_file(tmp_path / name, content)
     assert first_advice(tmp_path / name) == advice
@@ -1091,20 +1091,21 @@ def test_the_first_advice_reads_a_table(name, tmp_path):
 
 @pytest.mark.parametrize("part", WARNED)
 def test_a_shape_that_may_mislead_is_warned_of(part, tmp_path):
-    # A key of WARNED is a part of the warning, such as '--condition task', and its value a
-    # table.
+    # A key of WARNED is a part of the warning, such as '--condition task'. Its value is the table
+    # that is warned of.
     result = result_of_check(tmp_path, "study.csv", WARNED[part])
     assert result.returncode == 0
     assert part in on_one_line(result.stdout)
 
 
 def test_tables_below_each_other_may_be_of_several_subjects(tmp_path):
-    # Two tables below each other in one file, which is named after one subject.
+    # One file, which has the name of one subject, has two tables below each other.
     result = result_of_check(tmp_path, "AB.csv --subject-from {}.*", csv_bytes(WITHOUT_SUBJECT) * 2)
     assert ": repeated headers may begin other subjects" in on_one_line(result.stdout)
 
 
-#: Columns, or cells, that say that a trial does not count: texts of these and of other rows.
+#: A column that says whether a trial counts: its name, its text in rows that do not count, and its
+#: text in other rows.
 TAKEN_OUT = """
     exclude | 1 | 0
     valid | 0 | 1
@@ -1187,8 +1188,9 @@ THREE_ANSWERS = """
 
 @pytest.mark.parametrize("first, equal, second, options, advice", text_table(THREE_ANSWERS))
 def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, options, advice):
-    # Such as the codes 0, 1 and 2. All pairs of equal stimuli have the second of them, so that it
-    # is an answer and no sign of a missed trial.
+    # In THREE, every pair of equal stimuli is answered 'same'. Here the three answers have other
+    # codes, such as 0, 1 and 2. The code of 'same' is frequent, so it is an answer and no sign that
+    # a trial was missed.
     table = THREE.replace({"response": {"first": first, "same": equal, "second": second}})
     assert first_advice(table, typed_options(options)) == advice
     study = bt.read_study(table, typed_options(advice))
@@ -1221,7 +1223,7 @@ def test_an_answer_may_have_several_codes(first, second, missed, advice):
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
 
 
-def test_a_code_of_two_answers_is_none():
+def test_one_code_for_two_answers_is_refused():
     # The code 2 is declared for both answers.
     table = IN_LOGS.assign(response=[1, 2, 3, 4] * 20)
     with pytest.raises(bt.InputError, match="found '2' in 20 rows"):
@@ -1230,7 +1232,8 @@ def test_a_code_of_two_answers_is_none():
 
 @pytest.mark.parametrize("name", ["same", "uncertain", "dont_know"])
 def test_counts_of_three_answers_are_known_by_their_names(name):
-    # Columns 'first', 'second' and one of these names. 'First' has the counts 1 and 4.
+    # The table has the columns 'first' and 'second', and one of these names in the place of 'same'.
+    # The counts of 'first' in THREE_COUNTS are 1 and 4.
     study = bt.read_study(pd.read_csv(io.StringIO(THREE_COUNTS.replace("same", name))))
     assert study["a"].n_first.tolist() == [1, 4]
 

@@ -23,7 +23,7 @@ PARAMETERS = {
 
 PAPER = paper_study_design()
 PAPER_2AFC = paper_study_design(task="2afc")
-OF_2AFC = assume_observers("both", 1, 1, [PAPER_2AFC])
+OF_2AFC = assume_observers("both", size=1, seed=1, designs=[PAPER_2AFC])
 
 
 @BOTH_TASKS
@@ -62,7 +62,7 @@ def test_a_file_has_ranges_or_values_of_each_kind_of_observers(tmp_path):
     parameters = {observer.name: observer.parameters for observer in observers}
     assert list(parameters) == ["weak 1", "weak 2", "no effect 1", "no effect 2"]
     assert parameters["weak 1"]["contraction"] == 0.1
-    assert 0.85 <= parameters["weak 1"]["q0"] <= 0.98  # the range if the file has none
+    assert 0.85 <= parameters["weak 1"]["q0"] <= 0.98  # the range of a kind without q0
     assert parameters["no effect 1"]["q0"] == 0.9
 
 
@@ -86,11 +86,12 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, text, message):
 
 
 def test_parameters_of_observers_of_the_prior_are_drawn_from_it():
-    observers = assume_observers("prior", 300, 1, [PAPER], ObserverPrior())
+    observers = assume_observers("prior", size=300, seed=1, designs=[PAPER], prior=ObserverPrior())
     kinds = [observer.kind for observer in observers]
     frame = pd.DataFrame([observer.parameters for observer in observers], index=kinds)
     assert (frame.loc["none", ["contraction", "constant_error"]] == 0).all(axis=None)
-    # The prior SD is .25. That of 300 draws has an error of 4 %, and the tolerance is 3.7 of them.
+    # The prior SD of the contraction is .25, because in PAPER the first stimuli vary as much as all
+    # stimuli. The SD of 300 draws has a standard error of 4 %, and the tolerance is 3.7 of these.
     assert frame.loc["contraction", "contraction"].std() == pytest.approx(0.25, rel=0.15)
 
 
@@ -98,7 +99,7 @@ def test_draws_of_an_earlier_study_are_observers(tmp_path):
     subject = bt.example_study("same/different").select(["S01"])
     draws = bt.sample(subject, model="both", draws=300, seed=1)
     path = draws.save(tmp_path / "posterior.nc")
-    observers = assume_observers(path, 3, 1, [PAPER])
+    observers = assume_observers(path, size=3, seed=1, designs=[PAPER])
     assert [observer.kind for observer in observers] == ["earlier study"] * 3 + ["none"] * 3
     values = draws.values("S01", "contraction").ravel()
     # Each draw is an observer, and once more without effects, to count false positives.
@@ -111,15 +112,16 @@ def test_draws_of_an_earlier_study_are_observers(tmp_path):
             "constant_error": 0.0,
         }
     with refused("draws of the task 'same/different'"):
-        assume_observers(path, 1, 1, [PAPER_2AFC])
+        assume_observers(path, size=1, seed=1, designs=[PAPER_2AFC])
 
 
 FAR_APART = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
 
 
 @pytest.mark.parametrize(
-    # The source of observers, their number of each kind, a design, and the refusal: an unknown
-    # kind, no observers, observers of the other task, and pairs of which nobody can say 'equal'.
+    # The source of observers, their number of each kind, a design, and the refusal. The four
+    # faults: an unknown kind, no observers, observers of the other task, and pairs that nobody
+    # answers 'equal'.
     "observers, size, design, message",
     [
         ("nobody", 1, PAPER, "found 'nobody', allowed: none, small constant error"),

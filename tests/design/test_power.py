@@ -1,4 +1,4 @@
-"""Power: simulated answers go the way of a subject, and what is counted is counted."""
+"""Power: simulated answers are analysed as those of a subject are, and shares are right."""
 
 from dataclasses import replace
 
@@ -42,9 +42,10 @@ def table(designs):
 
 def test_a_data_set_is_answered_as_a_subject_is(table, designs):
     _, data_set, *_ = table.data_sets  # any one of the first design, the paper's pairs
+    # Seed 1 is that of the table, so the observer gives the same answers again.
     subject = data_set.observer.answers(designs["paper"], seed=1)
     expected, _ = answer_subject(subject, seed=4)
-    # A data set has fewer draws than a subject, and other ones: Monte Carlo errors.
+    # A data set has fewer draws than a subject, and other ones, so both have Monte Carlo errors.
     assert data_set.answer.probabilities == pytest.approx(expected.probabilities, abs=0.06)
     size = data_set.answer.sizes["contraction_p"]
     assert size.q50 == pytest.approx(expected.sizes["contraction_p"].q50, abs=0.05)
@@ -81,7 +82,7 @@ def test_power_is_the_share_of_data_sets_with_a_word(table):
 
 
 def test_the_effect_that_is_detected_least_comes_first(table):
-    # Intervals are those of three of three observers, and of none of three.
+    # [46, 100] is the interval of 3 of 3 observers, and [0, 54] that of 0 of 3.
     paper, wide = table.sentences()
     assert paper.endswith(" Contraction: cannot be told.")
     assert not group_power(table, [10]).select("paper", 650, "contraction")
@@ -112,18 +113,19 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
     assert of_10.detected_low < of_10.detected < of_20.detected <= 20
     first_sentence, *_ = groups.sentences()
     assert first_sentence.startswith("Wide, 650 trials: studies detect the mean of 'contraction 20")
-    # A prior by which every mean is about 0.
+    # Under this prior, every mean is about 0.
     near_0 = ParameterHyperprior(mean=0.0, mean_scale=0.001, sd_scale=0.15)
     strict = Prior(group=Hyperprior(contraction=near_0))
     *_, of_contraction = group_power(single, [20], strict).rows
     assert of_contraction.power < 0.1
 
 
-def test_the_command_writes_tables_and_a_figure_and_one_of_groups(tmp_path):
+def test_the_command_writes_a_table_and_a_figure_and_a_second_table_of_groups(tmp_path):
     paper_study_design().with_total(130).save(tmp_path / "short.csv")
     words = "power short.csv --trials 130 --simulated 1 --observers both --seed 1"
     screen = run_ok(words, "-o", "out", cwd=tmp_path)
-    assert "These pairs, 130 trials: both detected in 100 % [15, 100]" in screen  # 1 of 1
+    # Observers of the kind 'both' have both effects. One was simulated, and it was detected.
+    assert "These pairs, 130 trials: both detected in 100 % [15, 100]" in screen
     screen = run_ok(words, "-o", "out", "--subjects", "4,8", "--overwrite", cwd=tmp_path)
     assert "4 subjects  8 subjects" in screen
     names = {path.name for path in (tmp_path / "out").glob("power*")}
@@ -148,7 +150,7 @@ def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
         assert alone.answer.sizes == compared.answer.sizes
 
 
-#: Options of `power`, and what they are refused with. Two folders have a design d.csv.
+#: Options of `power`, and what they are refused with. Two folders have a design d.csv of 13 pairs.
 REFUSED = """
     --task 2afc,3afc | --task: found '3afc', allowed: same/different, 2afc
     --trials 0 | --trials is '0'. It must be whole numbers from 1

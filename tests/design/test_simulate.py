@@ -1,7 +1,4 @@
-"""Simulated studies: populations, seeds, conditions; the bundled examples.
-
-Observers of one's own.
-"""
+"""Simulated studies: populations, observers of one's own, seeds, conditions, bundled examples."""
 
 import shutil
 from pathlib import Path
@@ -39,7 +36,7 @@ def simulated_study(names):
 def test_every_batch_holds_every_pair_once_in_random_order():
     batches = simulated_study("A")["A"].answers.keys.reshape(20, 13, 2)  # (batches, pairs, stimuli)
     orders = {tuple(map(tuple, pairs)) for pairs in batches.tolist()}
-    assert len(orders) == 20
+    assert len(orders) == 20  # no two batches have the same order
     for order in orders:
         assert len(set(order)) == 13
 
@@ -81,7 +78,8 @@ def test_expectations_of_trials_are_those_of_serial_dependence():
 
 
 def test_conditions_differ_by_what_is_asked():
-    # A difference of the noise is that of its logarithm.
+    # The contraction of OBSERVER, .3, lies in the middle of both conditions, so the levels lie half
+    # the difference below and above it. A difference of the noise is that of its logarithm.
     sizes = {"contraction": 0.2, "noise": np.log(2.0)}
     study, truth = bt.simulate(
         {"A": OBSERVER}, conditions=("left", "right"), differ=sizes, batches=2, seed=1
@@ -91,13 +89,13 @@ def test_conditions_differ_by_what_is_asked():
     right = truth["A@right"]
     assert (left["contraction"], right["contraction"]) == pytest.approx((0.2, 0.4))
     assert right["noise"] / left["noise"] == pytest.approx(2.0)
-    assert left["constant_error"] == right["constant_error"] == 0.1
+    assert left["constant_error"] == right["constant_error"] == OBSERVER["constant_error"]
 
 
 def test_a_named_population_has_contractions_in_its_range():
     _, truth = bt.simulate(3, population="repulsion", batches=2, seed=1)
     for parameters in truth.values():
-        assert -0.35 <= parameters["contraction"] <= -0.2
+        assert -0.35 <= parameters["contraction"] <= -0.2  # the range of 'repulsion'
 
 
 def test_a_population_of_a_file_has_the_files_observers(tmp_path):
