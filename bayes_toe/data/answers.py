@@ -175,8 +175,8 @@ class Reading:
     `read` has our names of the columns that were read. `ignored` has the names of the others in the
     file. `doubts` are probable mistakes in the file, a sentence each, without its full stop.
     `pooled` are ignored columns that look like a condition with several levels of a subject.
-    `codes` are the texts of the responses. `found` are the names of all columns in the file, and
-    the codes of the options that responses have.
+    `codes` are the texts of the responses. `missed` are codes of missed trials that options name
+    and cells have.
     """
 
     read: Texts = ()
@@ -184,7 +184,7 @@ class Reading:
     doubts: Texts = ()
     pooled: Texts = ()
     codes: Texts = ()
-    found: Texts = ()
+    missed: Texts = ()
 
 
 def counted_rows(

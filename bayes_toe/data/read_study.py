@@ -521,7 +521,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         doubts=tuple(f"{source}: {doubt}" for doubt in doubts),
         pooled=pooled,
         codes=codes,
-        found=(*rows.table.names, *missed_codes_found(rows.table.columns.values(), rows.options)),
+        missed=tuple(missed_codes_found(rows.table.columns.values(), rows.options)),
     )
     return Study(
         tuple(subjects), source, synthetic=all(is_marked), notes=tuple(notes), reading=reading

@@ -402,19 +402,15 @@ def missed_codes_found(columns: Iterable[Column], options: ReadOptions) -> Itera
 
 
 def notes_without_effect(study: Study, options: ReadOptions) -> list[str]:
-    """A note on codes, and on columns to ignore, that no file of the study has.
+    """A note on codes that no file of the study has.
 
     They are not refused, as one command may read the files of several subjects, one by one. The
     question about unknown responses asks for codes that no response has. Counts have no codes.
     """
-    texts = [*options.missed, *options.ignore]
+    codes = [*options.missed]
     if "response" not in study.reading.read:
-        texts += options.code_by_answer.values()
-    found = ["practice", *study.reading.found]  # texts in any column may say that it is practice
-    absent = []
-    for text in texts:
-        if text not in found and not names_like(found, text):
-            absent.append(text)
+        codes += options.code_by_answer.values()
+    absent = [code for code in codes if code not in study.reading.missed]
     return [f"no effect of {join_quoted(absent)}, which the table lacks"] if absent else []
 
 

@@ -64,10 +64,10 @@ def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for():
     assert not any("looks like" in finding.message for finding in check_answers(pooled))
 
 
-def test_options_without_an_effect_are_said():
+def test_codes_without_an_effect_are_said():
     # One command may read the files of several subjects, of whom one missed no trial.
-    study = read("subject,s1,s2,response\na,0,1,second\n", "--missed zzz --ignore block")
-    assert "no effect of 'zzz', 'block', which the table lacks" in study.notes
+    study = read("subject,s1,s2,response\na,0,1,second\n", "--missed zzz")
+    assert "no effect of 'zzz', which the table lacks" in study.notes
     counts = read("subject,s1,s2,n_second,n_trials\na,0,1,1,2\n", "--equal-code zz")
     assert "no effect of 'zz', which the table lacks" in counts.notes
 
