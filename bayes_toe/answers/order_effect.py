@@ -836,8 +836,8 @@ def _prior_problems(
 ) -> dict[str, Problem]:
     """A flag that names the questions whose words depend on the prior of one of the two effects.
 
-    Four other priors are tried: the prior of one effect is half or twice as wide. A `yes` depends on
-    the prior if one of them makes it less than `probably`, and a `no` if one makes it less than
+    In each of four other priors, the prior of one effect is half or twice as wide. A `yes` depends
+    on the prior if it is not even `probably` with one of them, and a `no` if it is not even
     `probably not`. The key of the dictionary is the flag, and its value is the explanation. The
     dictionary is empty if no word depends on the prior.
     """
