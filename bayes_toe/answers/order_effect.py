@@ -718,16 +718,17 @@ def order_effect(
 def _words(
     models: ModelSet, models_with_effect: Mapping[str, BoolArray], answerable: Sequence[str]
 ) -> dict[str, Word]:
-    """The word for each question, from its posterior probability and Bayes factor.
+    """The word for each question, from the posterior probability and Bayes factor of its effect.
 
-    `models_with_effect` says, for each question, which models have the effect. The design cannot
-    show the answer to a question that is not in `answerable`.
+    `models_with_effect` says, for each question, which models have the effect. A question that is
+    not in `answerable` gets the words 'cannot be told', because the design cannot show its effect.
     """
     words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
     for question in answerable:
         has_effect = models_with_effect[question]
-        probability = models.probability(has_effect)
-        words[question] = word_for(probability, models.log_bayes_factor(has_effect))
+        words[question] = word_for(
+            models.probability(has_effect), models.log_bayes_factor(has_effect)
+        )
     return words
 
 
@@ -775,7 +776,8 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     # of this condition.
     mean_shift = constant_error - p * (subject.mean_first - scales.sbar)
     # The order effect is the root mean square over the first stimuli of the shift: the root of the
-    # squared mean plus the variance. A contraction moves each by p times its distance to the mean.
+    # squared mean plus the variance. A contraction moves each first stimulus by p times its
+    # distance to the mean.
     sizes = {
         "order_effect": np.hypot(mean_shift, p * scales.first_spread),
         "constant_error": np.abs(constant_error),
@@ -790,7 +792,7 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
 def _size_flags(
     evidence: OrderEvidence, with_error: OrderDraws, with_contraction: OrderDraws
 ) -> list[str]:
-    """Flags of sizes that rest on the prior, since their medians lie beyond the pairs shown."""
+    """A flag for each size that rests on the prior: its median lies beyond the pairs shown."""
     flags = []
     subject = evidence.subject
     scales = subject.scales
@@ -811,9 +813,10 @@ def _size(draws: OrderDraws, values: FloatArray) -> Size:
 
 
 def _error_flags(evidence: OrderEvidence) -> list[str]:
-    """A flag if a model near the best has evidence with a standard error above 0.1 nats.
+    """A list with one flag if a log evidence is inexact, and otherwise an empty list.
 
-    Such an error changes a Bayes factor by 10 %. The list is empty or has this flag.
+    A log evidence is inexact if its standard error is above 0.1 nats, which changes a Bayes factor
+    by 10 %. Only models whose log evidence is near the highest one count.
     """
     is_near = evidence.log_evidence > evidence.log_evidence.max() - COUNTS_WITHIN
     largest = evidence.standard_error[is_near].max()
@@ -831,34 +834,36 @@ def _prior_problems(
     answerable: Sequence[str],
     models_with_effect: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
-    """The flag of the questions whose `yes` or `no` is less than probable with another prior.
+    """A flag that names the questions whose words depend on the prior of one of the two effects.
 
-    In each other prior, one of the two effects has half or twice its scale. Without such a question
-    the dictionary is empty.
+    In each of four other priors, the prior of one effect is half or twice as wide. A `yes` depends
+    on the prior if it is not even `probably` with one of them, and a `no` if it is not even
+    `probably not`. The key of the dictionary is the flag, and its value is the explanation. The
+    dictionary is empty if no word depends on the prior.
     """
-    rescaled_words = []  # the width ('half', 'twice') and the words of each of four other priors
+    words_by_prior = {}  # for each of the four other priors, which a text describes
     for effect in (CONSTANT_ERROR, CONTRACTION):
         for width, factor in (("half", 0.5), ("twice", 2.0)):
-            models = evidence.with_prior_scale(effect, factor)
-            rescaled_words.append((width, _words(models, models_with_effect, answerable)))
+            prior = f"prior of the {effect.name.replace('_', ' ')} {width} as wide"
+            words_by_prior[prior] = _words(
+                evidence.with_prior_scale(effect, factor), models_with_effect, answerable
+            )
 
-    # The first change of each question: width, word and other word. Questions with the same change
-    # share a sentence.
+    # A change is a prior, the word of a question, and its word with this prior. Only the first
+    # change of a question is reported. Questions with the same change share a sentence.
     questions_by_change = defaultdict(list)
     for question in answerable:
         word = words[question]
-        for width, rescaled in rescaled_words:
+        for prior, rescaled in words_by_prior.items():
             if not remains(word, rescaled[question]):
-                change = width, word, rescaled[question]
+                change = prior, word, rescaled[question]
                 questions_by_change[change].append(question.replace("_", " "))
                 break
     if not questions_by_change:
         return {}
     sentences = []
-    for (width, word, other_word), names in questions_by_change.items():
-        sentences.append(
-            f"A prior {width} as wide changes {join_words(names)} from '{word}' to '{other_word}'."
-        )
+    for (prior, word, other_word), names in questions_by_change.items():
+        sentences.append(f"A {prior} changes {join_words(names)} from '{word}' to '{other_word}'.")
     questions = ", ".join(chain(*questions_by_change.values()))
     return {f"{PRIOR_FLAG}: {questions}": Problem(" ".join(sentences))}
 
@@ -901,7 +906,7 @@ def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
-    # Points and modes have all coordinates of 'both'; the model has the free ones. The deviance is
-    # averaged over 1000 draws.
+    # Points and modes have all coordinates of the model 'both'. The best model has only some of
+    # these coordinates, those that are free in it. The deviance is averaged over 1000 draws.
     points = evidence.averaged(is_best).resampled(rng, size=1000)[:, posterior.is_free]
     return summarise_fit(posterior, points, evidence.modes[best, posterior.is_free])

@@ -69,7 +69,7 @@ class Job:
         Raises
         ------
         InputError
-            If the folder is none of ours, or its record is damaged.
+            If the folder holds no study, or the record of the study is damaged.
         """
         try:
             record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
@@ -86,8 +86,8 @@ class Job:
     def store(self, files: Mapping[str, bytes]) -> None:
         """Store the files of a study that is not stored yet, or damaged."""
         with suppress(InputError):
-            self.record()  # raises if it is not stored, or damaged
-            return  # It is stored, with options that may have been chosen since.
+            self.record()  # raises an InputError if the study is not stored, or damaged
+            return  # The stored study stays, because its options may have been chosen since.
 
         record = {
             "files": sorted(files),
@@ -137,10 +137,10 @@ class Job:
         return "done" if (self.folder / RESULTS / "report.html").is_file() else "stopped"
 
     def start(self) -> subprocess.Popen[bytes]:
-        """Analyse the study in a process group of its own, without the finished subjects.
+        """Analyse the study in a process group of its own; finished subjects are not repeated.
 
-        Results of the study under other options are removed. The process inherits the file of the
-        run's lock, and with it the lock, which is free again when the process ends.
+        Results of the study under other options are removed. The process inherits the open file of
+        the run's lock, and thereby holds the lock until the process ends.
 
         Raises
         ------
@@ -194,26 +194,27 @@ class Job:
 
 @contextmanager
 def home_lock(home: Path) -> Iterator[None]:
-    """Hold the home folder for one server; make the folder and its locks where they are missing.
+    """Hold the home folder for one server; make the folder and its locks if they are missing.
 
     Raises
     ------
     InputError
-        If another server holds it.
+        If another server holds the home folder.
     OutputError
-        If it cannot be used, or its locks are links or files of others.
+        If the home folder cannot be used, if its folder of locks or a lock is a link, or if the
+        folder of locks holds other files.
     """
     locks = home / _LOCKS
     with reporting(home):
         home.mkdir(mode=0o700, parents=True, exist_ok=True)  # for this user only
         locks.mkdir(mode=0o700, exist_ok=True)
-        foreign_files = {path.name for path in locks.iterdir()} - {_SERVER, _RUN}
-        if locks.is_symlink() or foreign_files:
+        # A link may lead to a foreign folder, and files besides the two locks are foreign files.
+        if locks.is_symlink() or {path.name for path in locks.iterdir()} - {_SERVER, _RUN}:
             raise OutputError(
                 f"{format_path(locks)}: a link, or holds files that this program did not write; "
                 "name another folder with --folder"
             )
-        running_job(home)  # raises if the lock of the run cannot be opened
+        _open_lock(home, _RUN).close()  # raises now, and not at the first run, if it is a link
         server_lock = _open_lock(home, _SERVER)
     with server_lock:
         if not take_lock(server_lock):
@@ -239,7 +240,8 @@ def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
     Raises
     ------
     InputError
-        If there is no file, two get one name, or a name has another suffix.
+        If there is no file, if two files get the same name, or if the suffix of a name is not one
+        of those that are read.
     """
     contents = {}
     paths: dict[str, str] = {}
@@ -258,7 +260,7 @@ def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
 def file_name(path: str) -> str:
     """A safe name for a file from a browser: without folders, and without signs of shells.
 
-    A long name ends with a checksum, so that it differs from others with the same beginning.
+    A long name is cut and gets a checksum, so that names with the same beginning stay different.
 
     Examples
     --------
@@ -284,7 +286,10 @@ def _checksum(value: object) -> str:
 
 
 def list_jobs(home: Path) -> tuple[list[Job], list[str]]:
-    """The studies of a home folder, the newest first, and the folders of none or a damaged one."""
+    """The studies of a home folder, the newest first, and the names of its damaged studies.
+
+    A study is damaged if it has a file of a record, and :meth:`Job.record` refuses the record.
+    """
     created = {}
     damaged = []
     for file in home.glob(f"*/{RECORD}"):
@@ -305,7 +310,7 @@ def require_options(content: bytes) -> Record:
     Raises
     ------
     InputError
-        If it is no JSON, or a name or the kind of a value is unknown.
+        If the content is no JSON, if an option is unknown, or if its value is of another kind.
     """
     try:
         options = Record(json.loads(content))
@@ -380,9 +385,10 @@ def _open_lock(home: Path, name: str) -> IO[str]:
 
 
 def take_lock(lock: IO[str]) -> bool:
-    """Take a lock, unless another process has it; whether it was taken.
+    """Take a lock, unless another process has it; return whether the lock was taken.
 
-    It is free again when this process, and each child that inherits the file, has closed the file.
+    The lock is free again when this process has closed the file of the lock, and so has each child
+    process that inherited the file.
     """
     import fcntl  # Windows has none.
 

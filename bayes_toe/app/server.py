@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
-import mimetypes
 import os
 import secrets
 import shutil
@@ -47,6 +46,8 @@ HEADER = "X-Bayes-Toe"
 #: Seconds that reading may take, and that a run may take to end.
 READING_TIME = 120
 ENDING_TIME = 15
+#: The files of the page, each with the type of its content.
+_CONTENT_TYPES = {"page.html": "text/html", "page.js": "text/javascript", "page.css": "text/css"}
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' data:; connect-src 'self'; frame-src 'self'; base-uri 'none'; "
@@ -211,12 +212,14 @@ class Page(Handler):
         return self.get_query_argument("token", None) or super().token()
 
     def get(self, name: str) -> None:
-        """Send a file of the page; the address has one of the names of the route, or none."""
+        """Send a file of the page; `name` is 'page.js', 'page.css', or '' for the page itself.
+
+        The route of :func:`application` lets no other name pass, so that no other file is read.
+        """
         name = name or "page.html"
         site = self.site
         self.set_cookie(site.cookie, site.token, httponly=True, samesite="Strict", path="/")
-        kind, _ = mimetypes.guess_type(name)
-        self.set_header("Content-Type", str(kind))
+        self.set_header("Content-Type", _CONTENT_TYPES[name])
         self.finish((files("bayes_toe.app") / name).read_bytes())
 
 
@@ -224,7 +227,7 @@ class Jobs(Handler):
     """The studies of the folder."""
 
     def get(self) -> None:
-        """List names and states, and the folders of no study or a damaged one."""
+        """List the studies with their states, and the names of damaged studies."""
         studies, damaged = list_jobs(self.site.home)
         listed = []
         for job in studies:
@@ -244,7 +247,7 @@ class OneJob(Handler):
     """One study: its state, and what changes it."""
 
     async def get(self, name: str, _: str) -> None:
-        """Send all that the page shows of it."""
+        """Send all that the page shows of the study."""
         await self.send_state(self.job(name))
 
     async def post(self, name: str, action: str) -> None:
@@ -260,7 +263,7 @@ class OneJob(Handler):
             if (await site.read(job))["study"] is None:
                 raise InputError("A question about the file is open")
             site.process = job.start()
-        elif is_running:  # The actions 'stop' and 'delete' end the run.
+        elif is_running:  # The other actions are 'stop' and 'delete', and both end the run.
             await site.stop()
 
         if action == "delete":
@@ -271,7 +274,7 @@ class OneJob(Handler):
 
 
 class Results(Handler, StaticFileHandler):
-    """Files of a results folder; they get an origin of their own by :data:`_REPORT_POLICY`."""
+    """Files of a results folder; :data:`_REPORT_POLICY` gives them an origin of their own."""
 
     def token(self) -> str | None:
         """The token of this server if the address has the key."""
@@ -290,17 +293,19 @@ class Results(Handler, StaticFileHandler):
         await super().get(file, include_body)
 
     def compute_etag(self) -> None:
-        """No mark of the content: Tornado keeps it, and another run changes the file."""
+        """Give a file no mark of its content.
+
+        Tornado would store the mark, and send it also after another run has changed the file.
+        """
 
 
 def application(site: Site) -> Application:
     """The application of Tornado: which handler answers requests to which address."""
-    job = "([0-9a-f]{16})"
     return Application(
         [
-            ("/(|page.js|page.css)", Page),
+            (r"/(|page\.js|page\.css)", Page),
             ("/api/jobs", Jobs),
-            (f"/api/jobs/{job}(?:|/(options|run|stop|delete))", OneJob),
+            ("/api/jobs/([0-9a-f]{16})(?:|/(options|run|stop|delete))", OneJob),
             # The path is empty here: `Results.get` sets the folder of the study for each request.
             ("/results/([0-9a-f]+/[0-9a-f]{16}/.+)", Results, {"path": ""}),
         ],

@@ -172,8 +172,8 @@ def subject_findings(
 ) -> Findings:
     """Findings about the responses of one subject, with limits for a study of `n_subjects`.
 
-    `alternatives` are the Bayes factors of other explanations; None if the subject leaves no doubt.
-    The subject guesses if that of guesses is above `guess_limit`.
+    `alternatives` are the log Bayes factors of other explanations; None if the subject leaves no
+    doubt. The subject may guess if the log Bayes factor of guesses is above `guess_limit`.
     """
     yield from _repeated_trials(subject, n_subjects)
     if subject.total_trials < FEW_TRIALS:
@@ -188,8 +188,8 @@ def subject_findings(
 
     swapped_blocks = list(_swapped_blocks(subject, n_subjects))
     yield from swapped_blocks
-    # Swapped blocks differ from the others, and may look like a drift or like guesses. These
-    # findings would hide the cause.
+    # Swapped blocks differ from the other blocks, and may look like a drift or like guesses.
+    # Findings of differences, drift or guesses would hide the cause, which is the swap.
     if swapped_blocks:
         return
     yield from _unlike_blocks(subject, n_subjects)
@@ -238,7 +238,10 @@ def _drawable_answers(subject: Subject) -> Answers | None:
 
 
 def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
-    """Long sequences of trials that repeat the stimuli and the answers of earlier ones."""
+    """One finding if long sequences of trials repeat the stimuli and answers of earlier trials.
+
+    Trials without an answer are left out, and not counted.
+    """
     if subject.answers is None or not subject.answers.has_trial_rows:
         return
     answers = subject.answers.answered
@@ -246,43 +249,44 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
     if n_rows < 2 * _WINDOW:  # no room for a window and its copy
         return
     is_copy = _copied_rows(subject, answers, n_subjects)
-    if is_copy.any():  # argmax is the first one; trials are counted from 1
+    if is_copy.any():  # argmax is the index of the first copy, and messages count from 1
         yield Finding(
             subject.name,
             "repeated_trials",
-            f"{is_copy.sum()} of {n_rows} trials repeat earlier ones, from trial "
-            f"{is_copy.argmax() + 1} on. "
+            f"{is_copy.sum()} of {n_rows} answered trials repeat earlier ones. The first copy "
+            f"is answered trial {is_copy.argmax() + 1}. "
             "Remove the copies from the file. The option leaves out the whole subject.",
             f"--exclude {cli_argument(subject.name)}",
         )
 
 
 def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArray:
-    """Whether each row belongs to a long sequence that repeats the stimuli and answers of another.
+    """Whether each row belongs to a sequence of rows that is a copy of an earlier sequence.
 
-    A list of stimuli may be used again on purpose, so that equal stimuli are no evidence. What
-    counts is the probability that all answers agree by chance. A sequence is a copy if it is below
-    exp(-12) in a study of one subject.
+    A list of stimuli may be used again on purpose, so that equal stimuli alone are no evidence of
+    a copy. What counts is the probability that all answers of two sequences agree by chance. A
+    sequence is a copy if this probability is below exp(-12), in a study of one subject.
     """
     # Rows with the same stimuli and answers have the same code.
     rows = np.column_stack([answers.keys, answers.counts.T])
     _, codes = np.unique(rows, axis=0, return_inverse=True)
 
-    # For each window of rows, its lag: how many rows before it the first equal window begins, 0 if
-    # it is the first one.
+    # The lag of a window of rows: how many rows before it the first equal window begins. The lag is
+    # 0 if no earlier window is equal.
     windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)  # (windows, _WINDOW)
     _, first_window, group = np.unique(windows, axis=0, return_index=True, return_inverse=True)
     lag = np.arange(len(windows)) - first_window[group.ravel()]
 
-    # Windows in a run have the same lag, so that the run repeats one earlier sequence. It ends with
-    # the last row of its last window.
+    # Windows in a run have the same lag, so that the run repeats one earlier sequence. The run ends
+    # with the last row of its last window.
     run_start = run_starts(lag)
     run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW  # the row after the last one
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
 
-    # With a shorter lag, a window overlaps its copy: the same trial several times in sequence. A
-    # study of n subjects has n times as many coincidences as one subject, hence ln n.
+    # With a lag shorter than a window, a window overlaps its copy: this is the same trial several
+    # times in sequence, and no copy. A study of n subjects has n times as many coincidences as one
+    # subject, hence ln n.
     is_repeat = (lag[run_start] >= _WINDOW) & (nats_in_run > 12.0 + math.log(n_subjects))
     is_copy = np.zeros(len(rows), np.bool_)
     for start, end in zip(run_start[is_repeat], run_end[is_repeat], strict=True):
@@ -291,17 +295,17 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
 
 
 def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
-    """Minus the log probability that the same answer comes again by chance, for each row.
+    """Minus the log probability that a second answer agrees with the answer of a row by chance.
 
-    Two estimates of this probability are made, from the answers to the pair of the row and from
-    right and wrong answers to all pairs. The larger one counts, so that repeats by chance do not
-    look rarer than they are.
+    The value is made for each row. Two estimates of the probability are made, one from the answers
+    to the pair of the row, the other from the right and wrong answers to all pairs. The larger
+    estimate counts, so that agreement by chance does not look rarer than it is.
     """
     n = subject.n_trials
     k = subject.n_yes
     difference = subject.s2 - subject.s1
     n_wrong = subject.task.wrong(difference, k, n).sum()
-    n_unequal = n[subject.task.right(difference) != 0].sum()  # trials that have a right answer
+    n_unequal = n[subject.task.right(difference) != 0].sum()  # only these have a right answer
     agreement = np.maximum(_agreement(k, n), _agreement(int(n_wrong), int(n_unequal)))
     return -np.log(agreement)[answers.pair]
 
@@ -318,9 +322,10 @@ def _agreement(k: IntArray | int, n: IntArray | int) -> FloatArray:
 def _guess_limit(alternatives: Mapping[str, Alternatives], n_subjects: int) -> float:
     """The log Bayes factor above which a subject guesses, by the other subjects of the study.
 
-    A few doubtful subjects among sound ones need less evidence. If guesses explain all doubtful
-    subjects together far better, any evidence will do: 1 % of the studies of sound observers whose
-    noise is four times the difference of a pair come so far.
+    A few doubtful subjects among sound ones need less evidence than many. If many subjects are
+    doubtful, and guesses explain all of them together far better, any evidence will do, so that the
+    limit is 0. Only 1 % of the studies of sound observers reach this limit, even if the noise of
+    the observers is four times the difference of a pair.
     """
     if len(alternatives) <= n_subjects / 5:  # a few are doubtful
         return math.log(n_subjects)
@@ -467,8 +472,8 @@ def _tabulate(subject: Subject, answers: Answers, column: IntArray) -> AnswerTab
 def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
     """Blocks with swapped response keys, in one finding.
 
-    They are reported if the swap brings the blocks together, and makes the responses of the whole
-    subject far more probable.
+    The blocks are reported if their swap makes all blocks more alike, and makes the responses of
+    the whole subject far more probable.
     """
     # Of three answers, 'second' and 'first'; None if all are 'equal', which has no opposite.
     two_answers = subject.two_answers
@@ -495,7 +500,7 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
 
     corrected_answers = answers.swapped(is_swapped[answers.block])  # whether, for each row
     corrected = Subject.from_answers(subject.name, corrected_answers, two_answers.task)
-    n_tests = n_subjects * len(is_swapped)  # one for each block
+    n_tests = n_subjects * len(is_swapped)  # one test for each block of each subject
     if log_bayes_factor(corrected, two_answers) > evidence_limit(n_tests, REFUSAL_SHARE):
         blocks = list(compress(answers.blocks, is_swapped))
         noun = "block" if len(blocks) == 1 else "blocks"
@@ -508,7 +513,7 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
 
 
 def _unlike_blocks(subject: Subject, n_subjects: int) -> Findings:
-    """The block that differs most, if the blocks differ by more than chance."""
+    """A finding that names the block that differs most, if blocks differ by more than chance."""
     answers = _drawable_answers(subject)
     if answers is None or answers.block is None:
         return

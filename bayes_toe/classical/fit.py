@@ -62,7 +62,7 @@ _DETERMINED_WITHIN = 0.01
 class Maxima(NamedTuple):
     """The points at which searches from several starts ended, for one row of counts.
 
-    A search that has converged ends at a maximum, several perhaps at the same one.
+    A search that has converged ends at a maximum. Several searches may end at the same maximum.
     """
 
     x: FloatArray  # (starts, 4)
@@ -76,7 +76,7 @@ class Maxima(NamedTuple):
 
     @property
     def is_highest(self) -> BoolArray:
-        """Whether each end is as high as the highest one, (starts,)."""
+        """Whether the value at each end is the highest, or close to it, (starts,)."""
         return self.value > self.value.max() - _EQUAL_HEIGHT
 
 
@@ -107,9 +107,9 @@ class PenalisedLikelihood:
     @cached_property
     def grid(self) -> FloatArray:
         """Points from which searches may start, shape (4 values of mu1, points of each, 4)."""
-        # Far below the stimuli, among them on both sides of the mean, and far above them. No two
-        # are at the same distance: a symmetric design has equal maxima on both sides, between which
-        # rounding would choose.
+        # Four values of mu1: far below the stimuli, on both sides of their mean, and far above the
+        # stimuli. No two values have the same distance from the mean, because a symmetric design
+        # has equal maxima on both sides of the mean, and rounding would choose between the two.
         mu1 = self.subject.mean_first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
         gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
@@ -123,8 +123,7 @@ class PenalisedLikelihood:
         """The best point of the grid with each mu1, for counts (rows, pairs): (rows, mu1, 4)."""
         starts = []
         for points in self.grid:  # with one mu1
-            best_index = self.objective(points, n_yes).argmax(axis=1)  # (rows,)
-            starts.append(points[best_index])
+            starts.append(points[self.objective(points, n_yes).argmax(axis=1)])  # (rows, 4)
         return np.stack(starts, axis=1)
 
     def minus_objective(self, x: FloatArray, n_yes: FloatArray) -> tuple[float, FloatArray]:
@@ -159,7 +158,8 @@ class PenalisedLikelihood:
         """Search the maximum for counts, (pairs,), from each of the starts, (starts, 4)."""
         counts = n_yes.astype(np.float64)
         # The first step of a search has the length 1. So each coordinate is searched in a unit that
-        # is small for it: mu1 in a part of the step, log width and gamma in 0.1, shares in 0.05.
+        # is small for this coordinate: mu1 in a part of :attr:`step`, log width and gamma in 0.1,
+        # and shares in 0.05.
         unit = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
 
         def in_units(point: FloatArray) -> tuple[float, FloatArray]:
@@ -242,7 +242,7 @@ def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class SubjectFit:
-    """Fit of one subject: the maximum, and those of the bootstrap replicates.
+    """Fit of one subject: the maximum of its counts, and the maxima of bootstrap replicates.
 
     Attributes
     ----------
@@ -258,7 +258,7 @@ class SubjectFit:
     replicates : ndarray, shape (replicates, 4)
         The parameters of the bootstrap replicates.
     n_failed : int
-        Fits that did not converge: of the subject itself and of the replicates.
+        Fits that did not converge, among those of the subject itself and of the replicates.
     """
 
     subject: str
@@ -281,7 +281,7 @@ class SubjectFit:
         """
         require_share("level", level)
         tails = [0.5 - level / 2.0, 0.5 + level / 2.0]
-        # An order statistic, so that each limit is the value of a replicate.
+        # This method takes an order statistic, so that each limit is the value of a replicate.
         limits = np.quantile(self.replicates, tails, axis=0, method="inverted_cdf").T
         return np.where(np.isnan(self.parameters)[:, None], np.nan, limits)
 
@@ -441,6 +441,7 @@ def subject_fit(
 
     The seed and the name of the subject determine the random stream.
     """
+    # The prior may depend on the stimuli of the subjects, here of this one alone.
     mu1_mean, mu1_sd = prior.for_subjects(subject).mu1_normal
     likelihood = PenalisedLikelihood(subject, mu1_mean, mu1_sd)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
@@ -448,15 +449,18 @@ def subject_fit(
     counts = np.vstack([subject.n_yes, resampled])  # (1 + replicates, pairs)
     searches = list(map(likelihood.search, counts, likelihood.starts(counts)))
     natural = likelihood.natural(np.array([maxima.best for maxima in searches]))  # a row of 4 each
-    # The fit to a row of counts has failed if no search converged at one of the highest ends.
+    # The fit to a row of counts has several searches. It has failed if none of the searches that
+    # reached the highest value converged.
     has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in searches]
 
-    # The subject itself. A parameter that differs between equally high maxima is not determined.
+    # The first row of counts is that of the subject. A parameter that differs between equally high
+    # maxima is not determined by the answers.
     maxima = searches[0]
     parameters = natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
     parameters[np.ptp(equally_high, axis=0) > _DETERMINED_WITHIN] = np.nan
-    # The maximum has the penalty on mu1, the first coordinate; the log likelihood has none.
+    # The value of the maximum is the log likelihood minus the penalty on mu1, which is the first
+    # coordinate. The log likelihood in the table has no penalty.
     penalty = 0.5 * ((maxima.best[0] - mu1_mean) / mu1_sd) ** 2
     return SubjectFit(
         subject=subject.name,

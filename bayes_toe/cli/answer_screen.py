@@ -97,7 +97,8 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
     # Words are shortened before a name is cut, because two names may be the same once cut.
     name_width = max(len(row[0]) for row in (headings, *rows))
-    # First intervals lose their space, '[8, 16]' -> '[8,16]'. If that is not enough, words follow.
+    # First intervals lose their space, '[8, 16]' -> '[8,16]'. If the table is still too wide, words
+    # are shortened.
     for long, short in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(headings, rows, name_width):
             for row in rows:
@@ -143,36 +144,39 @@ def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
 def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
     """Print problems by mark: '!' needs action, '?' depends on the prior, '-' is a note.
 
-    An option such as '--exclude A08' stands below its problem. If a single subject has one, the
-    whole command stands there. If several have one, the command with all follows the '!' notes.
+    An option such as '--exclude A08' stands below its problem. If only one subject has options, the
+    whole command stands there in place of the option. If several subjects have options, a command
+    with the first option of each of these subjects follows the '!' notes.
     """
     notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
-    options = []  # the first of each subject, which may settle its other problems
+    # At most one option of each subject, because the first one may settle its other problems.
+    first_options = []
     problems_by_subject = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in problems_by_subject.values():
-        options += [option for _, _, option in problems if option][:1]
+        first_options += [option for _, _, option in problems if option][:1]
+    is_only_subject = len(first_options) == 1  # the only one with an option
 
     command = repeated_command()
     for subject, problems in problems_by_subject.items():
         for mark, message, option in problems:
-            if option and len(options) == 1:
+            if option and is_only_subject:
                 option = with_options(command, [option])
-            # A text without the subject's numbers: the notes of many subjects become one.
+            # The same text for all subjects, so that the notes of many subjects become one note.
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
                 message = "With another prior width, a 'yes' or a 'no' becomes undecided."
             notes[mark].append((subject, message, option))
 
     for mark, notes_of_mark in notes.items():
         out.notes(notes_of_mark, mark, file=file)
-        if mark == "!" and len(options) > 1:
+        if mark == "!" and len(first_options) > 1:
             out.line("To apply all of these, type:")
-            out.lines(command_lines(with_options(command, options), start="  "))
+            out.lines(command_lines(with_options(command, first_options), start="  "))
 
 
 def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
     """Mark, message and option of each problem, such as ('!', 'The model does not fit.', '').
 
-    Of a subject that is not interpreted, only the reason counts.
+    Of a subject that is not interpreted, only the problem that forbids it is returned.
     """
     if not answer.is_interpretable:
         problem = answer.problems[answer.flags[0]]
@@ -210,7 +214,7 @@ def print_answer(
         # The table has the reasons already, each with its letter.
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]
-    # Each line once, because many subjects have the same note.
+    # A dict has each line once, because many subjects have the same note.
     out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
 
 
@@ -222,9 +226,10 @@ def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | 
 
 
 def without_decision(answers: OrderEffects, problems: Collection[str]) -> list[str]:
-    """The sentence that no subject needs a decision, in a list.
+    """A list with the sentence that no subject needs a decision.
 
-    The list is empty if one does, if there are `problems`, and for a single subject.
+    The list is empty if a subject needs a decision, if there are `problems`, and in a study of a
+    single subject.
     """
     if len(answers) == 1 or problems or flagged(answers):
         return []
@@ -232,9 +237,10 @@ def without_decision(answers: OrderEffects, problems: Collection[str]) -> list[s
 
 
 def not_counted(answers: OrderEffects) -> list[str]:
-    """The sentence that names the subjects that are not counted, in a list; it is empty if all are.
+    """A list with the sentence that names the subjects that the answer does not count.
 
-    The answer of a single subject says itself that it is not interpreted.
+    The list is empty if the answer counts all subjects. It is also empty in a study of a single
+    subject, whose answer says itself that the subject is not interpreted.
     """
     names = [answer.subject for answer in answers if not answer.is_interpretable]
     if not names or len(answers) == 1:

@@ -138,7 +138,8 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
         return [*lines, obstacle], []
 
     by_subject = _by_subject(findings)
-    options = []  # the first one of each subject, which may settle its other problems
+    # At most one option of each subject, because the first one may settle its other problems.
+    options = []
     for subject_findings in by_subject.values():
         options += [finding.option for finding in subject_findings if finding.option][:1]
     run_command = typed_command("run" if len(study.by_task) == 1 else "contrast")

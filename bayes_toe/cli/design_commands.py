@@ -153,17 +153,14 @@ def power(
 
 
 def _count_simulated(designs: Iterable[StudyDesign], observers: str | None, n_each: int) -> int:
-    """The number of data sets of all designs, each with `n_each` observers of every kind.
+    """The number of data sets that are simulated, with `n_each` observers of a kind in each design.
 
-    A bad file of observers is refused here, before any work.
+    `observers` may name a file. It is read here, so that a bad file is refused before any work.
     """
     from bayes_toe.design.observers import assume_observers
 
-    n_data_sets = 0
-    for design in designs:
-        # Any seed: the observers are only counted.
-        n_data_sets += len(assume_observers(observers, n_each, seed=0, designs=[design]))
-    return n_data_sets
+    # Any seed will do, because the observers are only counted.
+    return sum(len(assume_observers(observers, n_each, seed=0, designs=[one])) for one in designs)
 
 
 def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
@@ -219,7 +216,8 @@ class SearchOptions:
     def log_levels(self) -> FloatArray:
         """The levels that pairs can have, natural-log intensity, from the range or the file.
 
-        A range is refused if it is missing, given twice, or probably in another unit.
+        A range is refused if it is incomplete, if a file of levels is given too, or if its numbers
+        cannot be in the unit that is given, or probably are no natural logs where none is given.
         """
         from bayes_toe.design.optimal_pairs import levels_between, read_levels
 
@@ -239,8 +237,11 @@ class SearchOptions:
         typed = f"--lowest {self.lowest:g} --highest {self.highest:g}"
         if options.has_intensities and not (self.lowest > 0.0 and self.highest > 0.0):
             raise bt.InputError(f"{typed}: found with a unit, allowed: positive numbers")
-        # exp(10) is 22,000: such numbers are more probably intensities.
-        if self.unit is None and max(self.highest - self.lowest, self.lowest) > 10.0:
+        # Without a unit, numbers are natural logs of intensities. If even the weakest stimulus is
+        # above 10, all intensities are above exp(10) = 22,000. If the range is wider than 10, the
+        # strongest intensity is more than 22,000 times the weakest. Then the numbers are more
+        # probably intensities themselves.
+        if self.unit is None and (self.lowest > 10.0 or self.highest - self.lowest > 10.0):
             raise bt.InputError(
                 f"{typed}: no natural logs of intensities are so large or so far apart",
                 [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],
@@ -328,7 +329,8 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
     plane = pairs_to_show(levels, goal)
     optimal = context.work(
         "simulating and analysing",
-        # Of an optimised and an even design, both with pairs of this plane.
+        # The number of data sets of two designs, the optimal one and an even one. The observers of
+        # both are those of `plane`, which has all pairs that a design can have.
         _count_simulated([plane, plane], search.observers, search.simulated),
         bt.design.optimal_design,
         levels,
@@ -380,7 +382,8 @@ def _list_trials(
     from bayes_toe.design.simulate import read_differences, subject_names
     from bayes_toe.seeds import root_seed
 
-    # A given design is not searched for: only options by which it is read may be typed.
+    # A given design is only read, so that no option of the search is allowed but the task and the
+    # unit, by which a design is read.
     options_of_reading = SearchOptions(question=search.question, unit=search.unit)
     is_search = search != options_of_reading or context.prior or context.processes or context.dask
     if lists.list_output is None or is_search:

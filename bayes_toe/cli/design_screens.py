@@ -31,9 +31,9 @@ def print_power(out: Terminal, table: PowerTable) -> None:
 
 
 def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
-    """A row for each kind of observers; only the first has the number of trials.
+    """A row of the table for each kind of observers; only the first row has the number of trials.
 
-    A share stands in brackets if the observers do not have the effect.
+    A share stands in brackets if the observers of this kind do not have the effect.
     """
     rows: list[list[str]] = []
     for kind in table.different("observers"):
@@ -64,7 +64,7 @@ def print_groups(
         if not rows_by_kind:
             out.line(f"{heading}: an order effect {Word.CANNOT_BE_TOLD}.")
             continue
-        # All kinds have the same sizes, so that the first one has them all.
+        # All kinds of observers have the same numbers of subjects: those of the first kind.
         sizes = [f"{row.subjects} subjects" for row in next(iter(rows_by_kind.values()))]
         rows = []
         for kind, kind_rows in rows_by_kind.items():
@@ -77,8 +77,10 @@ def print_groups(
                 continue
             rows = []
             for kind, kind_rows in groups.select(design, trials, question).items():
-                percents = [row.percent for row in kind_rows]
-                rows.append([kind, _true_mean(kind_rows[0], unit), *percents])
+                # The rows of a kind differ in the number of subjects, and have the same true mean.
+                rows.append(
+                    [kind, _true_mean(kind_rows[0], unit), *(row.percent for row in kind_rows)]
+                )
             title = f"{heading}: % of studies that detect the mean {name}"
             out.table(["observers", "mean (SD)", *sizes], rows, title=title)
     out.line()
@@ -89,7 +91,11 @@ def print_groups(
 
 
 def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
-    """The true mean, and the standard deviation between subjects: '12 (4) %'."""
+    """The true mean, and in brackets the standard deviation between subjects: '12 (4) %'.
+
+    The standard deviation of constant errors in per cent is the value that lies one standard
+    deviation of their natural logs above 0.
+    """
     if row.question == CONSTANT_ERROR.name:
         values = unit.differences([row.true_mean, row.true_sd])
         unit_name = unit.of_differences
@@ -97,7 +103,7 @@ def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
         values = 100.0 * np.array([row.true_mean, row.true_sd])
         unit_name = "%"
 
-    mean, sd = (float(f"{value:.2g}") + 0.0 for value in values)  # -0 becomes 0
-    if not row.has_mean:  # The mean of the simulated observers is 0 up to an error of rounding.
-        mean = 0.0
+    mean, sd = (float(f"{value:.2g}") for value in values)
+    if not row.has_nonzero_mean:
+        mean = 0.0  # in place of the error of rounding, which is the mean of the observers
     return f"{mean:g} ({sd:g}) {unit_name}"

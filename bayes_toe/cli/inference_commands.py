@@ -164,6 +164,7 @@ def evidence(
     store = context.partial_folder(output)
     study, prior = context.read_and_describe(file)
     table = context.work("evidence", len(study), bt.evidence, study, prior=prior, keep=store)
+    # In a study with conditions, each row of the table is a unit of a subject and a condition.
     table.save(output, overwrite=context.overwrite, units=study.conditions is not None)
     context.finish(store, table.failed)
     print_model_evidence(context.out, table, study, str(output))
@@ -190,14 +191,14 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     else:
         columns = ["constant_error", "contraction", "jnd"]
-    # A task, or a model without an effect, lacks some of them.
+    # The observer of some tasks, and a model without an effect, lack some of these quantities.
     quantities = [name for name in columns if name in draws.parameters]
 
     rows = []
     for name in names_to_show(draws.names, problems):
         subject_stats = stats.sel(subject=name)
-        # Digits are shown as far as they are certain. The smallest effective number of draws, of
-        # all quantities, shows rather too few digits than too many.
+        # As many digits are shown as the effective number of draws makes certain. It is the
+        # smallest one of all quantities, so that other quantities rather have too few digits.
         n_effective = float(subject_stats["min_ess"])
         row = [f"{name} !" if name in problems else name]
         for quantity in quantities:

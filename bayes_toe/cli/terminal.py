@@ -216,7 +216,8 @@ def typed_command(name: str) -> str:
 def repeated_command() -> str:
     """The command line that was typed, to be typed again with further options.
 
-    It replaces its outputs, and does not resume: what is stored was computed without the options.
+    The repeated command replaces the outputs of the typed one. It does not resume, because the
+    results that are stored were computed without the further options.
     """
     words = [word for word in TYPED if word != "--resume"]
     if "--overwrite" not in words:
@@ -225,24 +226,31 @@ def repeated_command() -> str:
 
 
 def with_options(command: str, options: Iterable[str]) -> str:
-    """A command line with further options. One for a subject replaces others for its blocks.
+    """A command line with further options, each of which swaps or excludes a subject or its blocks.
 
-    A swap that was typed is removed: only after that swap do the responses look swapped.
+    If the option excludes a subject, it replaces typed options that exclude blocks of this subject.
+
+    If the option swaps what a typed option swaps, or a subject of which a typed option swaps some
+    blocks, the typed option is removed, and none is added: the responses look swapped only after
+    the typed swap. A command may not name a subject twice, so that the swap of a subject cannot
+    stand beside the swap of its blocks. Without both, the next run says which blocks look swapped.
 
     Examples
     --------
     >>> with_options("bayes-toe run study.csv --swap A:3", ["--swap A:3"])
     'bayes-toe run study.csv'
-    >>> with_options("bayes-toe run study.csv --exclude B:3", ["--exclude B"])
-    'bayes-toe run study.csv --exclude B'
+    >>> with_options("bayes-toe run study.csv --exclude 'B 1:3'", ["--exclude 'B 1'"])
+    "bayes-toe run study.csv --exclude 'B 1'"
     """
+    # NUL stands between words, because no word has this character, but words have spaces.
+    line = "\0".join(shlex.split(command))
     for option in options:
-        # ' --exclude B' or ' --exclude B:3', but not ' --exclude B2'
-        command, n_typed = re.subn(rf" {re.escape(option)}(:\S+)?(?!\S)", "", command)
-        # An exclusion takes the place of narrower ones, and a swap only that of none.
+        words = "\0" + "\0".join(shlex.split(option))
+        # '--exclude B' or '--exclude B:3', but not '--exclude B2'
+        line, n_typed = re.subn(rf"{re.escape(words)}(:[^\0]+)?(?![^\0])", "", line)
         if not n_typed or "--exclude" in option:
-            command += f" {option}"
-    return command
+            line += words
+    return shlex.join(line.split("\0"))
 
 
 def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> list[str]:
@@ -265,8 +273,8 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
     >>> format_table(["subject", "order\neffect"], [["A01", "yes"], ["A02", "no"]])
     ['         order', 'subject  effect', 'A01      yes', 'A02      no']
     """
-    # Columns fit if they do once the first one, the names, is cut. Two are always kept, the names
-    # and one more, because a table of names alone shows nothing.
+    # The first column has the names, which may be cut. Columns are moved below until the others fit
+    # beside cut names. One column always stays beside the names, because names alone show nothing.
     n_fitting = len(headings)
     while n_fitting > 2 and not is_narrow(headings[:n_fitting], [row[:n_fitting] for row in rows]):
         n_fitting -= 1

@@ -73,7 +73,7 @@ class Answers:
 
     @property
     def counts(self) -> IntArray:
-        """:attr:`named_counts`, shape (2 or 3, rows)."""
+        """The arrays of :attr:`named_counts`, one below the other, shape (2 or 3, rows)."""
         return np.stack(list(self.named_counts.values()))
 
     @property
@@ -87,9 +87,10 @@ class Answers:
         rows = rows[np.lexsort((s2, s1))]  # sorts by the last key first
 
         starts = run_starts(*self.keys[rows].T)  # rows with equal pairs are now a run
-        sums = self.named_counts
-        for name, counts in sums.items():
-            sums[name] = np.add.reduceat(counts[rows], starts)
+        sums: Record = {
+            name: np.add.reduceat(counts[rows], starts)
+            for name, counts in self.named_counts.items()
+        }
         return Answers(self.keys[rows[starts]], **sums)
 
     @property
@@ -99,9 +100,10 @@ class Answers:
 
     @property
     def is_session_start(self) -> BoolArray:
-        """The rows at which a new block or session begins, shape (rows,).
+        """Whether a new block or session begins at each row, shape (rows,).
 
-        There, the place of a row is not one more than that of the row before.
+        It does if the place of the row is not one more than the place of the row before. If places
+        are not known, it does at every row.
 
         Examples
         --------
@@ -118,7 +120,7 @@ class Answers:
     def rows_of(self, blocks: Texts) -> BoolArray:
         """Whether each row is in one of these blocks; all rows are if no block is named.
 
-        An InputError where there is no such block.
+        Raises an InputError if the subject has no such block.
         """
         if not blocks:
             return np.ones(len(self.n_trials), bool)
@@ -151,7 +153,7 @@ class Answers:
     def excluding(self, rows: BoolArray) -> Answers:
         """A copy without these rows.
 
-        A session starts after each row that is left out, since the places have a gap there.
+        A session starts after each row that is left out, because the places then have a gap.
         """
         columns: Record = {}
         for key, values in vars(self).items():

@@ -521,7 +521,7 @@ def pair_regex(pattern: str) -> re.Pattern[str]:
 
 
 def known_names(names: Texts, options: ReadOptions) -> set[str]:
-    """The columns that are read or choose rows, of the names in a table."""
+    """Those of the names in a table whose columns are read, or choose the rows that are read."""
     pairs = []
     if options.wide is not None:
         pairs = list(filter(pair_regex(options.wide).fullmatch, names))
@@ -533,23 +533,28 @@ def known_names(names: Texts, options: ReadOptions) -> set[str]:
 def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     """The table with columns of the stimuli, which are read from names of columns or from cells.
 
+    `options` have a pattern `wide` that names or cells fit if they have both stimuli.
+
     Raises
     ------
     InputError
-        If neither names nor the cells of one column fit the pattern, or a name is there twice.
+        If no name of a column fits the pattern, and the cells of no column or of several columns
+        do, or if two columns whose names fit have the same name.
     """
-    regex = pair_regex(options.wide or "")
-    names = list(filter(regex.fullmatch, table.names))
-    if names:
-        # The second row of Qualtrics has cells such as '{"ImportId":"QID1"}', the first questions.
-        if "ImportId" in "".join(table.columns[names[0]].texts[1:2]):
+    regex = pair_regex(options.wide or "")  # the caller has found that `wide` is not None
+    pair_names = list(filter(regex.fullmatch, table.names))  # the columns that name two stimuli
+    if pair_names:
+        # In a file of Qualtrics, a row of questions stands below the names, and then a row of cells
+        # such as '{"ImportId":"QID1"}'. Of fewer than two rows, the slice is empty.
+        if "ImportId" in "".join(table.columns[pair_names[0]].map(str, object)[1:2]):
             table = table.only(table.rows > table.rows[1], "2 rows of questions left out")
-        table = _by_pair(table, names)
+        table = _by_pair(table, pair_names)
         column = table.columns[PAIR]
-        origin = f"names of {len(names)} columns"
+        origin = f"names of {len(pair_names)} columns"
     else:
-        columns = table.columns.values()
-        fitting = [column for column in columns if all(map(regex.fullmatch, column.texts))]
+        fitting = [
+            column for column in table.columns.values() if all(map(regex.fullmatch, column.texts))
+        ]
         if len(fitting) != 1:
             raise InputError(
                 f"{table.source}: found {len(fitting)} columns whose cells are all two numbers as "
@@ -560,21 +565,27 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         origin = str(column)
 
     new_columns = {**table.columns}
-    matches = list(filter(None, map(regex.fullmatch, column.texts)))  # all texts have one
+    # All texts of the column fit. The filter shows to the type checker that no match is None.
+    matches = list(filter(None, map(regex.fullmatch, column.texts)))
     for group, name in enumerate(options.stimulus_names, start=1):
         texts = [match[group] for match in matches]
         new_columns[name] = Column.from_texts(name, texts, column.codes)
 
     other_names = [name for name in table.names if name != column.name]
     names = [*other_names, *options.stimulus_names]
-    notes = (*table.notes, f"pairs read from {origin}")
-    return replace(table, names=names, columns=new_columns, notes=notes)
+    return replace(
+        table,
+        names=names,
+        columns=new_columns,
+        notes=(*table.notes, f"pairs read from {origin}"),
+    )
 
 
 def _by_pair(table: TextTable, names: Texts) -> TextTable:
-    """The table with a row for each cell of these columns.
+    """The table with a row for each cell of the columns with these names.
 
-    Two new columns have the name of the cell's column, and the cell. The other columns stay.
+    Two new columns replace these columns: one has the name of the column in which the cell stood,
+    and the other one has the cell. The other columns of the table stay.
     """
     repeated = repeated_columns(names, dict.fromkeys(names))
     if repeated:

@@ -91,7 +91,7 @@ class Table(ABC, Generic[Row]):
     ) -> Path:
         """Write the table as a CSV file, whole or not at all.
 
-        See :func:`write_table`.
+        With `units`, the rows are units of a subject and a condition, see :func:`write_table`.
         """
         # Nothing random decides a table without a seed.
         seed = getattr(self, "seed", None)

@@ -409,11 +409,11 @@ class GroupPower(NamedTuple):
         It is in brackets if the true mean is 0, because it is then the share of false positives.
         """
         text = f"{100 * self.power:.0f} [{100 * self.power_low:.0f}, {100 * self.power_high:.0f}]"
-        return text if self.has_mean else f"({text})"
+        return text if self.has_nonzero_mean else f"({text})"
 
     @property
-    def has_mean(self) -> bool:
-        """Whether the true mean is not 0, up to rounding."""
+    def has_nonzero_mean(self) -> bool:
+        """Whether the true mean differs from 0 by more than an error of rounding."""
         return abs(self.true_mean) > 1e-6
 
 
@@ -438,9 +438,9 @@ class GroupPowerTable(Table[GroupPower]):
             for question in SIZE_OF:  # the order effect has no mean
                 # A kind of observers has a row for each number of subjects, all with one true mean.
                 rows_by_kind = self.select(design, trials, question)
-                with_mean = [rows for rows in rows_by_kind.values() if rows[0].has_mean]
-                if with_mean:
-                    smallest = min(with_mean, key=lambda rows: abs(rows[0].true_mean))
+                nonzero = [rows for rows in rows_by_kind.values() if rows[0].has_nonzero_mean]
+                if nonzero:
+                    smallest = min(nonzero, key=lambda rows: abs(rows[0].true_mean))
                     shares = [f"{row.percent} % with {row.subjects} subjects" for row in smallest]
                     lines.append(
                         f"{capitalized(design)}, {trials:,} trials: studies detect the mean of "

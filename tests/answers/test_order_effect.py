@@ -142,7 +142,10 @@ def test_a_yes_that_a_wider_prior_changes_is_marked(evidence, monkeypatch):
     marks = {question: line.marks for question, line in answer.lines.items()}
     assert (marks["constant_error"], marks["contraction"]) == (" ?", "")
     (problem,) = answer.problems.values()
-    message = "A prior twice as wide changes order effect and constant error from 'yes' to 'no'."
+    message = (
+        "A prior of the constant error twice as wide changes order effect and constant error from "
+        "'yes' to 'no'."
+    )
     assert problem.message == message
 
 

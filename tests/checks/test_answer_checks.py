@@ -113,8 +113,14 @@ def test_constant_errors_are_no_flaw_of_the_answers(task, constant_error):
 @pytest.mark.parametrize(
     "rows, message",
     [
-        (np.r_[0:84, 0:84], "84 of 168 trials repeat earlier ones, from trial 85 on."),
-        (np.r_[0:84, 20:80], "60 of 144 trials repeat earlier ones, from trial 85 on."),
+        (
+            np.r_[0:84, 0:84],
+            "84 of 168 answered trials repeat earlier ones. The first copy is answered trial 85.",
+        ),
+        (
+            np.r_[0:84, 20:80],
+            "60 of 144 answered trials repeat earlier ones. The first copy is answered trial 85.",
+        ),
     ],
     ids=["all trials", "some of them"],
 )
