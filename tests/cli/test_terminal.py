@@ -162,9 +162,9 @@ DIGITS = """
 
 @pytest.mark.parametrize("largest, n_effective, decimals, expected", text_table(DIGITS))
 def test_digits_end_where_the_error_begins(largest, n_effective, decimals, expected):
-    # 201 draws are spread evenly from 0 to `largest`: the median is its half, in front of the 95 %
-    # interval. With few effective draws the errors of these numbers are large, and fewer digits are
-    # known. `decimals` is the most that are printed.
+    # 201 draws are spread evenly from 0 to `largest`, so the median is half of `largest`. The 95 %
+    # interval follows it. With few effective draws, the errors of these numbers are large, and
+    # fewer digits are known. No number has more than `decimals` decimals.
     draws = np.linspace(0.0, float(largest), 201)
     assert format_draws(draws, float(n_effective), int(decimals)) == expected
 

@@ -74,7 +74,7 @@ READ_FILES = [
     ('x,subject,s1,,x,s2,response,\n\n1,a,0,,"free, text",0,equal,\n  \n,,,,,,,\n,\n', "", EQUAL),
     ("subject;s1;s2;response;a,b,c,d,e,f,g\na;0;0;equal;y\n", "", EQUAL),
     ("subject,s1,s2,response\ra,0,0,equal\r", "", EQUAL),
-    # Stimuli in both units: the option chooses. The reference itself is exactly 0.
+    # Two files have logs and intensities: the option chooses. The reference itself becomes 0.
     ("subject,s1,s2,i1,i2,response\na,0,0,7,8,equal\n", "", EQUAL),
     ("subject,s1,s2,i1,i2,response\na,7,8,0.087,0.087,equal\n", "--intensity 0.087", EQUAL),
     ("subject;s1;s2;response\na;0;0;1,0\na;0;0;0,0\na;0;0;1\n", "--equal-code 1", "a 0.0 0.0 2 3"),
@@ -170,7 +170,7 @@ def test_rows_without_a_response_are_dropped_and_counted(text):
         "3 rows without a response dropped: a 2, b 1",
         "1 subject without any response left out: b",
     )
-    # If `text` is blank, so is the row ',,,', which is left out without the first of these notes.
+    # If `text` is blank, the row ',,,' is blank, too, and the first of these notes is missing.
     assert study.notes[1:] == notes[not text.strip() :]
 
 
@@ -243,7 +243,8 @@ def test_a_sign_that_may_group_thousands_is_asked_for(sign, other, delimiter):
 def test_natural_logs_are_never_thousands():
     logs = "subject;s1;s2;response\na;99;2.125;second\na;2.125;99;first\n"
     assert read(logs, "--unit ln")["a"].s1.tolist() == [2.125, 99.0]
-    assert typed_remedies(logs.replace("99", "-100"))  # too large for one
+    # -100 is too large in size for a log, so 2.125 may have thousands in spite of the unit.
+    assert typed_remedies(logs.replace("99", "-100"), "--unit ln") == ["--decimal .", "--decimal ,"]
 
 
 # --- Answers in their order -----------------------------------------------------------------------
@@ -254,9 +255,9 @@ def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     rows = "a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n"
     study = read(ORDERED + rows, "--equal-code 1")
     assert pairs_as_text(study) == "a 0.0 0.0 1 2, a 0.0 1.0 1 1, b 0.0 0.0 1 1"
-    # One block, x, is no number: they are in order of appearance. A trial without an answer was
-    # presented all the same. A text has the block, * where a session begins, s1, s2, and
-    # 'equal'/trials.
+    # The block x is no number, so the blocks are in order of appearance. A trial without an answer
+    # has its place, because it was presented, too. Each text has the block, * where a session
+    # begins, s1, s2, and 'equal'/trials.
     assert answers_in_order(study["a"]) == [
         "block 10* 0.0 0.0 1/1",
         "block 10 0.0 1.0 1/1",
@@ -291,7 +292,7 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
     first, second = answers_in_order(study.exclude("a", "2")["a"])
     assert first == "block 1* 0.0 1.0 1/1"
     assert second == "block 1* 0.0 0.0 1/1"
-    # Counts that are changed by hand are not those of the answers, whose order is then lost.
+    # Counts that are changed by hand do not fit the answers, whose order is then lost.
     assert replace(study["a"], n_yes=[0, 0, 0]).answers is None
 
 
@@ -565,8 +566,8 @@ RULES = {
     "answer": ANSWERS,
     "code": f"'f' (equal) or 'J' (different), {OTHER_CODES}",
 }
-#: Header and rows with {} in the place of a cell of row 2, options, its column, the rule, and cells
-#: between bars.
+#: Header and rows with {} in the place of a cell of row 2, options, the column of the cell, the
+#: rule, and texts of the cell between bars.
 CELLS = """
     subject,s1,s2,response a,{},0,same |  | s1 | number | abc|nan|-inf|1e999|1_0|0x1||1 2|٣
     subject,s1,s2,response a,{},0,same |  | s1 | number | \u2212\u22121
@@ -632,7 +633,7 @@ REFUSED_FILES = {
     f'"{TRIALS}a,0,0,equal\n': f"row 1: found a quote that is never closed, {QUOTES}",
     f"\n \n{TRIALS}\na,0,x,equal\n": "row 5, column s2: found 'x', allowed: a finite number",
 }
-#: The same of rows below the header of counts.
+#: Rows below the header of counts, and the problems of the file.
 REFUSED_COUNTS = {
     "a,0,0,1,2\n ,0,0,0,0\n": (
         "row 3, column subject: found '', allowed: a text that is not empty"
@@ -645,7 +646,7 @@ REFUSED_COUNTS = {
         "row 5, column subject: found 'c', allowed: a subject with at least 1 trial in some row"
     ),
 }
-#: The same of rows below the header of trials.
+#: Rows below the header of trials, and the problems of the file.
 REFUSED_TRIALS = {
     "a,0,0,equal\na,0,0\na,0,0,equal\n": (
         "row 3: found 3 cells, allowed: 4 cells as in the header"
@@ -688,7 +689,7 @@ REFUSED_TRIALS = {
     [("", REFUSED_FILES), (COUNTS, REFUSED_COUNTS), (TRIALS, REFUSED_TRIALS)],
 )
 def test_a_file_that_cannot_be_used_is_refused(header, table):
-    # A table has rows, and what is said of the file of header and rows, a line for each problem.
+    # `table` has rows, and the problems of a file with this header and these rows, a line for each.
     for rows, lines in table.items():
         assert problem_lines(header + rows) == lines.splitlines()
 
@@ -807,7 +808,7 @@ def test_ten_values_are_told_at_most(n_values, n_lines, last):
 
 
 @pytest.mark.parametrize("name", ["missing\n.csv", "file.txt/x.csv", "nul\0l.csv", "x" * 300])
-def test_a_path_that_cannot_be_read_is_one_line(name, tmp_path):
+def test_a_path_that_cannot_be_read_is_refused_in_one_line(name, tmp_path):
     # A file that is missing, one below a file that is no folder, a name that no system allows, and
     # a name that is too long.
     (tmp_path / "file.txt").write_text("x")
@@ -854,12 +855,12 @@ def test_a_text_of_many_digits_that_is_no_number_is_refused_quickly(sign):
     for digit in "01":
         text = digit * 60_000 + sign + digit * 60_000 + "x"
         assert math.isnan(number(text))
-        assert whole_number(text) == -1  # as of all that is no whole number
+        assert whole_number(text) == -1  # the value for texts that are no whole number
 
 
 def test_options_take_numbers_as_the_cells_of_a_frame_have_them():
-    # A whole number, a truth value and a float become the texts that cells with them become. The
-    # number has more digits than the six of the format %g.
+    # A whole number, a truth value and a float become the same texts as in a cell of a data frame.
+    # The whole number has seven digits, because the format %g would round it to six.
     options = bt.ReadOptions(equal_code=1234568, different_code=True, where={"session": 1.0})
     assert options.equal_code == "1234568"
     assert options.different_code == "1"

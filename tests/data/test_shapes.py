@@ -1061,8 +1061,8 @@ def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, 
 
 @pytest.mark.parametrize("line", REFUSED)
 def test_a_shape_that_needs_an_option_is_refused_with_that_option(line, tmp_path):
-    # A key of REFUSED is a file with options. Its value is what the file has, and parts of the
-    # refusal: the problem, and what to type.
+    # A key of REFUSED is the name of a file, with options. Its value has the content of the file,
+    # and parts of the refusal: the problem, and what to type. Nothing follows a part with END.
     content, *parts = REFUSED[line]
     result = result_of_check(tmp_path, line, content)
     assert result.returncode == 2
@@ -1282,8 +1282,8 @@ def test_pairs_of_zeros_that_are_trials_stay(kind):
 
 @pytest.mark.parametrize("name", ["vectors.mat", "table.xlsx"])
 def test_a_file_with_changed_bytes_is_read_or_refused(name, tmp_path):
-    # Eight times, 20 bytes below the header of the file change. Any exception but an InputError
-    # fails.
+    # Eight times, 20 bytes below the header of the file change. The test fails with any exception
+    # but an InputError.
     rng = random.Random(1)
     for _ in range(8):
         changed = bytearray(READ[name])
@@ -1332,7 +1332,8 @@ def test_a_folder_stands_for_its_tables(tmp_path):
     assert study.notes[1].startswith("left out: 0.csv: column response: found no response in any")
     line = "fit data -o data/1.csv --overwrite --replicates 2"
     assert "this command reads that file and must not replace it" in refusal_of(line, cwd=tmp_path)
-    # After ten trials, the responses are rather in another column.
+    # With ten trials and no response, the file is refused: the responses are probably in another
+    # column.
     write_file(tmp_path / "data/0.csv", f"{stopped}\nP99,0,0.3,")
     assert "found no response in any of 10 rows" in refusal_of("check data", cwd=tmp_path)
 
@@ -1355,8 +1356,8 @@ SUBJECTS_BY_NAME = """
 
 @pytest.mark.parametrize("column, files, part, subjects", text_table(SUBJECTS_BY_NAME))
 def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjects, tmp_path):
-    # Such as the files VP1/data.csv and VP2/data.csv, each with the same trials. Either no column
-    # of subjects is there, or it is 1 in all files. The line that is typed names the subjects.
+    # Such as the files VP1/data.csv and VP2/data.csv, each with the same trials. Either there is no
+    # column of subjects, or it is 1 in all files. With the proposed option, subjects have names.
     table = IN_LOGS.drop(columns="subject").assign(**{column or "other": 1})
     for file in files.split():
         write_file(tmp_path / "data" / file, table)
