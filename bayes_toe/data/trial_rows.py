@@ -90,7 +90,7 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
             )
         table = table.only(column.matches([text]))
 
-    # In the rows of one task, columns of another one are empty.
+    # If the rows are those of one task, the columns of another task are empty.
     others = table.columns.keys() - where.keys()
     empty_names = [name for name in others if table.columns[name].texts == [""]]
     columns = {ours: name for ours, name in options.columns.items() if name not in empty_names}
@@ -117,7 +117,7 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
 
     names_read = [options.name(role) for role in roles_read if role != "n_trials"]
     candidates = names_like(table.names, "frequency")
-    # A column of very many texts, which is not read, is none of the table's columns.
+    # A name may have no column in the table: a column of very many texts is not read.
     column = table.columns.get(candidates[0]) if len(candidates) == 1 else None
     if column is not None and column.name not in names_read:
         counts = column.map(whole_number, np.int64)  # -1 where a cell holds none

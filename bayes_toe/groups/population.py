@@ -429,12 +429,12 @@ def population(
     study : Study
         At least two subjects.
     covariates : mapping or path, optional
-        What may move the means, by covariate and subject, or a CSV file of them. Subjects that
-        lack one are left out.
+        What may move the means, by covariate and subject, or a CSV file of covariates. Subjects
+        that lack a covariate are left out.
     categorical : tuple of str
         Covariates whose numbers are names of levels.
     draws : int
-        Of all chains together.
+        Number of draws of all chains together.
     seed : int, optional
     hyperprior : Hyperprior or path, optional
         Or a prior file with the section [group].
@@ -471,7 +471,7 @@ def population(
     elif not isinstance(covariates, Mapping):  # the path of a file
         covariates = read_covariates(covariates)
     columns = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
-    if covariates:  # without the subjects that lack one
+    if covariates:  # `columns` lacks the subjects that lack a covariate
         study = study.select(columns.subjects)
     if len(columns.subjects) < 2:
         raise InputError(

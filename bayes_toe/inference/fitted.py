@@ -42,7 +42,7 @@ class Fitted:
     maxima : Ascent
         Distinct maxima, the highest first, with all coordinates of the task.
     array : PosteriorArray
-        The posterior as an array of one, in the coordinates w of the mixture.
+        The posterior as an array of one posterior, in the coordinates w of the mixture.
     mixture : PriorMixture
     draws : WeightedDraws
         Draws of the mixture by which it was judged. The mixture would have been refitted if some of
@@ -146,7 +146,7 @@ def _distinct_ends(target: SubjectPosterior) -> Ascent:
     A mixture needs the points along a ridge. An exact search would move all of them to one maximum.
     """
     if isinstance(target, ObserverPosterior):
-        # The four models are searched together: a model without a constant error needs the searches
+        # All four models are searched, because a model without a constant error needs the searches
         # of the same model with a constant error.
         maxima_of_models = observer_maxima(order_posteriors(target.rows))
         coarse_ends = maxima_of_models[MODEL_NAMES.index(target.model.name)]

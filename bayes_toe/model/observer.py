@@ -297,8 +297,9 @@ class ObserverRows(AnswerRows):
         """Slopes of the log likelihood of each pair, from its slope in the P of each answer.
 
         P = lambda blind + (1 - lambda) attending has the slope (blind - P)/(1 - lambda) in the
-        lapse rate lambda. The slope here is blind - P. The factor 1/(1 - lambda) cancels one of
-        d lambda/du = (1 - lambda) phi(u) / (b (1 - Phi(u))), see :meth:`_slope_units`.
+        lapse rate lambda. The slope that is returned is blind - P, because 1/(1 - lambda) cancels
+        the first factor of d lambda/du = (1 - lambda) phi(u) / (b (1 - Phi(u))), see
+        :meth:`_slope_units`.
         """
         lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
         z = curve.z
