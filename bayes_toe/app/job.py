@@ -288,7 +288,7 @@ def _checksum(value: object) -> str:
 def list_jobs(home: Path) -> tuple[list[Job], list[str]]:
     """The studies of a home folder, the newest first, and the names of its damaged studies.
 
-    A study is damaged if it has a file of a record, and :meth:`Job.record` refuses the record.
+    A study is damaged if its folder has a record that :meth:`Job.record` refuses.
     """
     created = {}
     damaged = []

@@ -93,8 +93,8 @@ def print_groups(
 def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
     """The true mean, and in brackets the standard deviation between subjects: '12 (4) %'.
 
-    The standard deviation of constant errors in per cent is the value that lies one standard
-    deviation of their natural logs above 0.
+    Of constant errors, which are natural logs, a standard deviation SD in per cent is that of an
+    error which is SD above 0: 100 (exp(SD) - 1).
     """
     if row.question == CONSTANT_ERROR.name:
         values = unit.differences([row.true_mean, row.true_sd])
@@ -105,5 +105,5 @@ def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
 
     mean, sd = (float(f"{value:.2g}") for value in values)
     if not row.has_nonzero_mean:
-        mean = 0.0  # in place of the error of rounding, which is the mean of the observers
+        mean = 0.0  # The mean of the simulated observers is an error of rounding.
     return f"{mean:g} ({sd:g}) {unit_name}"

@@ -233,7 +233,7 @@ def with_options(command: str, options: Iterable[str]) -> str:
     If the option swaps what a typed option swaps, or a subject of which a typed option swaps some
     blocks, the typed option is removed, and none is added: the responses look swapped only after
     the typed swap. A command may not name a subject twice, so that the swap of a subject cannot
-    stand beside the swap of its blocks. Without both, the next run says which blocks look swapped.
+    stand beside the swap of its blocks. Without both swaps, the next run names the swapped blocks.
 
     Examples
     --------

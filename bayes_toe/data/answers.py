@@ -102,8 +102,8 @@ class Answers:
     def is_session_start(self) -> BoolArray:
         """Whether a new block or session begins at each row, shape (rows,).
 
-        It does if the place of the row is not one more than the place of the row before. If places
-        are not known, it does at every row.
+        A row begins a session if its place is not one more than the place of the row before. If
+        places are not known, every row begins a session.
 
         Examples
         --------

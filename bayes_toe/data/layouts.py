@@ -533,7 +533,7 @@ def known_names(names: Texts, options: ReadOptions) -> set[str]:
 def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
     """The table with columns of the stimuli, which are read from names of columns or from cells.
 
-    `options` have a pattern `wide` that names or cells fit if they have both stimuli.
+    A name or a cell has both stimuli if it fits the pattern `wide` of these options.
 
     Raises
     ------
