@@ -49,7 +49,9 @@ def conclusion(name, letters, shift=NO_SIZE, p=NO_SIZE, flag="", problem=""):
 
 
 MISFIT = Problem("The model does not fit.")
-NARROWER = Problem("A prior half as wide changes constant error from 'no' to 'undecided'.")
+NARROWER = Problem(
+    "A prior of the constant error half as wide changes constant error from 'no' to 'undecided'."
+)
 SWAP = Problem("Responses look swapped in blocks 2 and 4.", "--swap A08:2,4")
 ANSWERS = [
     conclusion("A01", "yyy", (8.2, 11.7, 16.1), (0.2, 0.29, 0.36)),
@@ -82,7 +84,8 @@ A08 !   not interpreted: responses look swapped
 ! A08  Responses look swapped in blocks 2 and 4.
        type: bayes-toe run study.csv -o results --overwrite --swap A08:2,4
 
-? A03  A prior half as wide changes constant error from 'no' to 'undecided'.
+? A03  A prior of the constant error half as wide changes constant error from
+       'no' to 'undecided'.
 
 Answer
 In most subjects (4 of 7) the order changes the response, and probably in 1
