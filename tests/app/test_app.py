@@ -16,6 +16,7 @@ from contextlib import closing, contextmanager, suppress
 from email.message import Message
 from http.client import HTTPConnection
 from itertools import product
+from threading import Timer
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
@@ -468,7 +469,8 @@ def finished(tmp_path_factory, study_file):
 
     with serving(home_folder, urlsplit(first.address).port) as second:
         assert second.state(study_id)["run"] == "running"
-        end_group(group, signal.SIGCONT)
+        # The run goes on when it has the signal to stop, since it might else end before that.
+        Timer(1.0, end_group, (group, signal.SIGCONT)).start()
         stopped = second.state(study_id, "/stop", "")
         assert stopped["run"] == "stopped"
         assert stopped["done"] > 0
