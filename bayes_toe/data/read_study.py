@@ -338,13 +338,14 @@ class _Rows:
                 yield column
 
     @property
-    def names_not_read(self) -> Texts:
-        """The columns that are not read, without those that the options ignore.
+    def columns_read(self) -> list[Column]:
+        """The columns that are read, with those that may show that nobody responded."""
+        return [*self.columns.values(), *self.response_signs]
 
-        Response signs are read too.
-        """
-        columns = (*self.columns.values(), *self.response_signs)
-        names_to_skip = {"", *self.options.where, *(column.name for column in columns)}
+    @property
+    def names_not_read(self) -> Texts:
+        """The columns that are not read, without those that the options ignore."""
+        names_to_skip = {"", *self.options.where, *(column.name for column in self.columns_read)}
         for ours in self.options.ignore:
             names_to_skip |= {self.options.name(ours), *names_like(self.table.names, ours)}
         return [name for name in dict.fromkeys(self.table.names) if name not in names_to_skip]
@@ -521,7 +522,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         doubts=tuple(f"{source}: {doubt}" for doubt in doubts),
         pooled=pooled,
         codes=codes,
-        missed=tuple(missed_codes_found(rows.table.columns.values(), rows.options)),
+        missed=tuple(missed_codes_found(rows.columns_read, rows.options)),
     )
     return Study(
         tuple(subjects), source, synthetic=all(is_marked), notes=tuple(notes), reading=reading

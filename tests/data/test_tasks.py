@@ -70,6 +70,8 @@ def test_codes_without_an_effect_are_said():
     assert "no effect of 'zzz', which the table lacks" in study.notes
     counts = read("subject,s1,s2,n_second,n_trials\na,0,1,1,2\n", "--equal-code zz")
     assert "no effect of 'zz', which the table lacks" in counts.notes
+    keys = read("subject,s1,s2,response\na,0,1,second\na,0,1,k\na,0,1,x\n", "--missed k,x")
+    assert "no effect" not in " ".join(keys.notes)
 
 
 #: Header and rows, options, and what they are refused with.
