@@ -155,15 +155,7 @@ def responses(
         remedies = _with_mirrored(remedies, column, order, options)
 
     if problem:
-        if is_opposite.any() and "second_code" in chain(*remedies[:1]):
-            others = join_names(subject.only(is_opposite).texts, max_items=4)
-            problem += (
-                f" In {others} they seem to mean the opposite, as where keys are counterbalanced: "
-                "--correct COLUMN needs no codes; if there is none, check then proposes --swap for "
-                "these subjects."
-            )
-            remedies = [*_score_remedies(table), *remedies[:1]]
-        table.problems.ask(f"{column}: {problem}", remedies)
+        _ask_meaning(table, f"{column}: {problem}", remedies, subject.only(is_opposite).texts)
     else:  # each unknown text is a problem of its rows
         rule = _allowed_texts(options.codes(task), words, names) + advice
         table.fault(column, answer_index == _UNKNOWN, rule)
@@ -183,6 +175,18 @@ def responses(
     is_answered &= ~is_unscorable
     is_second = answer_index == _SECOND
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
+
+
+def _ask_meaning(table: TextTable, problem: str, remedies: list[Remedy], opposite: Texts) -> None:
+    """Ask what codes mean, which seem to mean the opposite for the subjects `opposite`."""
+    if opposite and remedies and remedies[0].option == "second_code":
+        problem += (
+            f" In {join_names(opposite, max_items=4)} they seem to mean the opposite, as where "
+            "keys are counterbalanced: --correct COLUMN needs no codes; if there is none, check "
+            "then proposes --swap for these subjects."
+        )
+        remedies = [*_score_remedies(table), remedies[0]]
+    table.problems.ask(problem, remedies)
 
 
 def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> BoolArray:
@@ -670,7 +674,7 @@ def _proposals(
     answers, or about counts. An odd number of frequent texts may be three answers; options for
     these come first.
     """
-    if "columns" in chain(*remedies[:1]):  # for counts, or keys beside ratings
+    if remedies and remedies[0].option == "columns":  # for counts, or keys beside ratings
         return remedies
     unknown = column.only(answer_index == _UNKNOWN)
     given = options.code_by_answer
