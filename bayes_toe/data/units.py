@@ -245,13 +245,6 @@ def pooled_conditions(
     subjects = subject.codes[answered]
     direction = np.sign(np.diff(pairs[answered]))  # of s2 - s1, shape (rows, 1)
     is_unequal = direction[:, 0] != 0.0  # equal ones have no order and no right answer
-    # Rows with the same subject, answer and stimuli are a group, (columns, rows) each. An order or
-    # an outcome follows from the direction, the name of a pair from the pair.
-    groups = []
-    for stimuli in (direction, pairs[answered]):
-        rows = np.column_stack([subjects, *outcomes, stimuli])[is_unequal]
-        if len(rows) - len(combination_counts(*rows.T)) >= _REPEATED:
-            groups.append(rows.T)
 
     for column in columns:
         _, places, other_words = named_places(column.name)
@@ -264,10 +257,16 @@ def pooled_conditions(
         has_levels = 1 < n_levels <= min(6, len(answered) / _REPEATED)  # a condition has few
         if names_another or not has_levels or np.count_nonzero(~is_rare) < 0.8 * n_cells:
             continue
-        follows = False  # the level has one value in each group
-        for group in groups:
-            with_level = combination_counts(*group, row_levels[is_unequal])
-            follows |= len(with_level) == len(combination_counts(*group))
+        follows = False
+        # An order or an outcome follows from the direction, the name of a pair from the pair.
+        for stimuli in (direction, pairs[answered]):
+            # A group of rows has the same subject, answer and stimuli. If the level follows from
+            # these, each group has one level.
+            rows = np.column_stack([subjects, *outcomes, stimuli])[is_unequal]
+            n_groups = len(combination_counts(*rows.T))
+            n_group_levels = len(combination_counts(*rows.T, row_levels[is_unequal]))
+            n_repeats = len(rows) - n_groups
+            follows |= n_repeats >= _REPEATED and n_group_levels == n_groups
         # Tasks may have pairs of their own.
         if not follows or looks_like(column.name, "dimension"):
             yield column.name
