@@ -204,7 +204,7 @@ def _with_onsets(table: TextTable) -> TextTable:
             names[stimuli[0]].append(name)
     if list(map(len, names.values())) != [1, 1]:
         return table
-    pair = [*names["standard"], *names["comparison"]]
+    pair = names["standard"] + names["comparison"]
 
     standard, comparison = (table.columns[name].map(number, np.float64) for name in pair)
     delay = comparison - standard
@@ -220,7 +220,7 @@ def _with_onsets(table: TextTable) -> TextTable:
         table,
         names=[*table.names, order.name],
         columns={**table.columns, order.name: order},
-        notes=(*table.notes, f"columns {join_display_names(pair)} read as {order.name}"),
+        notes=(*table.notes, f"columns {join_display_names(pair)} read as onsets"),
     )
 
 
