@@ -149,7 +149,11 @@ def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
         if i % n_columns:  # not the first one of its row
             ax.set_ylabel("")
         has_panel_below = i + n_columns < len(panels)
-        label = "" if has_panel_below else ax.get_xlabel()
+        if has_panel_below:
+            label = ""
+        else:
+            label = ax.get_xlabel()
+            ax.tick_params(labelbottom=True)  # hidden above a missing panel of shared axes
         figure = ax.get_figure(root=True)
         # Panels below 2.3 inches have no room for a label of one line.
         if figure is not None and figure.get_figwidth() < 2.3 * n_columns:

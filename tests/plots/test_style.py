@@ -10,7 +10,7 @@ from matplotlib.text import Text
 
 import bayes_toe as bt
 from bayes_toe.plots.figure_files import figure_bytes
-from bayes_toe.plots.style import new_figure, plain
+from bayes_toe.plots.style import grid_panels, label_outer, new_figure, plain
 
 
 def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
@@ -42,6 +42,14 @@ def test_figures_of_a_subject_say_that_its_draws_did_not_converge(analysis):
     doubtful = bt.Draws(tree)
     assert "NOT CONVERGED" in bt.plots.curves(doubtful, "A").get_suptitle()
     assert "NOT CONVERGED" not in bt.plots.curves(doubtful, "B").get_suptitle()
+
+
+def test_the_last_panel_of_each_column_has_numbers():
+    # Three panels in two columns: the second one has none below it.
+    panels = grid_panels(new_figure(5.0, 3.0), n_panels=3, n_columns=2, sharex=True)
+    label_outer(panels, n_columns=2)
+    shown = [panel.xaxis.get_tick_params()["labelbottom"] for panel in panels]
+    assert shown == [False, True, True]
 
 
 def test_a_file_of_a_figure_has_its_size_and_is_the_same_each_time():
