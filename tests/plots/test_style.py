@@ -48,8 +48,8 @@ def test_the_last_panel_of_each_column_has_numbers():
     # Three panels in two columns: the second one has none below it.
     panels = grid_panels(new_figure(5.0, 3.0), n_panels=3, n_columns=2, sharex=True)
     label_outer(panels, n_columns=2)
-    shown = [panel.xaxis.get_tick_params()["labelbottom"] for panel in panels]
-    assert shown == [False, True, True]
+    has_numbers = [panel.xaxis.get_tick_params()["labelbottom"] for panel in panels]
+    assert has_numbers == [False, True, True]
 
 
 def test_a_file_of_a_figure_has_its_size_and_is_the_same_each_time():
