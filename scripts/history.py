@@ -73,7 +73,7 @@ def count_words(rows: list[SubjectDependence]) -> dict[str, float]:
         words = Counter(row.word(effect).partition(" (")[0] for row in rows)
         counts |= {f"{effect} {word}": words[word] for word in WORDS}
         counts[f"{effect} ln BF in sum"] = sum(row.log_bayes_factor(effect) for row in rows)
-    for test in ("joint_p", "answer_p", "stimuli_p", "moving_criterion_p"):
+    for test in ("joint_p", "moving_criterion_p"):
         p_values = pd.Series([getattr(row.screen, test) for row in rows], dtype=float)
         counts[f"{test} < 0.01"] = (p_values < 0.01).sum()
     return counts

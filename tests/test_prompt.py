@@ -97,7 +97,7 @@ REFUSED = """
     bt.Study(study['A']) | Study: found Subject, allowed: Subjects, in a list
     study.swap(None) | names: found NoneType, allowed: a name of a subject or block, or several
     bt.explore(bt.sample(study, draws=99), subjects='ZZ') | no subject 'ZZ' among the draws
-    bt.design.optimal_design(['x'], 40) | design: s1 and s2 must be numbers
+    bt.design.optimal_design(['x'], 40) | design: s1 must be numbers
     bt.Prior('x') | prior: mu1_mean: found 'x', allowed:
     bt.Hyperprior(3) | hyperprior: constant_error: found 3, allowed: a ParameterHyper
     bt.design.power('full') | design: found 'full', allowed: a StudyDesign, or several by their

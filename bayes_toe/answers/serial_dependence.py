@@ -11,7 +11,7 @@ carried over.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 
@@ -53,7 +53,6 @@ EFFECT_MODELS = {
 }
 _EQUAL = np.full(len(HISTORIES), 1.0 / len(HISTORIES))  # prior probabilities
 _EVIDENCES = tuple(map("log_evidence_{}".format, HISTORIES))
-_TESTS = ("history_p", "answer_p", "stimuli_p", "moving_criterion_p")  # fields of SerialScreen
 _SIZES = tuple(map("_".join, product(("rho", "kappa"), QUANTILES)))
 #: Columns of history.csv.
 HISTORY_COLUMNS = (
@@ -66,7 +65,8 @@ HISTORY_COLUMNS = (
     "carry_over_order_model",
     "best_history",
     *map("".join, product(_EVIDENCES, ("", "_se"))),
-    *_TESTS,
+    "history_p",
+    "moving_criterion_p",
     "note",
 )
 #: Points from which a mixture is made.
@@ -159,8 +159,9 @@ class SubjectDependence:
             "subject": self.subject,
             "best_history": self.best_history,
             "note": self.note,
+            "history_p": self.screen.joint_p,
+            "moving_criterion_p": self.screen.moving_criterion_p,
         }
-        cells |= zip(_TESTS, astuple(self.screen), strict=True)
         for effect in EFFECT_MODELS:
             cells[effect] = self.word(effect)
         if not self.has_result:

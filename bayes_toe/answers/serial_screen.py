@@ -30,7 +30,6 @@ Its reference is the same sum with the answers to each pair in random orders.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,8 +45,6 @@ from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
 from bayes_toe.model.trial_history import TrialSequence
 from bayes_toe.seeds import generator
 
-#: Positions of the regressors: the answer and the two stimuli of the trial before.
-_ANSWER, _FIRST, _SECOND = range(3)
 #: From so many rarer answers on, summed over pairs, the reference is chi-square.
 _ENOUGH_RARER_ANSWERS = 50
 #: Trials of all random orders together, which take about 20 ms. 2,031 orders of 320 trials resolve
@@ -63,17 +60,11 @@ class SerialScreen:
     ----------
     joint_p : float or None
         Previous answer and stimuli together, 3 degrees of freedom; `history_p` of tables.
-    answer_p : float or None
-        The previous answer, given the stimuli.
-    stimuli_p : float or None
-        The previous stimuli, given the answer.
     moving_criterion_p : float or None
         A criterion that wanders, by the trials before the last.
     """
 
     joint_p: float | None = None
-    answer_p: float | None = None
-    stimuli_p: float | None = None
     moving_criterion_p: float | None = None
 
 
@@ -111,9 +102,7 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
         slopes = slopes[subject.n_trials > subject.n_yes]
     scores, variance = _scores(tested, trials, slopes)
     return SerialScreen(
-        joint_p=_p_value(scores, variance, (_ANSWER, _FIRST, _SECOND)),
-        answer_p=_p_value(scores, variance, (_ANSWER,), given=(_FIRST, _SECOND)),
-        stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), given=(_ANSWER,)),
+        joint_p=_p_value(scores, variance),
         moving_criterion_p=_moving_criterion_p(tested, trials),
     )
 
@@ -174,7 +163,7 @@ def _scores(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> Arra
     is_same_pair = np.isin(previous, rows) & (trials.pair[previous] == pair)
     correction = (2.0 * pair_variance / n_safe)[pair[is_same_pair]].sum()
     of_answer = np.sum(residuals * answers[:, previous], axis=1) + correction
-    scores = np.vstack([of_answer, regressors[_FIRST:] @ residuals.T])
+    scores = np.vstack([of_answer, regressors[1:] @ residuals.T])  # the stimuli have no correction
     if len(answers) > 1:  # V is the mean over the sequences
         variance = scores @ scores.T / len(answers)
     return scores, variance
@@ -229,24 +218,21 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     )
 
 
-def _p_value(
-    scores: FloatArray, variance: FloatArray, tested: Sequence[int], given: Sequence[int] = ()
-) -> float | None:
-    """p-value of the tested regressors, given others; None if they say nothing beyond these.
+def _p_value(scores: FloatArray, variance: FloatArray) -> float | None:
+    """p-value of all regressors; None if they say nothing.
 
     U' V^-1 U has a term for each regressor given those before it (Gaussian elimination). A
     regressor with less than 1e-9 of its variance left is a linear function of those before it, up
     to rounding, and has no term.
     """
-    total = np.zeros_like(scores[0])  # U' V^-1 U of the regressors that are tested
+    total = np.zeros_like(scores[0])  # U' V^-1 U
     remaining = variance  # V, given the regressors so far
-    degrees_of_freedom = 0  # of the regressors that are tested
-    for i in (*given, *tested):
+    degrees_of_freedom = 0
+    for i in range(len(variance)):
         own_variance = remaining[i, i]
         if own_variance > 1e-9 * variance[i, i]:
-            if i in tested:
-                total += scores[i] ** 2 / own_variance
-                degrees_of_freedom += 1
+            total += scores[i] ** 2 / own_variance
+            degrees_of_freedom += 1
             # What is left of the others, given this regressor.
             slope = remaining[:, i] / own_variance
             scores = scores - np.outer(slope, scores[i])

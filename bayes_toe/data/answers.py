@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -200,10 +200,9 @@ def counted_rows(
 
     An InputError where stimuli are no numbers, a count is impossible, or lengths differ.
     """
-    try:
-        columns = [np.asarray(values, float).ravel() for values in stimuli]
-    except (TypeError, ValueError) as error:
-        raise InputError(f"subject {subject!r}: s1 and s2 must be numbers ({error})") from error
+    columns = []
+    for name, values in zip(("s1", "s2"), stimuli, strict=True):
+        columns.append(_numbers(subject, name, values).astype(float))
 
     counts: Record = {"n_yes": n_yes, "n_trials": n_trials}
     if n_second is not None:
@@ -224,12 +223,24 @@ def counted_rows(
     return rows
 
 
+def _numbers(subject: str, name: str, given: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Real numbers, shape (rows,); an InputError where they are masked or of another kind."""
+    values = np.asarray(given).ravel()  # without the mask, if there is one
+    if values.dtype.kind not in "iuf" or np.ma.is_masked(given):
+        raise InputError(
+            f"subject {subject!r}: {name} must be numbers, none of them masked, found "
+            f"{values[:3].tolist()}"
+        )
+    return values
+
+
 def _whole_numbers(subject: str, name: str, counts: npt.ArrayLike) -> IntArray:
     """Counts as int64, shape (rows,); an InputError where 2.5 would become 2."""
-    values = np.asarray(counts).ravel()
-    if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):
+    values = _numbers(subject, name, counts)
+    wrong = values[values != np.floor(values)]
+    if len(wrong):
         raise InputError(
-            f"subject {subject!r}: {name} must be whole numbers, found {values[:3].tolist()}"
+            f"subject {subject!r}: {name} must be whole numbers, found {wrong[:3].tolist()}"
         )
     if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
         raise InputError(f"subject {subject!r}: {name} must add up to no more than 10^12")

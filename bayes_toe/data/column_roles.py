@@ -178,6 +178,11 @@ def is_no_response(text: str) -> bool:
     return word in MISSING_WORDS or word in VOCABULARY["missed"]["responses"]
 
 
+def filled_texts(column: Column) -> list[str]:
+    """The texts of a column, without those that say that nobody responded."""
+    return list(filterfalse(is_no_response, column.texts))
+
+
 def is_response_sign(name: str) -> bool:
     """Whether a column has keys or reaction times.
 
@@ -757,8 +762,7 @@ def _interval_names(columns: Iterable[Column]) -> list[str]:
     return [
         column.name
         for column in columns
-        if looks_like(column.name, "standard_interval")
-        and len(list(filterfalse(is_no_response, column.texts))) <= 2
+        if looks_like(column.name, "standard_interval") and len(filled_texts(column)) <= 2
     ]
 
 

@@ -25,10 +25,10 @@ from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     VOCABULARY,
+    filled_texts,
     from_left_to_right,
     intensity_remedies,
     is_flag,
-    is_no_response,
     named_places,
     plain_name,
     suggested_unit,
@@ -253,7 +253,7 @@ def _order_by_text(column: Column, owner: str) -> OrderByText:
     A column such as `standard_first` has words for true and false. All other texts must say it
     themselves, such as 'SC', or '1', which is the interval of `owner`.
     """
-    texts = list(filterfalse(is_no_response, column.texts))
+    texts = filled_texts(column)
     stimuli, places, _ = named_places(column.name)
     if stimuli and places and is_flag(texts):
         is_first_if_true = (stimuli[0] == "standard") == (places[0] == "first")
@@ -329,7 +329,7 @@ def _likeliest_first(texts: Texts, table: TextTable, column: Column, options: Re
     response = table.columns.get(options.name("response"))
     if response is None:
         return texts
-    keys = from_left_to_right(filterfalse(is_no_response, response.texts))
+    keys = from_left_to_right(filled_texts(response))
     standard, comparison = (
         table.columns[name].map(number, np.float64) for name in options.stimulus_names
     )

@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import filterfalse
 from pathlib import Path
 from typing import TypeAlias
 
@@ -22,8 +21,8 @@ from bayes_toe.data.answers import Counts, Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
     columns_to_read,
+    filled_texts,
     is_missed_flag,
-    is_no_response,
     is_percentage,
     is_response_sign,
     names_like,
@@ -513,7 +512,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
         pooled += pooled_conditions(columns_not_read, rows.subject, counts, rows.pairs)
     codes = []
     if "response" in rows.columns:
-        codes = list(filterfalse(is_no_response, rows.columns["response"].texts))
+        codes = filled_texts(rows.columns["response"])
 
     source = rows.table.source
     reading = Reading(

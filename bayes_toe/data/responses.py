@@ -22,6 +22,7 @@ from bayes_toe.data.column_roles import (
     OTHER_COUNTS,
     TRUE_WORDS,
     VOCABULARY,
+    filled_texts,
     from_left_to_right,
     is_flag,
     is_missed_flag,
@@ -214,7 +215,7 @@ def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> Boo
 def _score_remedies(table: TextTable) -> Iterator[Remedy]:
     """Options to type if responses that are right or wrong are read, in the place of codes."""
     for name in names_like(table.columns, "correct"):
-        if is_flag(filterfalse(is_no_response, table.columns[name].texts)):
+        if is_flag(filled_texts(table.columns[name])):
             yield from score_remedies([name])
 
 

@@ -82,15 +82,17 @@ def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int
     >>> sign_of_intensities(np.array([-3.0, 1.0]), np.array([-1.0, 4.0]))
     ('whole numbers from -3 to 4', None)
     >>> sign_of_intensities(np.array([1.0, 4.0]), np.array([2.0, 7.0]))
-    ('whole numbers, perhaps those of a list, from 1 to 7', None)
+    ('whole numbers from 1 to 7, perhaps the numbers of levels', None)
     """
     stimuli = np.concatenate([first, second])
     low = stimuli.min()
     high = stimuli.max()
-    # Logarithms are seldom all whole. Numbers from 1 may be those of a list of stimuli.
-    if (low > _LARGEST_LOG or high - low > LARGEST_STEP) and (stimuli % 1.0 == 0.0).all():
-        kind = "whole numbers, perhaps those of a list," if low == 1.0 else "whole numbers"
-        return f"{kind} from {low:g} to {high:g}", None
+    # Logarithms are seldom all whole. Numbers from 1 may be those of levels.
+    is_list = low == 1.0 and high > 2.0
+    is_beyond_logs = is_list or low > _LARGEST_LOG or high - low > LARGEST_STEP
+    if is_beyond_logs and (stimuli % 1.0 == 0.0).all():
+        guess = ", perhaps the numbers of levels" if is_list else ""
+        return f"whole numbers from {low:g} to {high:g}{guess}", None
     steps = np.abs(second - first)
     widest = int(steps.argmax())
     if steps[widest] <= LARGEST_STEP:

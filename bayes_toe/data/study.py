@@ -108,6 +108,7 @@ class Subject:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
 
+        require_kind("unit", self.unit, StimulusUnit, "a StimulusUnit; s1 and s2 are natural logs")
         object.__setattr__(self, "task", task_of(self.task))
         rows = counted_rows(
             self.name, (self.s1, self.s2), self.n_yes, self.n_trials, self._all_n_second()
@@ -212,10 +213,14 @@ class Subject:
 
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
         # was given.
-        if is_yes.dtype.kind not in "biuf" or not np.isin(is_yes, (0, 1)).all():
+        if (
+            is_yes.dtype.kind not in "biuf"
+            or np.ma.is_masked(yes)
+            or not np.isin(is_yes, (0, 1)).all()
+        ):
             raise InputError(
-                f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), found "
-                f"{is_yes[:3].tolist()}"
+                f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), none of them "
+                f"masked, found {is_yes[:3].tolist()}"
             )
         n_yes = is_yes.astype(np.int64)
         n_trials = np.ones_like(n_yes)

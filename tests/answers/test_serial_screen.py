@@ -44,11 +44,11 @@ def test_observers_without_memory_seldom_fail_the_screen():
         screens.append(screen(answered(i, WHICH_STRONGER, repeats=20, p=0.2), p=0.2))
         screens.append(screen(answered(i, SAME_DIFFERENT, repeats=12, p=0.2), p=0.2))
     observed = np.array([astuple(row) for row in screens])
-    # Four tests of each of 240 subjects give 960 p-values. Ten are expected below .01, and 20 is
-    # three standard deviations above ten.
-    assert np.count_nonzero(observed < 0.01) <= 20
+    # Two tests of each of 240 subjects give 480 p-values. Five are expected below .01, and 12 is
+    # three standard deviations above five.
+    assert np.count_nonzero(observed < 0.01) <= 12
 
-    # In one of 250 runs, one of these four tests of uniformity fails by chance.
+    # In one of 500 runs, one of these two tests of uniformity fails by chance.
     for column in observed.T:
         assert kstest(column, "uniform").pvalue > 1e-3
 
@@ -60,7 +60,7 @@ def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
     tests of uniformity falls below 1e-3 by chance.
     """
     screens = [screen(answered(1000 + i, repeats=6, sessions=1, noise=0.6)) for i in range(400)]
-    for name in ("answer_p", "moving_criterion_p"):
+    for name in ("joint_p", "moving_criterion_p"):
         assert kstest(p_values(screens, name), "uniform").pvalue > 1e-3
 
 
@@ -76,8 +76,8 @@ def test_three_errors_are_no_dependence():
     # An effect, and for each test the fewest of 10 observers with p < .01.
     "effect, fewest",
     [
-        ({"share_repeated": 0.2}, {"answer_p": 9}),
-        ({"p": 0.35, "carry_over": 0.9}, {"stimuli_p": 10, "joint_p": 10}),
+        ({"share_repeated": 0.2}, {"joint_p": 9}),
+        ({"p": 0.35, "carry_over": 0.9}, {"joint_p": 10}),
         ({"drift": 0.3}, {"moving_criterion_p": 9}),
     ],
 )
@@ -89,9 +89,6 @@ def test_an_effect_is_seen_by_its_own_test(effect, fewest, monkeypatch):
         screens.append(screen(subject, p=effect.get("p", 0.0)))
     for name, n_significant in fewest.items():
         assert np.count_nonzero(p_values(screens, name) < 0.01) >= n_significant
-    # A carry-over is no effect of the response before, so p < .01 occurs in 1 % of these tests.
-    if "carry_over" in effect:
-        assert np.count_nonzero(p_values(screens, "answer_p") < 0.01) <= 1
 
 
 def test_there_is_no_p_value_without_the_order_of_trials_or_if_pairs_were_answered_once():
@@ -114,8 +111,7 @@ def test_the_first_trial_of_a_session_has_no_trial_before():
     answers = subject.answers
     swapped = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
     other = Subject.from_answers("swapped", swapped, subject.task)
-    # The last p-value is that of the criterion that wanders.
-    assert astuple(screen(other))[:3] == pytest.approx(astuple(screen(subject))[:3], rel=1e-9)
+    assert screen(other).joint_p == pytest.approx(screen(subject).joint_p, rel=1e-9)
 
 
 def test_with_a_constant_first_stimulus_all_p_values_exist():
@@ -133,7 +129,7 @@ def test_a_trial_before_that_is_not_tested_needs_no_correction():
     before the second trial. In a sound test, 5 % of the p-values are below .05. In one of 1,800
     runs, 12 % of 150 p-values are below .05 by chance.
     """
-    answer_p = []
+    joint_p = []
     for seed in range(150):
         rng = default_rng(seed)
         # Ten pairs: 0 first and one of five levels second, or the other way round.
@@ -144,5 +140,5 @@ def test_a_trial_before_that_is_not_tested_needs_no_correction():
         n_yes = (rng.random(80) < np.where(is_rising, 0.6, 0.4)).astype(int)
         position = np.arange(80) + np.arange(80) // 2  # a gap starts a block
         subject = in_order(keys, n_yes, position)
-        answer_p.append(screen(subject).answer_p)
-    assert np.mean(np.less(answer_p, 0.05)) < 0.12
+        joint_p.append(screen(subject).joint_p)
+    assert np.mean(np.less(joint_p, 0.05)) < 0.12

@@ -300,7 +300,9 @@ READ = {
     "french.csv": labelled(with_responses(IN_LOGS, "première", "deuxième"), response="réponse"),
     "participant.csv": labelled(IN_LOGS, subject="Participant ID", response="choice"),
     "true_false.csv --second-code True": with_responses(IN_LOGS, False, True),
-    "interval.csv": with_responses(IN_LOGS, "interval 1", "Interval 2"),
+    "interval.csv": labelled(
+        with_responses(IN_LOGS, "interval 1", "Interval 2"), response="Response_Interval"
+    ),
     "heavier.csv": with_responses(IN_LOGS, "first heavier", "second was heavier"),
     "surely.csv": with_responses(IN_LOGS, "surely first", "vielleicht zweiter"),
     "trials.json": RECORDS,

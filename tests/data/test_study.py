@@ -49,7 +49,7 @@ def test_arrays_are_copies_and_read_only():
 REFUSED_ROWS = r"""
     0.3 0 2 8, nan 0.3 7 10 | s1 and s2 must be finite
     0.3 inf 2 8, 0 0.3 7 10 | s1 and s2 must be finite
-    0.3 0 2.5 8, 0 0.3 7 10 | n_yes must be whole numbers, found \[2.5, 7.0\]
+    0.3 0 2.5 8, 0 0.3 7 10 | n_yes must be whole numbers, found \[2.5\]
     0.3 0 nan 8, 0 0.3 7 10 | n_yes must be whole numbers
     0.3 0 2 8.5, 0 0.3 7 10 | n_trials must be whole numbers
     0.3 0 -1 8, 0 0.3 7 10 | every n_yes must lie in 0..n_trials
@@ -73,7 +73,8 @@ def test_rows_that_are_no_counts_are_refused(rows, message):
         (7, [0.3, 0.0], [2, 7], [8, 10], "subject name 7 must be a non-empty text"),
         ("S01", [0.0], [2, 7], [8, 10], "must be of one length"),
         ("S01", [0.3, 0.0], [2, 7], [8, 10, 1], "must be of one length"),
-        ("S01", [0.3, 0.0], ["2", "7"], [8, 10], "n_yes must be whole numbers"),
+        ("S01", [0.3, 0.0], ["2", "7"], [8, 10], "n_yes must be numbers"),
+        ("S01", np.ma.array([0.3, 0.0], mask=[1, 0]), [2, 7], [8, 10], "none of them masked"),
     ],
 )
 def test_invalid_subjects_are_refused(name, s1, n_yes, n_trials, message):
