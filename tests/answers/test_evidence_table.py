@@ -59,7 +59,7 @@ def test_untrusted_weights_give_no_number():
     )
     estimate = importance_evidence(draws)
     assert (estimate.value, estimate.se) == (None, None)
-    assert "k-hat 0.89" in estimate.why_not  # the estimated shape
+    assert "k-hat 0.89" in estimate.why_withheld  # the estimated shape
 
 
 def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
