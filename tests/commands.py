@@ -1,7 +1,4 @@
-"""The command line as a user calls it, in a process of its own.
-
-And the same in this process, where that changes nothing.
-"""
+"""The command line as a user calls it, in a process of its own, or in this process."""
 
 import io
 import os
@@ -32,8 +29,8 @@ def call(line, cwd=None, **environment):
 def run_command(*args, cwd="."):
     """Run the command in this process, which has its libraries already, however it ends.
 
-    The first argument is the beginning of a line as it is typed, such as `check study.csv`, and the
-    others are words that follow. The result has the exit code, stdout and stderr.
+    The first argument is the beginning of a line as it is typed, such as `check study.csv`, and
+    further arguments are the words that follow. The result has the exit code, stdout and stderr.
     """
     from bayes_toe.cli.app import app
 
@@ -62,28 +59,28 @@ def run_ok(*words, cwd):
     return output_of(run_command(*words, cwd=cwd))
 
 
-def output_of(finished):
+def output_of(result):
     """The stdout of a program that must have ended with exit code 0 and without errors."""
-    assert (finished.returncode, finished.stderr) == (0, ""), finished.stderr
-    return finished.stdout
+    assert (result.returncode, result.stderr) == (0, ""), result.stderr
+    return result.stdout
 
 
 def refusal_of(*words, cwd, silent=True):
     """Run a command that must be refused, and return its stderr.
 
-    It has exit code 2 and one line of an error, with lines of what to type below it. No file of the
-    folder changes. A silent command prints nothing before the error.
+    The command has exit code 2, and one line of an error, with lines of what to type below it. No
+    file of the folder changes. A silent command prints nothing before the error.
     """
-    earlier = content(cwd)
-    finished = run_command(*words, cwd=cwd)
-    # Below the error: `type:  --equal-code 1` and, further options, `       --second-code 1`.
+    earlier_content = content(cwd)
+    result = run_command(*words, cwd=cwd)
+    # Lines of what to type are `type:  --equal-code 1`, and then `       --second-code 1`.
     problems = [
-        line for line in finished.stderr.splitlines() if not line.startswith(("type:", "       -"))
+        line for line in result.stderr.splitlines() if not line.startswith(("type:", "       -"))
     ]
-    assert (finished.returncode, len(problems)) == (2, 1), (words, finished.stderr)
-    assert not (silent and finished.stdout)
-    assert content(cwd) == earlier
-    return finished.stderr
+    assert (result.returncode, len(problems)) == (2, 1), (words, result.stderr)
+    assert not (silent and result.stdout)
+    assert content(cwd) == earlier_content
+    return result.stderr
 
 
 def on_one_line(text):

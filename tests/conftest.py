@@ -100,12 +100,12 @@ def typed_lines(stderr):
     return [line.strip().partition("  ")[0] for line in lines.splitlines()]
 
 
-def read(text, typed=""):
+def read(text, options=""):
     """The study in a file study.csv with this text or these bytes, read with typed options."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "study.csv")
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return bt.read_study(path, typed_options(typed))
+        return bt.read_study(path, typed_options(options))
 
 
 def answers_in_order(subject):
@@ -129,7 +129,7 @@ def columns(rows):
 def made_subject(rows, name="S", task=SAME_DIFFERENT):
     """A subject from rows of s1, s2, n_yes, n_trials (and perhaps an interval), such as '0 .3 2 5'.
 
-    n_yes are the answers that the task counts: 'equal', or 'second' of which was stronger.
+    n_yes are the answers that the task counts: 'equal', or 'second' in 'which was stronger'.
     """
     return bt.Subject(name, *columns(rows), task=task)
 
@@ -177,7 +177,7 @@ def small_study():
 def quick_study(names):
     """A study of same or different that is quickly analysed: a subject for each of these names.
 
-    All have the same four pairs with 50 trials each, and different counts.
+    All subjects have the same four pairs with 50 trials each, and different counts.
     """
     rows = "0 0 45 50, 0 0.3 {} 50, 0.3 0 15 50, 0.3 0.3 46 50"
     return bt.Study([made_subject(rows.format(20 - k), name) for k, name in enumerate(names)])
@@ -200,8 +200,8 @@ def analysis(small_study):
 def expected_counts(name="S", c=0.0, p=0.0, n=100, noise=0.2, step=0.25, level=0.0):
     """Rounded expected counts of an observer of 2AFC with constant error c and contraction p.
 
-    The ten pairs are neighbours among six levels, in both orders, with n trials each. The lowest
-    level and the distance of two are given. The lapse rate is .02.
+    The ten pairs are neighbours among six levels, in both orders, with n trials each. `level` is
+    the lowest level, and `step` the distance between neighbours. The lapse rate is .02.
     """
     s1, s2 = level + step / STEP * neighbouring_pairs(WHICH_STRONGER).T
     p_second = 0.01 + 0.98 * ndtr((s2 - s1 - c + p * (s1 - s1.mean())) / noise)
@@ -244,11 +244,11 @@ def blank_pictures(monkeypatch):
 def browser():
     """One browser for all pages of a test file.
 
-    It has the scope of a module because Playwright's event loop runs while it is open, and no other
-    loop, such as that of asyncio.run, can begin meanwhile.
+    The fixture has the scope of a module because Playwright's event loop runs while the browser is
+    open, and no other loop, such as that of asyncio.run, can begin meanwhile.
     """
-    with launched_browser() as running:
-        yield running
+    with launched_browser() as open_browser:
+        yield open_browser
 
 
 @pytest.fixture(scope="session")
@@ -306,8 +306,8 @@ def order_answer(subject, words, **fields):
 
     All fields that are not given have neutral values.
     """
-    unknown = dict.fromkeys(MODEL_NAMES, 0.0)
-    neutral = {
+    zeros = dict.fromkeys(MODEL_NAMES, 0.0)
+    neutral_fields = {
         "direction": "contraction",
         "is_interpretable": Word.NOT_INTERPRETABLE not in words,
         "probabilities": dict.fromkeys(QUESTIONS, 0.5),
@@ -318,12 +318,12 @@ def order_answer(subject, words, **fields):
         "fit_p": 0.5,
         "history_p": None,
         "moving_criterion_p": None,
-        "log_evidence": unknown,
-        "standard_error": unknown,
-        "laplace": unknown,
+        "log_evidence": zeros,
+        "standard_error": zeros,
+        "laplace": zeros,
     }
     words = dict(zip(QUESTIONS, words, strict=True))
-    return OrderEffect(subject=subject, words=words, **neutral | fields)
+    return OrderEffect(subject=subject, words=words, **neutral_fields | fields)
 
 
 def write_counts(path, study):
@@ -339,10 +339,10 @@ def study_csv(tmp_path, small_study):
 
 
 os.environ.setdefault("COLUMNS", "140")
-os.environ.setdefault(
-    "LOKY_MAX_CPU_COUNT", "1"
-)  # workers where a test asks for some: others would load all libraries for a job or two
-# HYPOTHESIS_PROFILE=night: other files each night, and many of them; tests that set their own
-# numbers keep these.
+# Only tests that ask for workers have some. Any other worker would load all libraries for a job or
+# two.
+os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
+# With HYPOTHESIS_PROFILE=night, each night has other files, and many of them. Tests that set a
+# number of files keep their number.
 settings.register_profile("day", max_examples=60, deadline=None, derandomize=True, database=None)
 settings.register_profile("night", max_examples=20_000, deadline=None)

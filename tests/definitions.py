@@ -23,7 +23,7 @@ def normal(value, mean, sd):
 
 
 def answers(task, z, share):
-    """P of the answer that the task counts, and of the other one, under the paper's model.
+    """P of the answer that the task counts, and of the other answer, under the paper's model.
 
     `share` is q0 of same or different, and the lapse rate of 2AFC.
     """
@@ -50,7 +50,7 @@ def probit_of_beta(v, a, b):
 
 
 def terms(target, x):
-    """Every term of the log posterior of H1: one for each pair, and those of the prior.
+    """Every term of the log posterior of H1: one for each pair, and the terms of the prior.
 
     The coordinates x are those of mu1, sigma_p, gamma and q0 (or the lapse rate).
     """
@@ -103,10 +103,10 @@ def exact_slopes(function, x, step):
     """The derivative at a point by each coordinate, from central differences of mpmath."""
     derivatives = []
     for i in range(len(x)):
-        ahead, backward = list(map(mpf, x)), list(map(mpf, x))
-        ahead[i] += step
-        backward[i] -= step
-        derivatives.append((function(ahead) - function(backward)) / (2 * step))
+        point_above, point_below = list(map(mpf, x)), list(map(mpf, x))
+        point_above[i] += step
+        point_below[i] -= step
+        derivatives.append((function(point_above) - function(point_below)) / (2 * step))
     return derivatives
 
 
@@ -131,21 +131,21 @@ def assert_sum_of_terms(value, summands, tolerance):
     """A float within so much of the terms' sizes; terms beyond the largest float do not count."""
     size = mpmath.fsum(summands, absolute=True)
     if size < mpf("1e300"):
-        near = 4e-15  # the rounding of a coordinate next to the middle of its prior
+        rounding = 4e-15  # of a coordinate next to the middle of its prior
         error = abs(mpf(float(value)) - mpmath.fsum(summands))
-        assert error <= tolerance * max(size, mpf("1e-80")) + near, (value, summands)
+        assert error <= tolerance * max(size, mpf("1e-80")) + rounding, (value, summands)
 
 
-def paper_log_likelihood(subject, mu1, sigma_p, gamma, last):
-    """Log likelihood of the paper's model; `last` is q0, or the lapse rate of 2AFC."""
+def paper_log_likelihood(subject, mu1, sigma_p, gamma, share):
+    """Log likelihood of the paper's model; `share` is q0, or the lapse rate of 2AFC."""
     k, n = subject.n_yes, subject.n_trials
     ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
     z = (subject.s2 - subject.s1 / ratio - (1 - 1 / ratio) * mu1) / sigma_p
     if subject.task == SAME_DIFFERENT:
-        yes = last * np.exp2(-((z / ratio**1.5) ** 2))
+        yes = share * np.exp2(-((z / ratio**1.5) ** 2))
         no = 1 - yes
     else:
-        yes, no = (last / 2 + (1 - last) * ndtr(sign * z / ratio) for sign in (1, -1))
+        yes, no = (share / 2 + (1 - share) * ndtr(sign * z / ratio) for sign in (1, -1))
     return (xlogy(k, yes) + xlogy(n - k, no)).sum(axis=-1)
 
 
@@ -233,7 +233,7 @@ def three_answers(values, bare_k, sbar, s1, s2):
 
 
 def observer_answers(values, bare_k, sbar, s1, s2, expectation=0, response=0):
-    """P of the counted answer to a pair and of the other one.
+    """P of the counted answer to a pair, and of the other answer.
 
     `bare_k` is the criterion at the mean intensity. The trial before leaves an expectation, and its
     response times kappa.
@@ -244,8 +244,9 @@ def observer_answers(values, bare_k, sbar, s1, s2, expectation=0, response=0):
         z += response
         return rate / 2 + (1 - rate) * ncdf(z), rate / 2 + (1 - rate) * ncdf(-z)
     k = bare_k * exp(values["criterion_slope"] * middle + response)
-    blind, attending = areas(mpf(0), k), areas(z, k)
-    return tuple(rate * b + (1 - rate) * a for b, a in zip(blind, attending, strict=True))
+    lapse_areas, attentive_areas = areas(mpf(0), k), areas(z, k)
+    pairs = zip(lapse_areas, attentive_areas, strict=True)
+    return tuple(rate * lapse + (1 - rate) * attentive for lapse, attentive in pairs)
 
 
 def student(u):

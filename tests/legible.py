@@ -31,11 +31,11 @@ def texts_of(figure):
             labels |= labels_of(axis.majorTicks)
             # A private method, because no public one knows which ticks lie within the limits.
             visible_labels |= labels_of(axis._update_ticks())
-    drawn = []
+    visible_texts = []
     for text in figure.findobj(Text):
         if text.get_text().strip() and text.get_visible():
-            drawn.append(text)
-    return [text for text in drawn if text not in labels or text in visible_labels]
+            visible_texts.append(text)
+    return [text for text in visible_texts if text not in labels or text in visible_labels]
 
 
 def labels_of(ticks):
@@ -44,20 +44,20 @@ def labels_of(ticks):
 
 
 def require_legible(figure):
-    """No word of a figure is on another one, outside the page, or smaller than 7 points.
+    """No word of a figure is on another word, outside the page, or smaller than 7 points.
 
     One point of overlap is allowed, because the boxes of texts have margins.
     """
     texts, page, slack = texts_of(figure), figure.bbox, figure.dpi / 72.0  # slack is one point
     words = words_of(texts)
     boxes = [text.get_window_extent() for text in texts]
-    # Both have shape (texts, 2): left and lower ends, right and upper ends, in pixels.
+    # Left and lower ends, and right and upper ends, in pixels, shape (texts, 2) each.
     low, high = np.array([box.min for box in boxes]), np.array([box.max for box in boxes])
     is_outside = ((low < page.min - slack) | (high > page.max + slack)).any(axis=1)
     assert [word for word, outside in zip(words, is_outside, strict=True) if outside] == []
 
-    # Width and height of what two boxes share, (texts, texts, 2); below 0 where they share nothing.
-    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    overlapping = np.argwhere(np.triu((shared > slack).all(axis=2), 1))
-    assert [(words[i], words[j]) for i, j in overlapping] == []
+    # Width and height of the overlap of two boxes, (texts, texts, 2); below 0 without an overlap.
+    overlaps = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
+    pairs = np.argwhere(np.triu((overlaps > slack).all(axis=2), 1))  # each pair of texts once
+    assert [(words[i], words[j]) for i, j in pairs] == []
     assert min(text.get_fontsize() for text in texts) >= 6.99  # 7, but for rounding

@@ -83,9 +83,9 @@ def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
 
 def independent_draws(posterior, n_draws=DRAWS, rng=0):
     """Draws in the place of the sampler's: independent points about the separate fits."""
-    lead = 8, -(-n_draws // 8)  # chains, and draws of each, rounded up
-    parts = posterior.points(posterior.start(lead[0] * lead[1], default_rng(rng)))
-    return GroupDraws(*(part.reshape(*lead, *part.shape[1:]) for part in parts))
+    n_each = -(-n_draws // 8)  # draws of each of 8 chains, rounded up
+    parts = posterior.points(posterior.start(8 * n_each, default_rng(rng)))
+    return GroupDraws(*(part.reshape(8, n_each, *part.shape[1:]) for part in parts))
 
 
 def made_result(study, columns=None, n_divergent=0, n_draws=1600):
@@ -94,14 +94,14 @@ def made_result(study, columns=None, n_divergent=0, n_draws=1600):
     If it has divergent trajectories, it is not reliable.
     """
     settings = GroupSettings(1, Hyperprior(), np.int64(n_draws))
-    persons = dict.fromkeys(subject.subject_name for subject in study)
-    columns = columns or regressors({}, tuple(persons))
+    names = dict.fromkeys(subject.subject_name for subject in study)
+    columns = columns or regressors({}, tuple(names))
     posterior = group_posterior(study, settings.hyperprior, columns.x)
     draws = replace(independent_draws(posterior, n_draws), n_divergent=n_divergent)
     return PopulationResult(study, settings, columns, draws)
 
 
 def grid_design(first, steps, trials):
-    """A design of every first stimulus with second ones at these steps from it."""
+    """A design of every first stimulus with second stimuli at these steps from it."""
     s1 = np.repeat(first, len(steps))
     return each_once(s1, s1 + np.tile(steps, len(first))).with_total(trials)

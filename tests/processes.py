@@ -63,8 +63,9 @@ def members(session):
     return line_by_pid
 
 
-# --- jobs; in this file because a worker that begins loads the file of its job, and with that of a
-# test all libraries of all tests ---
+# --- Jobs -----------------------------------------------------------------------------------------
+
+# A worker loads the file of its job. Jobs in the file of a test would load all libraries of tests.
 
 
 def return_slowly(value, seconds):
@@ -96,7 +97,8 @@ def kill_this_worker(main):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-#: Load draws and save them where a file may have less and less bytes; print each error.
+#: A script that loads draws, saves them where a file may have fewer and fewer bytes, and prints the
+#: errors.
 SAVE_ON_A_FULL_DISK = """
 import resource, sys, bayes_toe as bt
 from bayes_toe.errors import OutputError
@@ -112,26 +114,26 @@ for size in map(int, sizes):
 
 
 def errors_on_a_full_disk(source, target, sizes):
-    """What saving the draws in `source` as `target` says where a file has at most so many bytes.
+    """The errors of saving the draws in `source` as `target`, if a file has at most `sizes` bytes.
 
     This happens in a process of its own, which must end well. It has the option -B, without which
     Python would leave libraries compiled by half on the full disk, and nobody could import them
     later.
     """
     words = [str(source), str(target), *map(str, sizes)]
-    ended = run_python("-B", "-c", SAVE_ON_A_FULL_DISK, *words)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout.splitlines()
+    result = run_python("-B", "-c", SAVE_ON_A_FULL_DISK, *words)
+    assert result.returncode == 0, result.stderr
+    return result.stdout.splitlines()
 
 
 def wait_until(is_true, running=None):
     """Wait for something to become true, or for the command to end that would make it so."""
-    # Counted, not timed: on a slow machine each look takes longer, and only what hangs is looked at
-    # 30,000 times, ten minutes with these pauses.
-    looks = 0
+    # Looks are counted, because on a slow machine each look takes longer. Only a process that hangs
+    # gets 30,000 looks, which take ten minutes with these pauses.
+    n_looks = 0
     while not is_true() and (running is None or running.poll() is None):
-        looks += 1
-        assert running is not None or looks < 30_000
+        n_looks += 1
+        assert running is not None or n_looks < 30_000
         time.sleep(0.02)
 
 

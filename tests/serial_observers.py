@@ -7,7 +7,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
-#: The distance of neighbouring levels, and parameters of all observers.
+#: The distance of neighbouring levels, and then the parameters that all observers have.
 STEP, NOISE, LAPSE_RATE, Q0 = 0.25, 0.2, 0.05, 0.9
 
 
@@ -25,7 +25,7 @@ def neighbouring_pairs(task, repeats=1):
 
 
 def in_order(keys, n_yes, position, task=WHICH_STRONGER, name="S"):
-    """A subject with single trials in an order, of which gaps in the positions begin a session."""
+    """A subject with single trials in their order; a gap between positions begins a session."""
     answers = Answers(keys, n_yes, np.ones_like(n_yes), has_trial_rows=True, place=position)
     return Subject.from_answers(name, answers, task)
 
@@ -44,8 +44,8 @@ def answered(
     """An observer by the formulas of the documents, trial by trial, in random order.
 
     `p` is the contraction toward an expectation, and `carry_over` the share of the expectation that
-    stays from trial to trial. In a share of the trials the response before is repeated; where the
-    share is negative, it is alternated. The criterion wanders by a sine of height `drift`.
+    stays from trial to trial. In a share of the trials the response before is repeated, or
+    alternated if the share is negative. The criterion wanders by a sine of height `drift`.
     """
     rng = np.random.default_rng(seed)
     keys = rng.permutation(neighbouring_pairs(task, repeats))
@@ -62,15 +62,15 @@ def answered(
             expectation = 0.0
         z = (s2 - s1 + p * (s1 - centre - expectation) + walk[t]) / noise
         if task == SAME_DIFFERENT:
-            attending = ndtr(criterion - z) - ndtr(-criterion - z)
-            probability = LAPSE_RATE * Q0 + (1.0 - LAPSE_RATE) * attending
+            p_attentive = ndtr(criterion - z) - ndtr(-criterion - z)
+            probability = LAPSE_RATE * Q0 + (1.0 - LAPSE_RATE) * p_attentive
         else:
             probability = LAPSE_RATE / 2.0 + (1.0 - LAPSE_RATE) * ndtr(z)
         n_yes[t] = rng.random() < probability
         if not is_first and rng.random() < abs(share_repeated):
-            is_the_same = share_repeated > 0.0
-            n_yes[t] = n_yes[t - 1] == is_the_same
-        # The expectation of the next trial is rho times a mean of this trial's stimuli and its own.
-        weight = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
-        expectation = carry_over * (weight + p**2 * expectation)
+            is_repetition = share_repeated > 0.0
+            n_yes[t] = n_yes[t - 1] == is_repetition
+        # The expectation of the next trial is rho times a mean of the stimuli and the expectation.
+        of_stimuli = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
+        expectation = carry_over * (of_stimuli + p**2 * expectation)
     return in_order(keys, n_yes, np.arange(n_trials) + session, task, f"observer {seed}")

@@ -29,7 +29,7 @@ OTHER_PAGES = [
 ]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 #: Folders of the checkout that documents name.
-OURS = ("bayes_toe", "constraints", "docs", "notebooks", "scripts", "tests")
+CHECKOUT_FOLDERS = ("bayes_toe", "constraints", "docs", "notebooks", "scripts", "tests")
 
 
 IN_SDIST = [
@@ -101,7 +101,8 @@ def anchors_of(path):
 
 @EACH_PAGE
 def test_links_lead_to_files_of_the_sdist_and_to_headings(path):
-    # The target of a link such as [text](file.md#anchor); others begin with https: or similar.
+    # The target of a link such as [text](file.md#anchor). Targets outside begin with https: or
+    # similar.
     for link in re.findall(r"\]\(([^)\s]+)", text_of(path)):
         if not re.match("[a-z]+:", link):
             file, _, anchor = link.partition("#")
@@ -109,14 +110,14 @@ def test_links_lead_to_files_of_the_sdist_and_to_headings(path):
             assert target.exists(), link
             assert any(target.is_relative_to(included) for included in IN_SDIST), link
             assert not anchor or anchor in anchors_of(target), link
-            assert target != README or path == README, "it is no page of the site"
+            assert target != README or path == README, "the README is no page of the site"
 
 
 @EACH_PAGE
 def test_modules_and_places_in_the_checkout_are_there(path):
     """A paragraph that names a commit is about the files of that commit, and is not checked."""
     # Such as docs/index.md or test_documents.py.
-    file_name = rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)"
+    file_name = rf"(?<![\w/.-])(?:(?:{'|'.join(CHECKOUT_FOLDERS)})/[\w./-]*\w|[\w/]+\.py\b)"
     for paragraph in re.split(r"\n\s*\n", text_of(path)):
         if not re.search(r"commit `?[0-9a-f]{7}", paragraph):
             for name in re.findall(file_name, paragraph):
@@ -126,7 +127,7 @@ def test_modules_and_places_in_the_checkout_are_there(path):
 @cache
 def names_of_files():
     """The files of the checkout, a line each."""
-    paths = chain.from_iterable((ROOT / folder).rglob("*.*") for folder in OURS)
+    paths = chain.from_iterable((ROOT / folder).rglob("*.*") for folder in CHECKOUT_FOLDERS)
     return "".join(f"/{path.relative_to(ROOT).as_posix()}\n" for path in paths)
 
 
@@ -134,8 +135,8 @@ def test_documents_are_short():
     """The limits are for words that people write, without and with the data dictionary."""
     total = sum(map(count_words.count_words, count_words.DOCUMENTS))
     assert total <= count_words.MOST_WORDS
-    with_dictionary = total + count_words.count_dictionary_tables()
-    assert with_dictionary <= count_words.MOST_WORDS_WITH_DICTIONARY
+    total_with_dictionary = total + count_words.count_dictionary_tables()
+    assert total_with_dictionary <= count_words.MOST_WORDS_WITH_DICTIONARY
 
 
 @pytest.mark.parametrize("path, limit", [(README, 600), (DOCS / "tutorial.md", 2000)])
@@ -163,7 +164,7 @@ def test_the_contents_have_every_document_once_and_no_other():
 
 @pytest.mark.parametrize("name", reference_pages.PAGES)
 def test_reference_pages_are_as_the_code_has_them(name):
-    """If one is not, run python scripts/reference_pages.py."""
+    """If a page is not, run python scripts/reference_pages.py."""
     text = (DOCS / name).read_text(encoding="utf-8")
     assert reference_pages.updated(name, text) == text
 

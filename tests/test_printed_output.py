@@ -12,8 +12,8 @@ from commands import on_one_line
 import bayes_toe as bt
 from bayes_toe.answers.words import Word
 
-#: What costs time and changes no printed number.
-CHEAP = {
+#: Options by command that save time and change no printed number.
+CHEAP_OPTIONS = {
     "run": ["--draws", "100", "--figures", "none", "--workers", "1"],
     "evidence": ["--workers", "1"],
 }
@@ -44,25 +44,25 @@ def known_analyses(monkeypatch, example_analysis):
 
 
 def cheap_call(words):
-    """The screen of a command with the options of CHEAP."""
+    """The screen of a command with its CHEAP_OPTIONS."""
     program, command, *options = words
-    extra = CHEAP.get(command, []) if program == "bayes-toe" else []
-    return printed_output.call([program, command, *options, *extra])
+    cheap_options = CHEAP_OPTIONS.get(command, []) if program == "bayes-toe" else []
+    return printed_output.call([program, command, *options, *cheap_options])
 
 
 def require_same(stated, printed):
-    """The same words; numbers may differ in their last digits on another processor.
+    """Both texts have the same words, and the same numbers up to the digits of a processor.
 
     Split at its numbers, a text has words and numbers by turns.
     """
-    old, new = (NUMBER.split(on_one_line(text)) for text in (stated, printed))
-    assert old[::2] == new[::2]
-    for old_number, new_number in zip(old[1::2], new[1::2], strict=True):
+    stated_parts, printed_parts = (NUMBER.split(on_one_line(text)) for text in (stated, printed))
+    assert stated_parts[::2] == printed_parts[::2]
+    for stated_number, number in zip(stated_parts[1::2], printed_parts[1::2], strict=True):
         tolerance = 0.0
-        if "." in old_number:
-            n_decimals = len(old_number.partition(".")[2])
-            tolerance = 1.01 * 10.0**-n_decimals  # one of the last decimal, but for rounding
-        assert float(old_number) == pytest.approx(float(new_number), rel=0.1, abs=tolerance)
+        if "." in stated_number:
+            n_decimals = len(stated_number.partition(".")[2])
+            tolerance = 1.01 * 10.0**-n_decimals  # one unit of the last decimal, but for rounding
+        assert float(stated_number) == pytest.approx(float(number), rel=0.1, abs=tolerance)
 
 
 @pytest.mark.parametrize("document", printed_output.DOCUMENTS, ids=lambda path: path.name)
@@ -76,11 +76,11 @@ def test_documents_print_what_the_program_prints(tmp_path, document, known_analy
         outputs = list(printed_output.outputs(text, cheap_call))
     for output in outputs:
         require_same(output.stated, output.printed)
-    assert outputs  # each of these documents has some
-    # Intervals in the prose, such as [-1.2, +3.4], are among those that are printed.
-    printed = " ".join(output.stated for output in outputs)
-    stated = set(re.findall(r"\[[-+.\d]+, [-+.\d]+\]", text))
-    assert [interval for interval in stated if interval not in printed] == []
+    assert outputs  # Each of these documents has printed text.
+    # Intervals in the prose, such as [-1.2, +3.4], are among the intervals that are printed.
+    printed_text = " ".join(output.stated for output in outputs)
+    intervals = set(re.findall(r"\[[-+.\d]+, [-+.\d]+\]", text))
+    assert [interval for interval in intervals if interval not in printed_text] == []
 
 
 # --- The example's truth --------------------------------------------------------------------------
@@ -105,13 +105,13 @@ def test_words_and_sizes_of_the_example_agree_with_its_truth(
         true_size = true_effects[effect][answer.subject]
         size = answer.sizes[SIZES[effect]]
         word = answer.words[effect]
-        # No word says that an effect is present that is absent, and 'undecided' is never wrong. The
-        # sign of the median is the true one where a word says that the effect is present.
+        # No word says that an absent effect is present, and 'undecided' is never wrong. If a word
+        # says that an effect is present, the median has the sign of the true size.
         if true_size == 0.0:
             assert not word.is_positive, answer.subject
         else:
             assert word is Word.UNDECIDED or word.is_positive, answer.subject
             assert word is Word.UNDECIDED or size.q50 * true_size > 0.0, answer.subject
         n_covered += size.q025 <= true_size <= size.q975
-    # Each is a 95 % interval: of 12, one may miss.
+    # Of twelve 95 % intervals, one may miss the true size.
     assert n_covered >= 11

@@ -50,15 +50,14 @@ def test_notebooks_show_20_rows_of_a_table_at_most():
 
 
 def test_a_subject_is_found_by_the_number_that_its_name_is(small_study):
-    first, second, _ = small_study
-    study = bt.Study([replace(first, name="1008"), replace(second, name="01")])
-    # The subjects are '1008' and '01'.
+    subject_a, subject_b, _ = small_study
+    study = bt.Study([replace(subject_a, name="1008"), replace(subject_b, name="01")])
     draws = bt.sample(study, draws=100, seed=1)
     assert draws[1008].names == study.select(1008).names == study.select([1008]).names == ("1008",)
     assert draws.subject(1008).name == bt.asymmetry(study)[1008].subject == "1008"
     assert draws.values(1008, "gain").size > 99
     with refused(r"no subject 1 .*there are: '1008', '01'"):
-        study[1]  # which of 1, 01 and 001 would that be?
+        study[1]  # The number 1 could mean 1, 01 or 001.
 
 
 @pytest.mark.parametrize("argument", ["x.csv", made_subject("0 0.3 1 2"), [], 3])
@@ -70,7 +69,7 @@ def test_every_verb_says_what_a_study_is(argument):
             verb(argument)
 
 
-#: A call that is typed at a prompt, and what it is refused with.
+#: A call that is typed at a prompt, and a part of the refusal.
 REFUSED = """
     bt.run(study, prior=3) | prior: found 3, allowed: 'default', 'paper', a TOML file
     bt.run(study, prior='papre') | no such preset or file, allowed: 'default', 'paper'

@@ -12,7 +12,7 @@ PACKAGES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.design", "bayes_toe.model
 
 
 def imports_of_stub(package_name):
-    """What the stub of a package imports, as often as it stands there, such as `run as run`."""
+    """The imports in the stub of a package, repeated imports included, such as `run as run`."""
     stub = Path(import_module(package_name).__file__).with_suffix(".pyi")
     for node in ast.walk(ast.parse(stub.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom):

@@ -34,10 +34,10 @@ READERS = {
     "prior": lambda path: bt.model.read_prior(path).describe(),
     "hyperprior": lambda path: hyperprior_from(path).describe(SAME_DIFFERENT),
 }
-#: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none,
-#: brackets without an end.
+#: Words that may break readers: unusual numbers, formulas, beginnings of comments and lists.
 _WORDS = b"""nan inf 1e999 -1e-999 =1+1 '=1 [ # 1_0 subject s1 response n_trials synthetic trial
 mu1_sd stimuli True 1979-05-27"""
+#: Bytes that may break readers: delimiters, line ends, marks of encodings, escapes.
 _MARKS = [
     b",",
     b";",
@@ -51,20 +51,20 @@ _MARKS = [
     "\u202e\u2028\x85".encode(),
     b"\xf0\x9f",
 ]
+#: Long numbers, and brackets and names without an end.
 _LONG = [b"9" * 400, b"9" * 5000, b"0x" + b"f" * 5000, b"[" * 2000, b"{a=" * 2000, b"a." * 2000]
 PIECES = st.sampled_from([b'"', *_MARKS, *_LONG, *_WORDS.split()])
 
 
 @st.composite
-def damaged_texts(draw, complete):
-    """The bytes of a file, with something else in the place of up to 12 bytes, up to 4 times."""
-    data = complete
+def damaged_texts(draw, data):
+    """The bytes of a file, in which up to 12 bytes are replaced, up to 4 times."""
     for _ in range(draw(st.integers(0, 4))):
-        first = draw(st.integers(0, len(data)))
+        start = draw(st.integers(0, len(data)))
         data = (
-            data[:first]
+            data[:start]
             + draw(PIECES | st.binary(max_size=8))
-            + data[first + draw(st.integers(0, 12)) :]
+            + data[start + draw(st.integers(0, 12)) :]
         )
     return data
 
@@ -84,8 +84,7 @@ def result_or_none(read, path):
 
 @pytest.mark.parametrize("kind", TEXTS)
 def test_small_files_are_read_or_refused_in_lines(kind, tmp_path):
-    # First files that are damaged or are no such file at all, and then the whole file, which is
-    # read.
+    # First files that are damaged, or that have any bytes, and then the whole file, which is read.
     path = tmp_path / "file"
 
     @FUZZ

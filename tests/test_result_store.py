@@ -39,8 +39,8 @@ def run_one_job(jobs, workers):
 
 def test_an_interrupted_call_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     study = quick_study("AB")
-    uninterrupted = bt.run(study, seed=3, draws=100)
-    # Two subjects make two batches, of which one is done.
+    expected = bt.run(study, seed=3, draws=100)
+    # Two subjects make two batches. The call is interrupted after the first batch.
     with monkeypatch.context() as patch:
         patch.setattr(result_store, "run_jobs", run_one_job)
         patch.setattr("bayes_toe.analysis.BATCH", 1)
@@ -48,15 +48,15 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(tmp_path, monkeypatch):
             bt.run(study, seed=3, keep=tmp_path, draws=100)
     assert len(stored_files(tmp_path)) == 1
 
-    # Without a seed, the call has that of the stored results. Times of creation may differ.
-    reported = []
-    resumed = bt.run(study, keep=tmp_path, progress=reported.append, draws=100)
-    assert sorted(reported) == ["A", "B"]
-    for analysis in (resumed, uninterrupted):
-        del analysis.draws.tree.attrs["created_at"]
-    xr.testing.assert_identical(resumed.draws.tree, uninterrupted.draws.tree)
-    assert resumed.evidence.frame(full=True).equals(uninterrupted.evidence.frame(full=True))
-    assert resumed.summary().equals(uninterrupted.summary())
+    # Without a seed, the call has the seed of the stored results. Times of creation may differ.
+    reported_names = []
+    analysis = bt.run(study, keep=tmp_path, progress=reported_names.append, draws=100)
+    assert sorted(reported_names) == ["A", "B"]
+    del analysis.draws.tree.attrs["created_at"]
+    del expected.draws.tree.attrs["created_at"]
+    xr.testing.assert_identical(analysis.draws.tree, expected.draws.tree)
+    assert analysis.evidence.frame(full=True).equals(expected.evidence.frame(full=True))
+    assert analysis.summary().equals(expected.summary())
 
 
 def test_a_call_computes_the_subjects_whose_results_are_not_stored(tmp_path, monkeypatch):
@@ -76,20 +76,20 @@ def test_a_call_computes_the_subjects_whose_results_are_not_stored(tmp_path, mon
             bt.run(study, keep=tmp_path, draws=100, **options)
         return counts.pop()
 
-    # Without a change no subject is computed again; with another seed or prior both are, and one if
-    # only its counts change.
+    # Without a change no subject is computed again. With another seed or prior both subjects are,
+    # and if only the counts of one subject change, this subject is.
     assert n_computed(study) == 0
     assert n_computed(study, seed=4) == 2
     assert n_computed(study, prior="paper") == 2
-    fewer_yes = replace(study["B"], n_yes=study["B"].n_yes // 2)
-    assert n_computed(replace(study, subjects=(study["A"], fewer_yes))) == 1
+    changed_subject = replace(study["B"], n_yes=study["B"].n_yes // 2)
+    assert n_computed(replace(study, subjects=(study["A"], changed_subject))) == 1
     # As if the results were stored by another version of the program.
     monkeypatch.setattr(result_store, "versions", lambda: ("other",))
     assert n_computed(study, seed=3) == 2
 
 
 class Call:
-    """A pickle of it calls a function when it is read."""
+    """An object whose pickle calls a function when it is read."""
 
     def __init__(self, function, *arguments):
         self.call = function, arguments
@@ -110,7 +110,7 @@ def cube_numbers(numbers):
 
 
 def stored_cubes(numbers, folder, **options):
-    """The cubes of the numbers, each a job; those that the folder has are not computed again."""
+    """The cubes of the numbers, each a job; cubes that the folder has are not computed again."""
     settings = {"seed": 1, "folder": folder, "workers": 1, "progress": None}
     return run_stored(cube_numbers, numbers, list(map(str, numbers)), **settings | options)
 
@@ -118,20 +118,20 @@ def stored_cubes(numbers, folder, **options):
 def test_a_damaged_or_foreign_file_is_computed_again(tmp_path):
     assert stored_cubes([2, 3], tmp_path, seed=3) == [8, 27]
 
-    first, second = stored_files(tmp_path)
-    original = first.read_bytes()
+    file, other_file = stored_files(tmp_path)
+    original = file.read_bytes()
     # The file is empty, cut, of another kind, of another job, or calls a function when it is read.
-    contents = [b"", original[:-9], pickle.dumps(3), second.read_bytes()]
+    contents = [b"", original[:-9], pickle.dumps(3), other_file.read_bytes()]
     for call in (Call(print), Call(run_jobs, [], 1)):
-        contents.append(pickle.dumps({"job": first.stem, "seed": 3, "result": call}))
+        contents.append(pickle.dumps({"job": file.stem, "seed": 3, "result": call}))
     for content in contents:
-        first.write_bytes(content)
+        file.write_bytes(content)
         assert stored_cubes([2, 3], tmp_path, seed=3) == [8, 27]
-        assert first.read_bytes() == original
+        assert file.read_bytes() == original
 
 
 def test_each_result_of_a_batch_is_stored_but_that_of_a_failed_job(tmp_path):
-    # The number 9 fails, in a batch with others; jobs are named after their numbers.
+    # The number 9 fails, in a batch with other numbers. Jobs are named after their numbers.
     reported_names = []
     results = stored_cubes([9, 2], tmp_path, batch=8, progress=reported_names.append)
     assert results == [ERROR_OF_9, 8]
@@ -142,7 +142,8 @@ def test_each_result_of_a_batch_is_stored_but_that_of_a_failed_job(tmp_path):
 
 
 def test_files_of_others_stay_and_links_are_refused(tmp_path):
-    # A file of the user has the suffix of stored results, and then their own name leads to it.
+    # A file of the user has the suffix of stored results. Then the name of a stored result is a
+    # link to this file.
     folder = tmp_path / "kept"
     stored_cubes([2], folder)
     (folder / "note.result").write_text("mine")

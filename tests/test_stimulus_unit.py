@@ -26,7 +26,7 @@ def study_in_logs():
 
 @pytest.fixture(scope="module")
 def study_in_decibels(study_in_logs):
-    """The same study in decibels, of which 60 are the reference."""
+    """The same study in decibels; the reference is at 60 dB."""
     return study_read_in_unit(
         study_in_logs, 60.0 + DECIBELS_OF_E * study_in_logs.frame()[["s1", "s2"]], "dB"
     )
@@ -48,14 +48,14 @@ def evidence_in_decibels(study_in_decibels):
 def test_decibels_change_what_is_shown_and_no_number(
     study_in_logs, study_in_decibels, evidence_in_decibels
 ):
-    for in_decibels, in_logs in zip(
-        evidence_in_decibels.answers, bt.evidence(study_in_logs, seed=1).answers, strict=True
-    ):
-        percent = in_logs.sizes["pse_shift_percent"].q50
-        assert in_decibels.sizes["pse_shift_percent"].q50 == pytest.approx(percent, rel=1e-5)
+    answers_in_logs = bt.evidence(study_in_logs, seed=1).answers
+    for answer, answer_in_logs in zip(evidence_in_decibels.answers, answers_in_logs, strict=True):
+        percent = answer_in_logs.sizes["pse_shift_percent"].q50
+        size = answer.sizes["pse_shift_percent"]
+        assert size.q50 == pytest.approx(percent, rel=1e-5)
         # A shift of 26 % is a factor of 1.26, which is 2 dB.
         shift = DECIBELS_OF_E * np.log1p(percent / 100.0)
-        _, median, _ = in_decibels.unit.from_percent(in_decibels.sizes["pse_shift_percent"])
+        _, median, _ = answer.unit.from_percent(size)
         assert median == pytest.approx(shift, rel=1e-5)
     answer = evidence_in_decibels["S01"].answer
     assert " dB [" in answer.describe()
@@ -83,7 +83,7 @@ def test_figures_and_tables_name_the_unit(study_in_decibels, evidence_in_decibel
 
 
 def test_screens_have_the_unit(study_in_decibels, tmp_path):
-    # A frame has natural logs, of which the file has decibels.
+    # The frame has natural logs, and the file gets decibels.
     table = study_in_decibels.frame()
     table[["s1", "s2"]] *= DECIBELS_OF_E
     table.to_csv(tmp_path / "levels.csv", index=False)
@@ -99,10 +99,10 @@ def test_rounded_intensities_are_judged_as_exact_ones(task, digits):
     # Stimuli in grams with so many significant digits. Rounding must not look as if the task were
     # another one, or as if the answers were reversed.
     grams = 10.0 * np.exp(study.frame()[["s1", "s2"]])
-    rounded = study_read_in_unit(
+    rounded_study = study_read_in_unit(
         study, grams.map(lambda value: float(f"{value:.{digits}g}")), "g", 10.0
     )
-    codes = {finding.code for finding in check_answers(rounded)}
+    codes = {finding.code for finding in check_answers(rounded_study)}
     assert "other_task" not in codes
     assert "reversed_answers" not in codes
 
@@ -138,11 +138,11 @@ def test_natural_logs_need_no_unit_whatever_their_reference(scale, shift):
 
 
 def test_natural_logs_may_differ_by_three():
-    # A factor of 20, which is large for a study.
+    # A difference of 3 is a factor of 20, which is large for a study.
     assert bt.read_study(table_of_trials("0 3, 3 0")).unit.name == ""
 
 
-#: Pairs of which some differ by rounding, options, and the end of the doubt.
+#: Pairs, among whose stimuli two differ by rounding; options; and the end of the doubt.
 ROUNDED = """
     .3 .30000001, .3 .5, .5 .3, .30000001 .5, .5 .3, .3 .5 |  | 0.3
     30 30.000001, 30 50, 50 30, 30.000001 50, 50 30, 30 50 | --unit um | 30 um
@@ -154,7 +154,7 @@ def test_stimuli_that_differ_by_rounding_are_merged_and_said(pairs, options, end
     # Such as '.3 .30000001, .3 .5, .5 .3': two stimuli make three pairs.
     study = bt.read_study(table_of_trials(pairs), typed_options(options))
     assert len(np.unique(study["A"].stimuli)) == 2
-    assert study["A"].n_pairs == 3, "an equal pair is one"
+    assert study["A"].n_pairs == 3  # One of the pairs has equal stimuli.
     (doubt,) = study.reading.doubts
     assert "stimuli in 2 rows differ by rounding only, and are read as one: " in doubt
     assert doubt.endswith(end)
@@ -194,7 +194,7 @@ def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(
 def observers_with_errors(step, level):
     """A study of 'up', who overestimates the first stimulus, and 'down', who underestimates it.
 
-    Their pairs are neighbouring levels, `step` apart, above the lowest one.
+    Their pairs are neighbouring levels, `step` apart; `level` is the lowest level.
     """
     options = {"n": 60, "noise": step, "step": step, "level": level}
     error = 0.9 * step
@@ -207,8 +207,9 @@ def observers_with_errors(step, level):
 FORBIDDEN = re.compile(r"\b(inf|nan)\b|0\.0+ % \[[+-]?0\.0+,|[1-9]\d{3,}(\.\d+)? %")
 
 
-#: Steps of a factor of 400, which are shown as logs, and steps of 2e-5 about 20.72.
+#: Steps of a factor of 400, which are shown as logs.
 WIDE_STEPS = {"step": 6.0, "level": 0.0}
+#: Steps of 2e-5 above 20.72.
 FINE_STEPS = {"step": 2e-5, "level": 20.72}
 
 

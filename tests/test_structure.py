@@ -52,14 +52,14 @@ def imported_names(name):
     Imports in functions count, too.
     """
     path = PACKAGE / f"{name.replace('.', '/')}.py"
-    imported = []
+    names = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            imported += [alias.name for alias in node.names]
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
-            imported += [f"{node.module}.{alias.name}" for alias in node.names]
-    return imported
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+    return names
 
 
 def rank_of(name):
@@ -71,9 +71,9 @@ def rank_of(name):
 def test_every_file_is_in_a_subpackage_and_imports_point_one_way(name):
     assert name.count(".") <= 1, "one level of subpackages"
     for imported in imported_names(name):
-        package, _, other = imported.partition(".")  # 'bayes_toe', 'data.study.Study'
-        if package == "bayes_toe" and other.split(".")[0] in ORDER:
-            assert rank_of(other) <= rank_of(name), other
+        package, _, imported_name = imported.partition(".")  # 'bayes_toe', 'data.study.Study'
+        if package == "bayes_toe" and imported_name.split(".")[0] in ORDER:
+            assert rank_of(imported_name) <= rank_of(name), imported_name
 
 
 def test_no_modules_import_each_other():

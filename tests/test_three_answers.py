@@ -57,8 +57,8 @@ def csv(*lines):
     ],
 )
 def test_trials_codes_and_counts_say_the_same(text, options):
-    # Of four responses to (0, 1), two are 'equal', one is 'second' and one 'first'; that to (1, 0)
-    # is 'second'.
+    # Of four responses to (0, 1), two are 'equal', one is 'second' and one is 'first'. The only
+    # response to (1, 0) is 'second'.
     (subject,) = read(text, options)
     assert subject.task == THREE_ANSWERS
     assert subject.n_yes.tolist() == [2, 0]
@@ -68,7 +68,7 @@ def test_trials_codes_and_counts_say_the_same(text, options):
 
 
 def test_a_stray_word_in_a_study_of_two_answers_is_doubted():
-    # 60 and 60 responses are of two answers, and one is of another task.
+    # 60 responses are 'second', 60 are 'first', and a single response is a word of another task.
     rows = ["a,0,1,second"] * 60 + ["a,1,0,first"] * 60 + ["a,0,1,equal"]
     (doubt,) = read(csv(TRIALS, *rows)).reading.doubts
     assert "only 1 of 121 responses are 'equal'" in doubt
@@ -121,19 +121,19 @@ def test_a_session_takes_three_answers_and_is_resumed(tmp_path):
     assert (information > 0.0).all()
     for word in ("second", "equal", "first"):
         session.answer(session.next(), word)
-    # True is an answer to one question only.
+    # True is the answer to a question of yes or no, which this task does not ask.
     with refused("allowed answers are equal, second, first"):
         session.answer(pairs[0], True)
     session.save(tmp_path / "session.json")
-    resumed = bt.design.Adaptive.resume(tmp_path / "session.json")
-    assert resumed.answers == session.answers
-    assert resumed.probabilities == session.probabilities
-    assert resumed.subject.n_second.sum() == 1  # of three answers
+    resumed_session = bt.design.Adaptive.resume(tmp_path / "session.json")
+    assert resumed_session.answers == session.answers
+    assert resumed_session.probabilities == session.probabilities
+    assert resumed_session.subject.n_second.sum() == 1  # One of three answers is 'second'.
 
 
 def test_a_wrong_direction_is_no_correct_answer():
-    # 8 of 10 answers to the equal pair are 'equal'. Of those to (0, 0.3), 3 are 'equal', 5 'second'
-    # and two 'first'.
+    # 8 of 10 answers to the equal pair are 'equal'. Of 10 answers to (0, 0.3), 3 are 'equal', 5 are
+    # 'second' and 2 are 'first'.
     subject = bt.Subject(
         "a", [0.0, 0.0], [0.0, 0.3], [8, 3], [10, 10], n_second=[1, 5], task=THREE_ANSWERS
     )
@@ -145,10 +145,10 @@ def test_a_wrong_direction_is_no_correct_answer():
 
 def test_swapped_keys_exchange_first_and_second(study):
     # The key of 'equal' stays. The swap is found and undone by the same option.
-    swapped = study.swap("A")
-    assert np.array_equal(swapped["A"].n_second, study["A"].n_first)
-    assert np.array_equal(swapped["A"].n_yes, study["A"].n_yes)
-    (finding,) = check_answers(swapped)
+    swapped_study = study.swap("A")
+    assert np.array_equal(swapped_study["A"].n_second, study["A"].n_first)
+    assert np.array_equal(swapped_study["A"].n_yes, study["A"].n_yes)
+    (finding,) = check_answers(swapped_study)
     assert finding.code == "reversed_answers"
     assert finding.option == "--swap A"
     assert "'second'" in finding.message
@@ -178,56 +178,58 @@ def test_a_study_whose_directions_are_all_reversed_is_refused(study):
 
 def test_the_second_question_leaves_h1_against_h0_and_the_scales_alone(study):
     # Three answers are two questions: 'equal' or not, and then 'second' or 'first'. The same study
-    # without the second question is one of same or different. H1 and H0 have the same likelihood of
-    # the second question, so it leaves their Bayes factor.
+    # without the second question is a study of same or different. H1 and H0 have the same
+    # likelihood of the second question, which therefore does not change their Bayes factor.
     subjects = [
         replace(subject, task=SAME_DIFFERENT, n_second=None, answers=None) for subject in study
     ]
     same_different = bt.Study(subjects)
-    evidence_of_three = bt.evidence(study, seed=1)
-    evidence_of_two = bt.evidence(same_different, seed=1)
-    for three, two, subject in zip(
-        evidence_of_three.rows, evidence_of_two.rows, study, strict=True
+    evidence = bt.evidence(study, seed=1)
+    first_question_evidence = bt.evidence(same_different, seed=1)
+    for row, first_question_row, subject in zip(
+        evidence.rows, first_question_evidence.rows, study, strict=True
     ):
-        assert three.log_bayes_factor == pytest.approx(two.log_bayes_factor, abs=1e-9)
-        # The likelihood under H0 is the product of those of both questions.
+        expected = first_question_row.log_bayes_factor
+        assert row.log_bayes_factor == pytest.approx(expected, abs=1e-9)
+        # The likelihood under H0 is the product of the likelihoods of both questions.
         which_stronger = subject.two_answers
         assert which_stronger.task == WHICH_STRONGER
         questions = same_different[subject.name], which_stronger
-        by_question = [frequency_evidence(question) for question in questions]
-        assert three.log_evidence_h0 == pytest.approx(sum(by_question), rel=1e-12)
+        expected = sum(map(frequency_evidence, questions))
+        assert row.log_evidence_h0 == pytest.approx(expected, rel=1e-12)
     assert [subject.scales for subject in study] == [subject.scales for subject in subjects]
-    assert evidence_of_three["B"].answer.words["contraction"] == "yes"  # it is .4
+    assert evidence["B"].answer.words["contraction"] == "yes"  # The contraction of B is .4.
 
 
 def test_log_likelihoods_of_pairs_add_up_to_the_trinomial(study):
     draws = bt.sample(study.select(["A"]), model="both", draws=100, seed=1)
-    by_pair = draws.to_arviz()["log_likelihood"]["n_equal"].values  # (chains, draws, pairs)
-    first_chain, *_ = draws.points("A")  # (draws, coordinates)
-    expected = draws.posterior("A").log_likelihood(first_chain)
-    assert by_pair[0].sum(axis=1) == pytest.approx(expected, rel=1e-12)
+    # The first chain is compared: (draws, pairs) and (draws, coordinates).
+    log_likelihoods, *_ = draws.to_arviz()["log_likelihood"]["n_equal"].values
+    points, *_ = draws.points("A")
+    expected = draws.posterior("A").log_likelihood(points)
+    assert log_likelihoods.sum(axis=1) == pytest.approx(expected, rel=1e-12)
 
 
 def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_same_answer(study):
     order = OrderModel("both")
     subject = study["B"]
-    # A history with carry-over rho and the previous response kappa, of which both are present.
+    # The history has both effects: the carry-over rho, and kappa of the previous response.
     history = TrialHistory(order, has_previous_response=True, has_carry_over=True)
-    with_history = TrialHistoryPosterior(subject, history)
+    posterior = TrialHistoryPosterior(subject, history)
     x = order.posterior(subject).sample_prior(default_rng(1), 20)
-    no_history = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])  # kappa is 0, and so is rho
+    # The last two coordinates are kappa and the probit of rho. Both effects are 0.
+    without_effects = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])
     expected = order.posterior(subject).log_likelihood(x)
-    computed = with_history.array.likelihood.plain_value(no_history[None])[0]
+    computed = posterior.array.likelihood.plain_value(without_effects[None])[0]
     assert computed == pytest.approx(expected, rel=1e-10)
 
-    # With a kappa above 0, the answer before becomes more probable. The last two coordinates are
-    # kappa and rho.
-    repeating = no_history.copy()
-    repeating[:, -2] = 1.0
-    trials = with_history.rows.trials
+    # With a kappa above 0, the answer in the trial before becomes more probable.
+    with_kappa = without_effects.copy()
+    with_kappa[:, -2] = 1.0
+    trials = posterior.rows.trials
     previous = trials.answer[trials.previous]
-    p_second = with_history.trial_probabilities  # (points, trials)
-    change = p_second(repeating) - p_second(no_history)
+    p_second = posterior.trial_probabilities  # (points, trials)
+    change = p_second(with_kappa) - p_second(without_effects)
     # P('second') falls after 'first', stays after 'equal' and rises after 'second'.
     for sign in (-1.0, 0.0, 1.0):
         assert (np.sign(change[:, 1:][:, previous[1:] == sign]) == sign).all()

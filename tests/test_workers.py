@@ -24,8 +24,8 @@ from bayes_toe.workers import run_in_order, run_jobs, without_failed
 
 
 def test_a_worker_that_dies_ends_the_work_in_one_line_and_the_next_call_has_others():
-    # One job of seven kills its worker. The jobs of the next call run in two new workers, and none
-    # in this process.
+    # One job of seven kills its worker. The jobs of the next call run in two new workers, and no
+    # job runs in this process.
     jobs = [partial(kill_this_worker, os.getpid()), *[partial(return_slowly, 1, 0.3)] * 6]
     message = r"^a worker died \(killed, or out of memory\): use fewer workers$"
     with pytest.raises(WorkerError, match=message):
@@ -51,19 +51,19 @@ def test_jobs_that_failed_are_named_and_an_error_if_all_did():
 )
 def test_an_interrupt_in_a_job_or_in_its_progress_leaves_no_worker_at_work(second_job, progress):
     jobs = [partial(return_slowly, 1, 0.3), second_job, *[partial(return_slowly, 3, 0.3)] * 50]
-    # The second of 52 jobs is interrupted, or the report of the first result. Python's prompt keeps
-    # the last traceback, and with it the generator of the results. So the workers must end although
-    # `error` still refers to it.
+    # Either the second of 52 jobs is interrupted, or the report of the first result. Python's
+    # prompt keeps the last traceback, and with it the generator of the results. So the workers must
+    # end although the traceback of `error` still holds the generator.
     with pytest.raises(KeyboardInterrupt) as error:
         run_in_order(jobs, 2, progress, [("a subject",)] * len(jobs))
     wait_until(lambda: not workers_of(os.getpid()))
-    assert error.tb is not None
+    assert error.tb is not None  # It still holds the generator.
 
 
 def test_a_caller_that_stops_after_one_result_is_not_warned(recwarn):
     jobs = [partial(return_slowly, k, 0.3) for k in range(9)]
     index, value = next(run_jobs(jobs, workers=2))
-    # Whichever of the first two jobs is done first; the value of a job is its number.
+    # Either of the first two jobs may be done first. The value of a job is its index.
     assert index == value < 2
     assert not recwarn.list
 
@@ -118,7 +118,7 @@ def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
     assert output_of(run_python(str(script), cwd=data, env=environment)) == "[1, 2, 4]\n"
 
 
-#: A process works with two workers, and then its copy (os.fork) does the same.
+#: A script that works with two workers, and whose copy (os.fork) then works with two workers, too.
 WORK_IN_A_COPY = """
 import os, signal
 from functools import partial
@@ -136,7 +136,7 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 def test_a_copy_of_a_process_that_has_workers_can_work(tmp_path):
-    """Both print the powers of 2; then the process prints the exit code of its copy."""
-    # From 3.12 on Python warns of a copy of a process with threads, which joblib's has.
+    """The process and its copy print the powers of 2; then it prints the exit code of its copy."""
+    # From 3.12 on Python warns of the copy of a process with threads, such as those of joblib.
     words = ["-W", "ignore::DeprecationWarning", "-c", WORK_IN_A_COPY]
     assert output_of(run_python(*words, cwd=tmp_path)) == "[1, 2, 4]\n[1, 2, 4]\n0\n"

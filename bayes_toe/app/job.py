@@ -46,7 +46,7 @@ _LOCKS = ".bayes_toe_app"
 _SERVER = "server"
 _RUN = "run"
 
-#: The options of the page, which have the names of the command's, with the kind of their value.
+#: The kind of value of each option of the page. The options of the command have the same names.
 _KINDS: dict[str, type] = {"swap": list, "exclude": list}
 for _name, _default in vars(ReadOptions()).items():
     _KINDS[_name] = {tuple: list, dict: dict, bool: bool}.get(type(_default), str)
@@ -80,7 +80,7 @@ class Job:
             if is_complete and has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
                 return record
         except (OSError, ValueError, TypeError, LookupError, RecursionError):
-            pass  # what reading a damaged record can raise, refused below
+            pass  # The record is damaged, and is refused below.
         raise InputError(f"The folder {quoted(self.name)} holds no study, or a damaged one")
 
     def store(self, files: Mapping[str, bytes]) -> None:
@@ -240,8 +240,8 @@ def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
     Raises
     ------
     InputError
-        If there is no file, if two files get the same name, or if the suffix of a name is not one
-        of those that are read.
+        If there is no file, if two files get the same name, or if files with the suffix of a name
+        are not read.
     """
     contents = {}
     paths: dict[str, str] = {}
@@ -269,11 +269,12 @@ def file_name(path: str) -> str:
     """
     # The part behind the last '/' or '\\'. At its start a '.' would hide the file, and a command
     # would take a '-' for an option.
-    last = unicodedata.normalize("NFC", path).replace("\\", "/").rpartition("/")[2]
-    stem, suffix = os.path.splitext(re.sub(r"[^\w .+()@-]", "_", last).lstrip(" .-"))
+    last_part = unicodedata.normalize("NFC", path).replace("\\", "/").rpartition("/")[2]
+    stem, suffix = os.path.splitext(re.sub(r"[^\w .+()@-]", "_", last_part).lstrip(" .-"))
     if suffix.lower() not in TABLE_SUFFIXES:
         raise InputError(
-            f"{quoted(last)}: the page reads files whose names end in {', '.join(TABLE_SUFFIXES)}"
+            f"{quoted(last_part)}: the page reads files whose names end in "
+            f"{', '.join(TABLE_SUFFIXES)}"
         )
     if len(stem.encode()) > 120:  # Disks take names of 255 bytes, and hidden files add some.
         stem = f"{stem[:30]}-{_checksum(stem)[:8]}"
@@ -290,15 +291,15 @@ def list_jobs(home: Path) -> tuple[list[Job], list[str]]:
 
     A study is damaged if its folder has a record that :meth:`Job.record` refuses.
     """
-    created = {}
-    damaged = []
+    dates = {}  # when each study was stored
+    damaged_names = []
     for file in home.glob(f"*/{RECORD}"):
         job = Job(file.parent)
         try:
-            created[job] = job.record()["created"]
+            dates[job] = job.record()["created"]
         except InputError:
-            damaged.append(job.name)
-    return sorted(created, key=created.__getitem__, reverse=True), sorted(damaged)
+            damaged_names.append(job.name)
+    return sorted(dates, key=dates.__getitem__, reverse=True), sorted(damaged_names)
 
 
 # --- Options --------------------------------------------------------------------------------------
@@ -340,7 +341,7 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
     words = []
     for name, value in sorted(options.items()):
         option = f"--{name.replace('_', '-')}"
-        if isinstance(value, dict):  # of columns, or of conditions for rows
+        if isinstance(value, dict):  # `columns`, or `where`, which has a text for each column
             value = [f"{ours}={theirs}" for ours, theirs in sorted(value.items())]
         if name == "columns":  # All columns are one value; the option is typed once.
             value = ",".join(value)
@@ -359,7 +360,7 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
 
 
 def running_job(home: Path) -> tuple[str, int]:
-    """The study that is analysed now and its process group; '' and 0 where there is none.
+    """The study that is analysed now and its process group; '' and 0 if no study is analysed.
 
     The lock of the run has them as text, '0123456789abcdef 4711'.
     """
@@ -372,7 +373,7 @@ def running_job(home: Path) -> tuple[str, int]:
 
 
 def end_group(group: int, number: signal.Signals) -> None:
-    """Send a signal to the processes of a run; `group` is 0 if there is none."""
+    """Send a signal to the processes of a run; `group` is 0 if there is no run."""
     if group:  # 0 would mean the group of this process
         with suppress(ProcessLookupError):
             os.killpg(group, number)
@@ -390,7 +391,7 @@ def take_lock(lock: IO[str]) -> bool:
     The lock is free again when this process has closed the file of the lock, and so has each child
     process that inherited the file.
     """
-    import fcntl  # Windows has none.
+    import fcntl  # here, because Windows has no such module
 
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -86,7 +86,7 @@ def _read_options(options: Record) -> bt.ReadOptions:
 def describe_table(table: TextTable) -> Record:
     """Names of columns, the first six rows, and how often a column has each text.
 
-    Columns of more than twelve different texts are not counted: they are no codes.
+    The texts of a column with more than twelve different texts are not counted: they are no codes.
     """
     texts = {}  # by column, each text with its count, the most frequent first
     for name, column in table.columns.items():
@@ -107,7 +107,7 @@ def describe_table(table: TextTable) -> Record:
 def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     """The column of each role, such as {'s1': 'first'}.
 
-    `roles` has the columns by these options, and `automatic` the columns if the page names none.
+    `roles` has the columns by these options, and `automatic` the columns if no option names one.
     `unit` is the unit in the names of the stimuli. `order` has the column that says which stimulus
     came first.
     """
@@ -118,20 +118,22 @@ def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     }
     if options.interval_column not in table.names:  # the onsets of both stimuli say the order
         order = {}
-    # Without the unit of the options, `with_likely_columns` finds that in the names.
-    without_unit = replace(options, unit=None, intensity=None)
+    # Without the unit of the options, `with_likely_columns` finds the unit in the names.
+    options_without_unit = replace(options, unit=None, intensity=None)
     return {
         "roles": _roles(table.names, options),
         "automatic": _roles(table.names, replace(options, columns={})),
         "order": order,
-        "unit": with_likely_columns(table.names, without_unit).unit,
+        "unit": with_likely_columns(table.names, options_without_unit).unit,
     }
 
 
 def _roles(names: Sequence[str], options: bt.ReadOptions) -> dict[str, str]:
-    """The column of each role, chosen or likely, that is in the table."""
-    likely = with_likely_columns(names, options)
-    return {ours: likely.name(ours) for ours in COLUMNS if likely.name(ours) in names}
+    """The column of each role, by the options or by its name; roles without a column are absent."""
+    likely_options = with_likely_columns(names, options)
+    return {
+        role: likely_options.name(role) for role in COLUMNS if likely_options.name(role) in names
+    }
 
 
 def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
@@ -140,13 +142,13 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
     pairs = all_trials.pairs
     n_yes = all_trials.n_yes.tolist()
     n_trials = all_trials.n_trials.tolist()
-    described = []
+    described_findings = []
     for finding in findings:
         if finding.option.startswith(("--swap ", "--exclude ")):
             _, target = shlex.split(finding.option)  # '--swap A08:2' -> 'A08:2'
         else:
             target = ""
-        described.append({**asdict(finding), "target": target})
+        described_findings.append({**asdict(finding), "target": target})
     return {
         "answer": study.task.yes,
         "subjects": len({subject.subject_name for subject in study}),
@@ -156,7 +158,7 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
         "stimuli": [list(map(study.unit.describe, pair)) for pair in pairs],
         "unit": study.unit.of_stimuli,
         "notes": study.notes,
-        "findings": described,
+        "findings": described_findings,
     }
 
 

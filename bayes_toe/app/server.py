@@ -43,8 +43,9 @@ from bayes_toe.errors import InputError
 ADDRESS = "127.0.0.1"
 LARGEST_UPLOAD = 64 * 2**20  # bytes; page.js checks it too
 HEADER = "X-Bayes-Toe"
-#: Seconds that reading may take, and that a run may take to end.
+#: Seconds that reading the files of a study may take.
 READING_TIME = 120
+#: Seconds that a run may take to end after a signal.
 ENDING_TIME = 15
 #: The files of the page, each with the type of its content.
 _CONTENT_TYPES = {"page.html": "text/html", "page.js": "text/javascript", "page.css": "text/css"}
@@ -67,12 +68,13 @@ class Site:
     home: Path
     port: int
     token: str = field(default_factory=secrets.token_hex)
-    #: In addresses of results: links in a report have an origin of their own, and no cookie.
+    #: The token in addresses of results: links in a report have an origin of their own, and no
+    #: cookie.
     key: str = field(default_factory=secrets.token_hex)
-    #: What reading gave, by the study and its command.
+    #: The record that reading gave, by the study and its command.
     readings: dict[Texts, Record] = field(default_factory=dict)
-    #: One reading at a time, so that the last one belongs to the last options.
-    is_reading: asyncio.Lock = field(default_factory=asyncio.Lock)
+    #: One reading at a time, so that the last reading belongs to the last options.
+    reading_lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     #: The process of the last run. While it is referenced here, Python collects its exit code.
     process: subprocess.Popen[bytes] | None = None
 
@@ -92,7 +94,7 @@ class Site:
         The files are read only if no earlier reading under the same options is stored, or if
         options are given, which the user may do after a change of the files.
         """
-        async with self.is_reading:
+        async with self.reading_lock:
             if options is not None:
                 job.save_options(options)
             key = (job.name, *job.command())  # The command has the options.
@@ -200,7 +202,7 @@ class Handler(RequestHandler):
             problem = f"The folder {self.site.home} cannot be used: {reason}"
         else:
             self.set_status(status_code, getattr(error, "reason", None))
-            problem = self._reason  # set by set_status, in the code's usual words without a reason
+            problem = self._reason  # from set_status: the reason, or else the words for the code
         self.finish({"problem": problem})
 
 
@@ -208,7 +210,7 @@ class Page(Handler):
     """The page itself; a token in its address stands for the cookie and sets it."""
 
     def token(self) -> str | None:
-        """The token of the address, or else of the cookie, which may be an old one."""
+        """The token of the address, or else of the cookie, which may be an old token."""
         return self.get_query_argument("token", None) or super().token()
 
     def get(self, name: str) -> None:
@@ -229,10 +231,10 @@ class Jobs(Handler):
     def get(self) -> None:
         """List the studies with their states, and the names of damaged studies."""
         studies, damaged = list_jobs(self.site.home)
-        listed = []
+        jobs = []
         for job in studies:
-            listed.append({"id": job.name, "run": job.run_state(), **job.record()})
-        self.finish({"jobs": listed, "damaged": damaged})
+            jobs.append({"id": job.name, "run": job.run_state(), **job.record()})
+        self.finish({"jobs": jobs, "damaged": damaged})
 
     async def post(self) -> None:
         """Store dropped files as a study, or open the study of these files, and read them."""

@@ -1,7 +1,7 @@
 """Asymmetry between the two orders of a pair, without a model.
 
 `asymmetry` gives an `AsymmetryTable` with estimates, exact tests and counts. A comparison is a pair
-of different stimuli in both orders; r is the weaker and c the stronger one. The asymmetry is
+of different stimuli in both orders; r is the weaker and c the stronger stimulus. The asymmetry is
 q(c, r) - q(r, c), where q(a, b) is the probability of 'equal' with a first and b second. In 'which
 is stronger?' q is the probability of a wrong answer. 'Equal' is wrong for different stimuli too, so
 the sign means the same in both tasks: where it is positive, the subject is more accurate with the
@@ -140,7 +140,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
 
     @property
     def share_of(self) -> str:
-        """The responses of which q is the share: 'equal', with quotes, or wrong, without."""
+        """The responses whose share is q: 'equal', with quotes, or wrong, without quotes."""
         answer = self.task.compared_answer
         return f"'{answer}'" if answer == self.task.yes else answer
 
@@ -167,15 +167,17 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         maxima = [subject.maximal for subject in self.rows if subject.maximal is not None]
         n_subjects = plural(len(maxima), "subject")
         sentences = ["The counts are for the pair of each subject whose two orders differ most."]
-        # An asymmetry above 0 is one of more such responses with the stronger stimulus first.
+        # The asymmetry is above 0 if there are more such responses with the stronger stimulus
+        # first, and below 0 if there are more with the weaker stimulus first.
         for sign, stimulus in ((1, "stronger"), (-1, "weaker")):
-            of_sign = [maximum for maximum in maxima if sign * maximum.asymmetry > 0]
-            n_significant = sum(maximum.p_value < 0.05 for maximum in of_sign)
-            n_corrected = sum(maximum.p_adjusted < 0.05 for maximum in of_sign)
+            maxima_of_sign = [maximum for maximum in maxima if sign * maximum.asymmetry > 0]
+            n_significant = sum(maximum.p_value < 0.05 for maximum in maxima_of_sign)
+            n_corrected = sum(maximum.p_adjusted < 0.05 for maximum in maxima_of_sign)
             sentences.append(
-                f"{len(of_sign)} of {n_subjects} gave more {self.share_of} responses with the "
-                f"{stimulus} stimulus first than in the other order. The difference is significant "
-                f"(p < .05) in {n_significant} of them, in {n_corrected} after Holm's correction."
+                f"{len(maxima_of_sign)} of {n_subjects} gave more {self.share_of} responses with "
+                f"the {stimulus} stimulus first than in the other order. The difference is "
+                f"significant (p < .05) in {n_significant} of them, in {n_corrected} after Holm's "
+                "correction."
             )
         return " ".join(sentences)
 
@@ -191,7 +193,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     Returns
     -------
     AsymmetryTable
-        Without pairs that were presented in one order only, which `check` names.
+        It lacks pairs that were presented in one order only, which `check` names.
 
     Raises
     ------
@@ -200,9 +202,9 @@ def asymmetry(study: Study) -> AsymmetryTable:
 
     Examples
     --------
-    >>> one = Subject("S01", [0.0, 0.3], [0.3, 0.0], [12, 25], [50, 50])
-    >>> found = asymmetry(Study([one]))["S01"].maximal
-    >>> round(found.asymmetry, 3), round(found.p_value, 4)
+    >>> subject = Subject("S01", [0.0, 0.3], [0.3, 0.0], [12, 25], [50, 50])
+    >>> comparison = asymmetry(Study([subject]))["S01"].maximal
+    >>> round(comparison.asymmetry, 3), round(comparison.p_value, 4)
     (0.25, 0.0073)
     """
     require_study(study)
@@ -239,8 +241,8 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     tables = np.hstack([counts[strong_first], counts[weak_first]]).tolist()
     tests = pd.DataFrame(starmap(equality_test, tables), columns=["p_value", "test"])
     p_values = tests["p_value"].to_numpy(np.float64)
-    # Of differences that are equal up to rounding, the one with the smaller p-value comes first.
-    # The last key of a lexsort counts first.
+    # The largest difference comes first, and among differences that are equal up to rounding, the
+    # difference with the smallest p-value. The last key of a lexsort counts first.
     largest_first = np.lexsort((p_values, -np.abs(difference).round(12)))
 
     columns = {
@@ -280,12 +282,12 @@ def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) ->
     (0.008382, 'boschloo')
     """
     table = [[k1, k2], [n1 - k1, n2 - k2]]
-    # The side on which the data lie has the smaller one-sided p-value, which is doubled.
+    # The p-value of the side on which the data lie is the smaller p-value, which is doubled.
     side = "less" if k1 * n2 < k2 * n1 else "greater"  # k1/n1 < k2/n2
     if n1 + n2 > most_trials:
         return min(1.0, 2.0 * float(fisher_exact(table, side).pvalue)), "fisher"
-    # The p-value is a supremum over the common probability, searched from so many points. From
-    # SciPy's default, 32, it is missed in rare cases.
+    # The p-value is a supremum over the common probability, searched from n points. With SciPy's
+    # default, 32 points, the supremum is missed in rare cases.
     return min(1.0, 2.0 * float(boschloo_exact(table, side, n=64).pvalue)), "boschloo"
 
 
@@ -299,8 +301,9 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
     """
     p = np.asarray(p_values, np.float64)
     order = np.argsort(p, kind="stable")
-    # The smallest of n is multiplied by n, the next one by n - 1; none is below the one before.
-    raised = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    # The smallest of n p-values is multiplied by n, and the next one by n - 1. No product is below
+    # the product before it.
+    products = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
     adjusted = np.empty_like(p)
-    adjusted[order] = np.minimum(raised, 1.0)
+    adjusted[order] = np.minimum(products, 1.0)
     return adjusted

@@ -47,7 +47,7 @@ from bayes_toe.workers import Progress, Workers, run_in_order
 #: Bootstrap replicates of a subject; the paper has about 1,000.
 REPLICATES = 400
 #: Bounds of q0 and of the lapse rate, between which no log probability is infinite.
-_SHARES = (1e-9, 1.0 - 1e-9)
+_SHARE_BOUNDS = (1e-9, 1.0 - 1e-9)
 #: Largest width, in units of the step between stimuli; the smallest width is its inverse.
 _LARGEST_WIDTH = 1000.0
 #: Nats by which equally high maxima may differ, since a search ends before the maximum.
@@ -102,7 +102,7 @@ class PenalisedLikelihood:
         """Lowest and highest value of each coordinate, (4, 2). The paper has gamma from 0 to 1."""
         # From step / _LARGEST_WIDTH to step * _LARGEST_WIDTH.
         log_widths = np.log(self.step) + np.log(_LARGEST_WIDTH) * np.array([-1.0, 1.0])
-        return np.array([(-np.inf, np.inf), log_widths, (0.0, 1.0), _SHARES])
+        return np.array([(-np.inf, np.inf), log_widths, (0.0, 1.0), _SHARE_BOUNDS])
 
     @cached_property
     def grid(self) -> FloatArray:
@@ -112,7 +112,7 @@ class PenalisedLikelihood:
         # has equal maxima on both sides of the mean, and rounding would choose between the two.
         mu1 = self.subject.mean_first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
-        gammas = (0.01, 0.1, 0.3, 0.9)  # of 0 to 1
+        gammas = (0.01, 0.1, 0.3, 0.9)  # between the bounds 0 and 1
         lapse_rates = np.array([0.03, 0.15, 0.4, 0.7])
         # The fourth parameter q0 is P(equal) without a difference, near 1.
         shares = 1.0 - lapse_rates if self.subject.task.lapses == "q0" else lapse_rates
@@ -141,18 +141,18 @@ class PenalisedLikelihood:
         log_p = answers_at(z, logit_share)
         (yes_in_z, no_in_z), (yes_in_logit, no_in_logit) = slopes_at(z, logit_share, log_p)
         n_no = self.subject.n_trials - n_yes
-        value = n_yes @ log_p.yes + n_no @ log_p.no
-        by_z = n_yes * yes_in_z + n_no * no_in_z  # (pairs,)
-        by_logit = (n_yes * yes_in_logit + n_no * no_in_logit).sum()
+        log_likelihood = n_yes @ log_p.yes + n_no @ log_p.no
+        z_slopes = n_yes * yes_in_z + n_no * no_in_z  # (pairs,)
+        logit_slope = (n_yes * yes_in_logit + n_no * no_in_logit).sum()
 
         # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = distance/w.
         deviation = (mu1 - self.mu1_mean) / self.mu1_sd
-        by_mu1 = -p * by_z.sum() / width - deviation / self.mu1_sd
+        mu1_slope = -p * z_slopes.sum() / width - deviation / self.mu1_sd
         # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
-        by_gamma = by_z @ distance / width * (1.0 - p) ** 3 / (1.0 + p)
-        by_share = by_logit / (share * (1.0 - share))  # d logit(q)/dq = 1/(q (1 - q))
-        gradient = np.array([by_mu1, -(by_z @ z), by_gamma, by_share])
-        return 0.5 * deviation**2 - value, -gradient
+        gamma_slope = z_slopes @ distance / width * (1.0 - p) ** 3 / (1.0 + p)
+        share_slope = logit_slope / (share * (1.0 - share))  # d logit(q)/dq = 1/(q (1 - q))
+        gradient = np.array([mu1_slope, -(z_slopes @ z), gamma_slope, share_slope])
+        return 0.5 * deviation**2 - log_likelihood, -gradient
 
     def search(self, n_yes: IntArray, starts: FloatArray) -> Maxima:
         """Search the maximum for counts, (pairs,), from each of the starts, (starts, 4)."""
@@ -160,26 +160,27 @@ class PenalisedLikelihood:
         # The first step of a search has the length 1. So each coordinate is searched in a unit that
         # is small for this coordinate: mu1 in a part of :attr:`step`, log width and gamma in 0.1,
         # and shares in 0.05.
-        unit = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
+        units = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
 
-        def in_units(point: FloatArray) -> tuple[float, FloatArray]:
-            """What is minimised and its gradient, at a point in these units."""
-            value, gradient = self.minus_objective(point * unit, counts)
-            return value, gradient * unit
+        def minus_objective_in_units(point: FloatArray) -> tuple[float, FloatArray]:
+            """The function that is minimised, and its gradient, at a point in these units."""
+            value, gradient = self.minus_objective(point * units, counts)
+            return value, gradient * units
 
         points = []
         values = []
         has_converged = []
         for start in starts:
             end = minimize(
-                in_units,
-                start / unit,
+                minus_objective_in_units,
+                start / units,
                 method="L-BFGS-B",
-                jac=True,  # the function returns its gradient, too
-                bounds=self.bounds / unit[:, None],  # (4, 2)
-                options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},  # up to rounding
+                jac=True,  # The function returns its gradient, too.
+                bounds=self.bounds / units[:, None],  # (4, 2)
+                # The search ends where steps change the value by little more than rounding.
+                options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
             )
-            points.append(end.x * unit)
+            points.append(end.x * units)
             values.append(-end.fun)
             has_converged.append(end.success)
         return Maxima(np.array(points), np.array(values), np.array(has_converged))
@@ -190,13 +191,13 @@ class PenalisedLikelihood:
         The shape is (rows, points). :meth:`minus_objective` is its negative for one row of counts
         and one point, with the gradient.
         """
+        subject = self.subject
         mu1, log_width, gamma, share = x.T[:, :, None]  # (points, 1) each; pairs are the last axis
-        pairs = self.subject
-        z = (pairs.s2 - pairs.s1 + pull(gamma) * (pairs.s1 - mu1)) / np.exp(log_width)
-        answers_at, _ = CURVES[pairs.task.lapses]
+        z = (subject.s2 - subject.s1 + pull(gamma) * (subject.s1 - mu1)) / np.exp(log_width)
+        answers_at, _ = CURVES[subject.task.lapses]
         log_yes, log_no = answers_at(z, logit(share))  # (points, pairs) each
-        log_likelihood = n_yes @ log_yes.T + (pairs.n_trials - n_yes) @ log_no.T
-        deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd
+        log_likelihood = n_yes @ log_yes.T + (subject.n_trials - n_yes) @ log_no.T
+        deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd  # of mu1, the first coordinate
         return np.asarray(log_likelihood - 0.5 * np.square(deviation))
 
     def natural(self, x: FloatArray) -> FloatArray:
@@ -212,7 +213,7 @@ class PenalisedLikelihood:
     def reached_bounds(self, x: FloatArray) -> str:
         """The bounds on which a point lies, such as 'gamma=0;q0=1'; empty inside."""
         names = ("mu1", "width", "gamma", self.subject.task.lapses)
-        reached = []
+        texts = []
         # An infinite bound, which mu1 has, is never near.
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
             if np.abs(bounds - value).min() < 1e-6:  # on a bound, up to rounding
@@ -220,8 +221,8 @@ class PenalisedLikelihood:
                     number = np.exp(value)
                 else:  # the bound 1 - 1e-9 of a share becomes 1
                     number = round(value, 6)
-                reached.append(f"{name}={number:.3g}")
-        return ";".join(reached)
+                texts.append(f"{name}={number:.3g}")
+        return ";".join(texts)
 
 
 # --- Bootstrap -----------------------------------------------------------------------------------
@@ -250,7 +251,7 @@ class SubjectFit:
     task : Task
     parameters : ndarray, shape (4,)
         mu1, sigma_p, sigma_l (natural-log intensity) and q0, or lapse_rate. NaN where the answers
-        do not determine one.
+        do not determine a parameter.
     log_likelihood : float
         Log likelihood at the maximum, without binomial coefficients and penalty on mu1.
     at_edge : str
@@ -300,7 +301,7 @@ class SubjectFit:
         remarks = []
         names = np.array(self.names)
         if self.n_failed:
-            n_fits = len(self.replicates) + 1  # and that of the subject itself
+            n_fits = len(self.replicates) + 1  # 1 for the fit of the subject itself
             remarks.append(f"{self.n_failed} of {n_fits} searches did not converge")
         is_unknown = np.isnan(self.parameters)
         if is_unknown.any():
@@ -339,7 +340,7 @@ class FitTable(SubjectTable[SubjectFit]):
     ----------
     rows : tuple of SubjectFit
     level : float
-        Of the percentile bootstrap intervals.
+        Coverage of the percentile bootstrap intervals.
     replicates : int
     seed : int
     prior : Prior
@@ -400,12 +401,12 @@ def fit(
     replicates : int
         Bootstrap replicates of every subject.
     level : float
-        Of the intervals, between 0 and 1.
+        Coverage of the intervals, between 0 and 1.
     seed : int, optional
         Root seed of the bootstrap; without it fresh entropy, stored in the table.
     prior : Prior or str, optional
-        Its normal prior of mu1 is the penalty. Without it, that of the default prior. With "paper"
-        it has the mean 0 and the variance V_1 = 10^2.
+        Its normal prior of mu1 is the penalty. By default this is the default prior. The prior
+        "paper" has the mean 0 and the variance V_1 = 10^2 of mu1.
     workers, progress
         As in :func:`bayes_toe.analysis.run`.
 
@@ -417,8 +418,8 @@ def fit(
 
     Examples
     --------
-    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> fit(Study([one]), replicates=50, seed=1, workers=1)["S01"].at_edge
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> fit(Study([subject]), replicates=50, seed=1, workers=1)["S01"].at_edge
     'q0=1'
     """
     require_share("level", level)
@@ -441,20 +442,21 @@ def subject_fit(
 
     The seed and the name of the subject determine the random stream.
     """
-    # The prior may depend on the stimuli of the subjects, here of this one alone.
+    # The prior may depend on the stimuli of the subjects, here on those of this subject alone.
     mu1_mean, mu1_sd = prior.for_subjects(subject).mu1_normal
     likelihood = PenalisedLikelihood(subject, mu1_mean, mu1_sd)
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     # The counts of the subject come first, then those of the bootstrap.
     counts = np.vstack([subject.n_yes, resampled])  # (1 + replicates, pairs)
     searches = list(map(likelihood.search, counts, likelihood.starts(counts)))
-    natural = likelihood.natural(np.array([maxima.best for maxima in searches]))  # a row of 4 each
+    # Shape (1 + replicates, 4).
+    natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
     # The fit to a row of counts has several searches. It has failed if none of the searches that
     # reached the highest value converged.
     has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in searches]
 
-    # The first row of counts is that of the subject. A parameter that differs between equally high
-    # maxima is not determined by the answers.
+    # The first search, and the first row of parameters, are those of the subject. A parameter that
+    # differs between equally high maxima is not determined by the answers.
     maxima = searches[0]
     parameters = natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])

@@ -41,7 +41,7 @@ def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
 
 
 def accuracy(subject: Subject) -> float:
-    """Share of correct answers, 0..1, among trials that have one; NaN where none has.
+    """Share of correct answers, 0..1, among trials with a correct answer; NaN without such trials.
 
     Source: Results, first part. Every trial counts alike.
 
@@ -56,12 +56,13 @@ def accuracy(subject: Subject) -> float:
     if not n_judged:
         return np.nan
     n_wrong = subject.task.wrong(difference, subject.n_yes, subject.n_trials).sum()
-    unequal = subject.two_answers  # of three answers, 'first' and 'second'; None without any
-    if subject.task.has_three_answers and unequal is not None:
-        # So far, 'equal' is wrong for different stimuli. 'First' or 'second' is wrong, too, where
-        # the other one would be right.
-        direction = unequal.s2 - unequal.s1  # of the pairs with such answers
-        n_wrong += unequal.task.wrong(direction, unequal.n_yes, unequal.n_trials).sum()
+    # With three answers, the trials with 'first' or 'second'; None if there are no such trials.
+    directed = subject.two_answers
+    if subject.task.has_three_answers and directed is not None:
+        # So far, `n_wrong` counts 'equal' to different stimuli. 'First' is wrong, too, where
+        # 'second' is right, and 'second' where 'first' is right.
+        direction = directed.s2 - directed.s1
+        n_wrong += directed.task.wrong(direction, directed.n_yes, directed.n_trials).sum()
     return float(1.0 - n_wrong / n_judged)
 
 

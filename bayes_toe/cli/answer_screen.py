@@ -71,12 +71,12 @@ def flagged(
 def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
     """Print the table of subjects, the reasons of '(a)' in it, and the problems.
 
-    Of many subjects, only the ones that need action have a row. `file` has all subjects.
+    If the subjects are many, only subjects that need action have a row. `file` has all subjects.
     """
     names = names_to_show([answer.subject for answer in answers], flagged(answers))
-    selected = [answer for answer in answers if answer.subject in names]
-    letters = reason_letters(selected)
-    rows = [subject_row(answer, letters) for answer in selected]
+    selected_answers = [answer for answer in answers if answer.subject in names]
+    letters = reason_letters(selected_answers)
+    rows = [subject_row(answer, letters) for answer in selected_answers]
     if rows:
         _print_rows(out, rows, answers[0].unit.of_differences)
     for reason, letter in letters.items():
@@ -98,11 +98,11 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
     # Words are shortened before a name is cut, because two names may be the same once cut.
     name_width = max(len(row[0]) for row in (headings, *rows))
     # First intervals lose their space, '[8, 16]' -> '[8,16]'. If the table is still too wide, words
-    # are shortened.
-    for long, short in ((", ", ","), ("probably not", "prob. not")):
+    # are shortened. The first cell of a row, the name, stays as it is.
+    for text, shorter_text in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(headings, rows, name_width):
             for row in rows:
-                row[1:] = [cell.replace(long, short) for cell in row[1:]]
+                row[1:] = [cell.replace(text, shorter_text) for cell in row[1:]]
 
     out.table(headings, rows)
 
@@ -149,12 +149,12 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
     with the first option of each of these subjects follows the '!' notes.
     """
     notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
-    # At most one option of each subject, because the first one may settle its other problems.
+    # At most one option of each subject, because the first option may settle other problems, too.
     first_options = []
     problems_by_subject = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in problems_by_subject.values():
         first_options += [option for _, _, option in problems if option][:1]
-    is_only_subject = len(first_options) == 1  # the only one with an option
+    is_only_subject = len(first_options) == 1  # Only one subject has options.
 
     command = repeated_command()
     for subject, problems in problems_by_subject.items():
@@ -176,7 +176,7 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
 def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
     """Mark, message and option of each problem, such as ('!', 'The model does not fit.', '').
 
-    Of a subject that is not interpreted, only the problem that forbids it is returned.
+    If a subject is not interpreted, only the problem that forbids the interpretation is returned.
     """
     if not answer.is_interpretable:
         problem = answer.problems[answer.flags[0]]

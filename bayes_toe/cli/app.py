@@ -21,9 +21,9 @@ from bayes_toe.cli import (
 )
 from bayes_toe.cli.options import LAYOUT, complete_example
 from bayes_toe.cli.run_context import as_command
-from bayes_toe.cli.terminal import TYPED
+from bayes_toe.cli.terminal import TYPED_WORDS
 
-#: In the order in which help lists them.
+#: The commands by their purpose, in the order in which help lists them.
 COMMANDS = {
     "One study": (
         study_commands.check,
@@ -52,8 +52,8 @@ class Command(TyperCommand):
     """A command whose help is one screen: only `check` lists how to read files in other layouts."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Store in `TYPED` what was typed; read the options: `--example` may have no value."""
-        TYPED[:] = [str(self.name), *args]
+        """Store the words in `TYPED_WORDS`, and read the options; `--example` may lack a value."""
+        TYPED_WORDS[:] = [str(self.name), *args]
         return super().parse_args(ctx, complete_example(args))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:

@@ -38,7 +38,7 @@ def print_check(out: Terminal, study: Study, prior: Prior | None) -> None:
     for part in study.by_task:
         if part.task != study.task:  # a further task
             out.line()
-            part = replace(part, notes=())  # Those of the study are printed with the first task.
+            part = replace(part, notes=())  # The first task is printed with the notes of the study.
         findings += _print_task(out, part, prior)
     lines, commands = answer_of_check(study, findings)
     out.answer(lines)
@@ -52,7 +52,7 @@ def _print_task(out: Terminal, study: Study, prior: Prior | None) -> tuple[Findi
     by_subject = _by_subject(findings)
     out.line(describe_study(study))
     out.line(describe_pairs(study))
-    for note in study.notes[:1]:  # The first one says what the files are.
+    for note in study.notes[:1]:  # The first note says what the files are.
         out.line(f"Read as {note}", indent=2)
     if prior is not None:
         out.line(f"Prior: {prior.describe_all(study.task)}", indent=2)
@@ -60,7 +60,7 @@ def _print_task(out: Terminal, study: Study, prior: Prior | None) -> tuple[Findi
     study_findings = [finding for finding in findings if not finding.subject]
     limits = [finding for finding in study_findings if finding.code == "not_identified"]
     _print_problems(out, study, by_subject, limits)
-    # The answer has what is not identified, and the remarks below have the notes.
+    # The answer says what is not identified, and the remarks below have the notes.
     out.findings(filter(_is_doubt, study_findings))
     notes = [finding.message for finding in study_findings if finding.code in NOTES]
     out.remarks(f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes))
@@ -72,29 +72,31 @@ def _print_problems(
 ) -> None:
     """Print a row for each subject with a problem, and notes with what does not fit into the row.
 
-    If there are few subjects and no problems, each has a row. The `limits` of the design
-    of all subjects stand in the row of a subject without a problem.
+    If there are few subjects and no problems, each subject has a row. `limits` are findings on the
+    design of all subjects, which stand in the row of a subject without a problem.
     """
     if by_subject or len(study) >= MANY_SUBJECTS:
         names = list(by_subject)
     else:
         names = list(study.names)
     rows = []
-    not_in_rows = []
+    findings_below = []
     for name in names:
         findings = by_subject.get(name, limits)
         # Findings on all conditions of a subject have its name; rows have names such as 'S01@left'.
         if name not in study.names:
-            not_in_rows += findings
+            findings_below += findings
             continue
 
         subject = study[name]
         problem = _first_problem(findings)
-        short = textwrap.shorten(problem, 52, placeholder="...")  # so that the row is one line
-        # A first problem that is cut in its row stands below the table too, as all others do.
-        not_in_rows += findings if short != problem else findings[1:]
+        # The problem is shortened so that the row is one line.
+        short_problem = textwrap.shorten(problem, 52, placeholder="...")
+        # A first problem that is cut in its row stands below the table too, as all further problems
+        # do.
+        findings_below += findings if short_problem != problem else findings[1:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
-        rows.append([name, str(subject.total_trials), share, short])
+        rows.append([name, str(subject.total_trials), share, short_problem])
 
     n_others = len(study) - len(rows)
     if n_others:
@@ -102,7 +104,7 @@ def _print_problems(
         rows.append([others, "", "", "see the answer below" if limits else "none"])
     out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, numeric=(1, 2))
     # A limit of the design has no subject, and stands in the answer.
-    out.notes((item.subject, item.message, "") for item in not_in_rows if item.subject)
+    out.notes((item.subject, item.message, "") for item in findings_below if item.subject)
 
 
 def _first_problem(findings: Sequence[Finding]) -> str:
@@ -114,7 +116,7 @@ def _first_problem(findings: Sequence[Finding]) -> str:
     problem = f"{sentence[0].lower()}{sentence[1:]}"
     if findings[0].subject:
         return problem
-    # A limit of the design is one of all subjects. The answer has its reason, once for all.
+    # A limit of the design is the same for all subjects. The answer has the reason, once for all.
     return problem.partition(", because")[0]
 
 
@@ -138,7 +140,7 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
         return [*lines, obstacle], []
 
     by_subject = _by_subject(findings)
-    # At most one option of each subject, because the first one may settle its other problems.
+    # At most one option of each subject, because the first option may settle other problems, too.
     options = []
     for subject_findings in by_subject.values():
         options += [finding.option for finding in subject_findings if finding.option][:1]
@@ -164,9 +166,9 @@ def answer_of_check(study: Study, findings: Findings) -> tuple[list[str], list[s
 
     verb = "needs" if len(options) == 1 else "need"
     decision = f"{len(options)} of {plural(len(study), 'subject')} {verb} a decision."
-    # There are no commands, one or two.
-    what_to_type = ("", " Type this:", " Type one of these:")[len(commands)]
-    return [*lines, decision + what_to_type], commands
+    # There are no commands, one command or two commands.
+    instruction = ("", " Type this:", " Type one of these:")[len(commands)]
+    return [*lines, decision + instruction], commands
 
 
 def _obstacle(study: Study, findings: Findings) -> str:
@@ -196,9 +198,13 @@ def _limits_of_design(study: Study, findings: Findings) -> list[str]:
             effects.append(f"a {effect.replace('_', ' ')}{share}")
     lines = [f"The design can show {join_words(effects)}."] if effects else []
     # Notes without an option. Notes with the same message become one.
-    limits = ((one.subject, one.message, "") for one in findings if one.code == "not_identified")
+    limits = (
+        (finding.subject, finding.message, "")
+        for finding in findings
+        if finding.code == "not_identified"
+    )
     for subjects, message, _ in merge_notes(limits):
-        if subjects:  # none are named if the limit holds for the whole study
+        if subjects:  # A limit of the whole study names no subjects.
             message = f"{message.rstrip('.')} ({len(subjects)} of {all_subjects})."
         lines.append(message)
     return lines
@@ -230,12 +236,15 @@ def describe_pairs(study: Study) -> str:
 
 
 def _by_subject(findings: Findings) -> FindingsBySubject:
-    """The findings of each subject that has any, swapped blocks first: they may cause others."""
+    """The findings by subject; swapped blocks come first, because they may cause other findings.
+
+    Subjects without findings are left out.
+    """
     by_subject = defaultdict(list)
     for finding in findings:
         if finding.subject:
             by_subject[finding.subject].append(finding)
     for subject_findings in by_subject.values():
-        # False comes before True, and sorting keeps the order of the others.
+        # False comes before True, and sorting keeps the order of findings with the same key.
         subject_findings.sort(key=lambda finding: not finding.option.startswith("--swap"))
     return by_subject

@@ -74,11 +74,11 @@ class StudyPlan:
         designs = {}
         tasks = dict.fromkeys(map(task_of, self.questions.split(",")))  # each once
         for task in tasks:
-            of_task = f", {task.short_name}" if len(tasks) > 1 else ""
+            task_suffix = f", {task.short_name}" if len(tasks) > 1 else ""
             if not files:
-                designs[PAPER_PAIRS + of_task] = paper_study_design(task)
+                designs[PAPER_PAIRS + task_suffix] = paper_study_design(task)
             for file in files:
-                name = (file.stem if len(files) > 1 else GIVEN_PAIRS) + of_task
+                name = (file.stem if len(files) > 1 else GIVEN_PAIRS) + task_suffix
                 if name in designs:
                     raise bt.InputError(
                         f"Two design files have the name {quoted(file.stem)}. Names must differ."
@@ -116,7 +116,8 @@ def power(
     else:
         # One subject alone has no SD between subjects.
         numbers_of_subjects = _whole_numbers("--subjects", plan.subjects, least=2)
-        observers = plan.observers or GROUPS  # who differ, as subjects of a study do
+        # The observers of GROUPS differ, as the subjects of a study do.
+        observers = plan.observers or GROUPS
 
     context.require_folder(output, _POWER_FILES)
     designs = plan.designs(design or ())
@@ -160,7 +161,10 @@ def _count_simulated(designs: Iterable[StudyDesign], observers: str | None, n_ea
     from bayes_toe.design.observers import assume_observers
 
     # Any seed will do, because the observers are only counted.
-    return sum(len(assume_observers(observers, n_each, seed=0, designs=[one])) for one in designs)
+    return sum(
+        len(assume_observers(observers, n_each, seed=0, designs=[study_design]))
+        for study_design in designs
+    )
 
 
 def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
@@ -216,8 +220,9 @@ class SearchOptions:
     def log_levels(self) -> FloatArray:
         """The levels that pairs can have, natural-log intensity, from the range or the file.
 
-        A range is refused if it is incomplete, if a file of levels is given too, or if its numbers
-        cannot be in the unit that is given, or probably are no natural logs where none is given.
+        A range is refused if it is incomplete, if a file of levels is given, too, or if its numbers
+        cannot be in the unit that is given. Without a unit, numbers that probably are no natural
+        logs are refused.
         """
         from bayes_toe.design.optimal_pairs import levels_between, read_levels
 
@@ -234,16 +239,16 @@ class SearchOptions:
                 "No range of stimuli is given. Use --lowest and --highest with --unit (natural "
                 "logs without it), or --levels levels.csv."
             )
-        typed = f"--lowest {self.lowest:g} --highest {self.highest:g}"
+        typed_range = f"--lowest {self.lowest:g} --highest {self.highest:g}"
         if options.has_intensities and not (self.lowest > 0.0 and self.highest > 0.0):
-            raise bt.InputError(f"{typed}: found with a unit, allowed: positive numbers")
+            raise bt.InputError(f"{typed_range}: found with a unit, allowed: positive numbers")
         # Without a unit, numbers are natural logs of intensities. If even the weakest stimulus is
         # above 10, all intensities are above exp(10) = 22,000. If the range is wider than 10, the
         # strongest intensity is more than 22,000 times the weakest. Then the numbers are more
         # probably intensities themselves.
         if self.unit is None and (self.lowest > 10.0 or self.highest - self.lowest > 10.0):
             raise bt.InputError(
-                f"{typed}: no natural logs of intensities are so large or so far apart",
+                f"{typed_range}: no natural logs of intensities are so large or so far apart",
                 [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],
             )
         return levels_between(self.lowest, self.highest, self.step, options)
@@ -295,7 +300,7 @@ def design(
 
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest 45 --highest 213 --unit um
     """
-    if file is not None:  # a design that is found already
+    if file is not None:  # a given design, for which nothing is searched
         _list_trials(file, search, lists, context)
         return
     if lists != ListOptions():
@@ -307,7 +312,7 @@ def design(
 
 
 def _find_design(search: SearchOptions, context: RunContext) -> None:
-    """Search for a design; write its pairs, the power of it and of an even design, and its figure.
+    """Search for a design; write its pairs, its figure, and its power with that of an even design.
 
     DESIGN.csv has the pairs, DESIGN_compared.csv the power, and DESIGN.png the figure.
     """
@@ -340,7 +345,7 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
         data_sets=search.simulated,
         prior=context.prior,
     )
-    # Search and power are in natural logs.
+    # Search and power are in natural logs. Table and figure have the unit of the options.
     optimal = replace(optimal, unit=search.reading().stimulus_unit)
 
     written = context.write(
@@ -356,7 +361,7 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
     if search.observers is None:
         context.out.line(KINDS_IN_WORDS)
     if optimal.learnable:  # a warning that subjects may learn a regularity of the pairs
-        # --even helps, but it excludes --keep.
+        # With --even subjects learn no regularity, but --even and --keep exclude each other.
         command = "" if search.keep else f"{repeated_command()} --even"
         context.out.notes([("", optimal.learnable, command)])
     power_command = (
@@ -382,8 +387,8 @@ def _list_trials(
     from bayes_toe.design.simulate import read_differences, subject_names
     from bayes_toe.seeds import root_seed
 
-    # A given design is only read, so that no option of the search is allowed but the task and the
-    # unit, by which a design is read.
+    # A given design is only read. So no option of the search is allowed, except the task and the
+    # unit, which say how a design is read.
     options_of_reading = SearchOptions(question=search.question, unit=search.unit)
     is_search = search != options_of_reading or context.prior or context.processes or context.dask
     if lists.list_output is None or is_search:
@@ -511,7 +516,7 @@ def simulate(
     if truth_output is not None:
         # A row for each subject, or for a subject in a condition.
         rows = [{"subject": name, **truth[name]} for name in simulated.names]
-        # The carry-over, if there is one, is no quantity that figures mark. It is the same for all.
+        # Figures mark no carry-over, which is the same for all subjects if there is one.
         frame = pd.DataFrame(rows).drop(columns="carry_over", errors="ignore")
         writers[truth_output] = partial(write_table, frame)
     context.write(writers, seed)

@@ -55,11 +55,11 @@ def print_groups(
 ) -> None:
     """Print what studies of several sizes detect: how many subjects, and how often group means.
 
-    A constant error is in `unit`.
+    True means of the constant error are in `unit`.
     """
     for design, trials in table.designs:
         heading = f"{capitalized(design)}, {trials:,} trials"
-        # By the kind of observers, a row for each size of a study.
+        # Each kind of observers has a row for each size of a study.
         rows_by_kind = groups.select(design, trials, "order_effect")
         if not rows_by_kind:
             out.line(f"{heading}: an order effect {Word.CANNOT_BE_TOLD}.")
@@ -93,8 +93,8 @@ def print_groups(
 def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
     """The true mean, and in brackets the standard deviation between subjects: '12 (4) %'.
 
-    Of constant errors, which are natural logs, a standard deviation SD in per cent is that of an
-    error which is SD above 0: 100 (exp(SD) - 1).
+    Constant errors are natural logs. In per cent, a standard deviation SD of constant errors is the
+    size of a constant error of SD: 100 (exp(SD) - 1).
     """
     if row.question == CONSTANT_ERROR.name:
         values = unit.differences([row.true_mean, row.true_sd])
@@ -105,5 +105,5 @@ def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
 
     mean, sd = (float(f"{value:.2g}") for value in values)
     if not row.has_nonzero_mean:
-        mean = 0.0  # The mean of the simulated observers is an error of rounding.
+        mean = 0.0  # The computed mean differs from 0 by an error of rounding.
     return f"{mean:g} ({sd:g}) {unit_name}"

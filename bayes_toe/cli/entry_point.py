@@ -46,7 +46,7 @@ def main() -> None:
     require_cache()
     code: Any = 0
     try:
-        handled = listen()
+        handled_signals = listen()
         import_without_folder_settings()
         # The import takes a while, in which a signal is answered already.
         from bayes_toe.cli.app import app
@@ -56,7 +56,8 @@ def main() -> None:
         except SystemExit as end:
             code = end.code
         finally:
-            _ignore(handled)  # The command is over, and a signal must not change its exit code.
+            # The command is over, and a signal must not change its exit code.
+            _ignore(handled_signals)
     except Stopped as stop:
         say_stopped(stop.number)
         raise SystemExit(128 + stop.number) from None
@@ -113,10 +114,10 @@ def open_streams() -> Log:
     return output
 
 
-def _open_log(number: int, earlier: Any) -> tuple[Log, io.TextIOWrapper]:
-    """A log on a file number, and a text stream into it with the settings of an earlier stream."""
-    encoding = getattr(earlier, "encoding", "utf-8")
-    is_by_line = getattr(earlier, "line_buffering", False)
+def _open_log(number: int, stream: Any) -> tuple[Log, io.TextIOWrapper]:
+    """A log on a file number, and a text stream into it with the settings of `stream`."""
+    encoding = getattr(stream, "encoding", "utf-8")
+    is_by_line = getattr(stream, "line_buffering", False)
     log = Log(number, "w", closefd=False)
     buffer = io.BufferedWriter(log)
     return log, io.TextIOWrapper(buffer, encoding, "backslashreplace", line_buffering=is_by_line)
@@ -145,18 +146,20 @@ def listen() -> list[signal.Signals]:
 
     A signal that is ignored, as under nohup, stays ignored.
     """
-    handled = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    handled_signals = [
+        number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN
+    ]
 
     def stop(number: int, _: FrameType | None) -> None:
         """Raise :class:`Stopped`, once."""
-        _ignore(handled)  # A second signal must not interrupt the cleaning up.
+        _ignore(handled_signals)  # A second signal must not interrupt the cleaning up.
         # A thread of joblib may fail while its workers are ended; nobody needs its traceback.
         threading.excepthook = lambda _: None
         raise Stopped(number)
 
-    for number in handled:
+    for number in handled_signals:
         signal.signal(number, stop)
-    return handled
+    return handled_signals
 
 
 def say_stopped(number: int) -> None:

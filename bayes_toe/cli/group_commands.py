@@ -23,7 +23,7 @@ from bayes_toe.cli.options import (
 )
 from bayes_toe.cli.run_context import MODEL, RunContext
 
-#: Written out, so that help does not import SciPy.
+#: The help of --hyperprior. It is written out here, so that help does not import SciPy.
 _HYPERPRIOR = r"Prior file with \[group.PARAMETER] sections."
 
 
@@ -57,13 +57,13 @@ def population(
             f"{output}: the ending is {output.suffix!r}. Draws need .nc; tables and figure have "
             "the same name with another ending."
         )
-    # The draws, the table of the group, the table of its subjects, and the figure.
-    endings = (".nc", ".csv", "_subjects.csv", ".png")
-    files = [output.with_name(f"{output.stem}{ending}") for ending in endings]
     if categorical and covariates is None:
         raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
 
-    context.require_files(*files)
+    table_file = output.with_suffix(".csv")
+    subjects_file = output.with_name(f"{output.stem}_subjects.csv")
+    figure_file = output.with_suffix(".png")
+    context.require_files(output, table_file, subjects_file, figure_file)
     study, _ = context.read_and_describe(file)
     result = bt.population(
         study,
@@ -74,18 +74,20 @@ def population(
         hyperprior=hyperprior,
     )
     seed = result.settings.seed
-    writers = (
-        result.save,
-        result.table.save,
-        partial(write_table, result.subject_table, seed=seed),
-        partial(bt.plots.save_figure, bt.plots.population(result)),
+    written = context.write(
+        {
+            output: result.save,
+            table_file: result.table.save,
+            subjects_file: partial(write_table, result.subject_table, seed=seed),
+            figure_file: partial(bt.plots.save_figure, bt.plots.population(result)),
+        },
+        seed,
     )
-    written = context.write(dict(zip(files, writers, strict=True)), seed)
 
     print_group(context.out, result, contradictions(result))
     context.print_uninterpretable(study)
     context.out.answer([*group_answer(result), written])
-    context.end(not result.is_reliable)
+    context.end_with_problems(not result.is_reliable)
 
 
 def contrast(
@@ -109,8 +111,8 @@ def contrast(
     # A study has an entry for each subject in a condition: 'S01@left', 'S01@right'.
     n_subjects = len({subject.subject_name for subject in study})
     answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")
-    has_tasks = len(study.by_task) > 1
-    if has_tasks:
+    has_several_tasks = len(study.by_task) > 1
+    if has_several_tasks:
         context.require_files(answers_file)
 
     table = context.work(
@@ -121,7 +123,7 @@ def contrast(
         output: table.save,
         figure_file: partial(bt.plots.save_figure, figure),
     }
-    if has_tasks:
+    if has_several_tasks:
         writers[answers_file] = table.save_answers
     written = context.write(writers, table.seed)
     context.finish(store, table.failed)
@@ -130,7 +132,7 @@ def contrast(
     context.print_uninterpretable(study)
     context.out.reasons("No result", table.failed)
     lines = table.sentences()
-    if has_tasks:
+    if has_several_tasks:
         heading = "If one observer does all tasks of a subject:"
         context.out.line()
         context.out.line(heading)
@@ -141,7 +143,7 @@ def contrast(
         lines.append(heading)
         lines += study_lines(table.answers, synthetic=study.synthetic)
     context.out.answer([*lines, written])
-    context.end(table.failed)
+    context.end_with_problems(table.failed)
 
 
 def history(
@@ -172,4 +174,4 @@ def history(
     print_history(context.out, table, str(output))
     context.print_uninterpretable(study)
     context.out.answer([*history_lines(table), written])
-    context.end(not all(row.has_result for row in table))
+    context.end_with_problems(not all(row.has_result for row in table))

@@ -77,10 +77,10 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
     rows = []
     for labels, quantities in groupby(table, attrgetter("subject", "comparison")):
         for row in quantities:
-            if row.quantity == ORDER_EFFECT:  # The answer at the end has it, in a sentence.
+            if row.quantity == ORDER_EFFECT:  # A sentence of the answer has the order effect.
                 continue
             word = row.short_word
-            if word in ("no", "probably not"):  # no size of a difference that is not there
+            if word in ("no", "probably not"):  # A difference that is absent has no size.
                 size = "-"
             else:
                 size = row.size(table.unit)
@@ -89,11 +89,12 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
             rows.append([*labels, row.quantity, size, row.factor, word])
             labels = "", ""  # Further rows of this subject and comparison do not repeat them.
 
-    # The column of a single comparison is left out, and the heading of its sizes names it.
+    # A single comparison has no column of its own (column 1). The heading of the sizes (column 3)
+    # names it.
     if len(comparisons) == 1:
         headings[3] = f"{comparisons.pop()} [95 % interval]"
         for cells in [headings, *rows]:
-            del cells[1]  # the difference, behind the subject
+            del cells[1]
     return headings, rows
 
 

@@ -70,12 +70,19 @@ def run(
     print_failed(context.out, analysis.draws)
     if analysis.contrast is not None:
         print_contrast(context.out, analysis.contrast)
-    against_group: Texts = ()
+    group_contradictions: Texts = ()
     if analysis.group is not None:
-        against_group = contradictions(analysis.group)
-        print_problems(context.out, analysis.group, against_group)
+        group_contradictions = contradictions(analysis.group)
+        print_problems(context.out, analysis.group, group_contradictions)
 
-    write_results(analysis, output, context, against_group, figures=figures, has_explorer=explore)
+    write_results(
+        analysis,
+        output,
+        context,
+        group_contradictions,
+        figures=figures,
+        has_explorer=explore,
+    )
     failed = analysis.draws.failed
     context.finish(store, failed)
     context.out.reasons("No result", failed)
@@ -83,7 +90,7 @@ def run(
     if analysis.group is not None and not analysis.group.is_reliable:
         problems["group"] = analysis.group.draws.shortfall
     _print_conclusion(context.out, analysis, problems, output)
-    context.end(problems)
+    context.end_with_problems(problems)
 
 
 def _print_conclusion(
@@ -145,7 +152,7 @@ def sample(
     context.finish(store, draws.failed)
     context.out.reasons("No result", draws.failed)
     context.print_written(f"Draws in {output}", draws.seed)
-    context.end(draws.failed, draws.not_converged, draws.imprecise)
+    context.end_with_problems(draws.failed, draws.not_converged, draws.imprecise)
 
 
 def evidence(
@@ -173,13 +180,13 @@ def evidence(
     closing += [f"Table: {output}.", f"Seed {table.seed}."]
     context.out.reasons("No result", table.failed)
     print_answer(context.out, table.answers, study, closing=closing)
-    context.end(table.failed)
+    context.end_with_problems(table.failed)
 
 
 def print_draws(out: Terminal, draws: bt.Draws) -> None:
     """Print medians, intervals and convergence of every subject.
 
-    Of many subjects, only the ones with a problem have a row.
+    If the subjects are many, only subjects with a problem have a row.
     """
     from bayes_toe.answers.order_effect import format_draws
     from bayes_toe.model.models import model_title
@@ -191,14 +198,15 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     else:
         columns = ["constant_error", "contraction", "jnd"]
-    # The observer of some tasks, and a model without an effect, lack some of these quantities.
+    # The model may lack an effect, and the observers of some tasks lack some parameters.
     quantities = [name for name in columns if name in draws.parameters]
 
     rows = []
     for name in names_to_show(draws.names, problems):
         subject_stats = stats.sel(subject=name)
-        # As many digits are shown as the effective number of draws makes certain. It is the
-        # smallest one of all quantities, so that other quantities rather have too few digits.
+        # As many digits are shown as the effective number of draws makes certain. This is the
+        # smallest number of all quantities, so that a quantity may have too few digits, and none
+        # has too many.
         n_effective = float(subject_stats["min_ess"])
         row = [f"{name} !" if name in problems else name]
         for quantity in quantities:
@@ -243,7 +251,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, study: bt.Study, f
     headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
     rows = []
     log_factors = []  # of H1 against H0
-    compared = []  # the answers that have one
+    compared_answers = []  # the answers of the subjects with a log factor
     for row, answer in zip(table, table.answers, strict=True):
         cells = [row.subject]
         for model, value in answer.log_evidence.items():
@@ -255,7 +263,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, study: bt.Study, f
         else:
             cells.append(f"{log_factor:+.1f}")
             log_factors.append(log_factor)
-            compared.append(answer)
+            compared_answers.append(answer)
         rows.append(cells)
 
     title = "Log model evidence. * marks the largest of the four models."
@@ -264,7 +272,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, study: bt.Study, f
     conclusion = f"{APPENDIX_C}."
     if log_factors:
         n_better = sum(log_factor > 0.0 for log_factor in log_factors)
-        n_compared = count_all(compared, "subject", study.conditions is not None)
+        n_compared = count_all(compared_answers, "subject", study.conditions is not None)
         conclusion = (
             f"H1 predicts better than H0 for {n_better} of {n_compared} "
             f"(median ln BF {median(log_factors):.1f}). {conclusion}"

@@ -52,7 +52,7 @@ from bayes_toe.inference.diagnostics import worst
 
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
-#: Words of the screens, and the words of a paper in their place, one after the other.
+#: Words of the screens, and the words of a paper in their place. They are replaced in this order.
 _IN_PAPER = {
     "subject": "participant",
     "directions differ": "directions differed",
@@ -153,13 +153,13 @@ def _numbers(study: Study, logs: npt.ArrayLike) -> tuple[list[str], str]:
 def _largest_error(answers: Sequence[OrderEffect]) -> float:
     """The largest standard error of the log evidences that count for the answer of a subject.
 
-    A model that is far behind the best one has no weight in the answer, nor has its error.
+    A model that is far behind the best model has no weight in the answer, nor has its error.
     """
     errors = [0.0]
     for answer in answers:
-        best = answer.log_evidence[answer.best_model]
+        highest = answer.log_evidence[answer.best_model]
         for model, value in answer.log_evidence.items():
-            if value > best - COUNTS_WITHIN:  # a difference of log evidences
+            if value > highest - COUNTS_WITHIN:  # in nats
                 errors.append(answer.standard_error[model])
     return max(errors)
 

@@ -45,7 +45,7 @@ def flag(name: str, help_text: str) -> Any:
     return option(name, "", help_text)
 
 
-#: An option that few need.
+#: An option in the panel of advanced options, which few users need.
 rare = partial(option, panel="Advanced")
 
 DrawCount = Annotated[int, rare("--draws", NUMBER, "Number of effective draws.", min=1, max=10**6)]
@@ -95,7 +95,7 @@ def folder_name(value: str | Path) -> Path:
 
 
 def file_name(value: str | Path) -> Path:
-    """Parse the name of a file that is written; '.' is none."""
+    """Parse the name of a file that is written; '.' is no name of a file."""
     if str(value).endswith(("/", os.sep)) or not Path(value).name:
         raise typer.BadParameter(f"found '{value}', allowed: the name of a file")
     return folder_name(value)
@@ -110,7 +110,7 @@ OutputTableAndFigure = Annotated[Path, writes("FILE.csv", "Output table. The fig
 NO_FILE = "No file is named."
 #: The task of the bundled example that `--example` alone means.
 FIRST_EXAMPLE = "2afc"
-#: The options for files in another layout, with the type, the sign and the help of their values.
+#: The options for files in another layout, each with the type, the sign and the help of its value.
 LAYOUT_OPTIONS = {
     "intensity": (Number, "REF", "Intensities: s = ln(i / REF)."),
     "unit": (Text, "UNIT", "Unit: dB, cents, ln, g, Hz, ..."),
@@ -143,12 +143,12 @@ LAYOUT_OPTIONS = {
 def layout_options() -> Iterator[Parameter]:
     """Yield a parameter of a command for each of :data:`LAYOUT_OPTIONS`."""
     for name, (kind, metavar, help_text) in LAYOUT_OPTIONS.items():
-        typed = option(f"--{name.replace('_', '-')}", metavar, help_text, LAYOUT)
+        layout_option = option(f"--{name.replace('_', '-')}", metavar, help_text, LAYOUT)
         yield Parameter(
             name,
             Parameter.KEYWORD_ONLY,
             default=False if kind is bool else None,
-            annotation=Annotated[kind, typed],
+            annotation=Annotated[kind, layout_option],
         )
 
 
@@ -200,7 +200,7 @@ class StudyFile:
         else:
             raise InputError(NO_FILE)
 
-        if task not in (None, study.task):  # without --task it is None
+        if task not in (None, study.task):  # Without --task, `task` is None.
             raise InputError(
                 f"--task is {question!r}, but the responses in {study.source} are of the task "
                 f"{study.task.name!r}."
@@ -214,7 +214,7 @@ class StudyFile:
         return tuple(table_files(self._paths())[0])  # without the notes on folders
 
     def _paths(self) -> list[Path]:
-        """The files. A name with *, which the shell has not replaced, means all that match it."""
+        """The files. A name with *, which the shell has not replaced, means all matching files."""
         paths = []
         for file in self.files or ():
             # A file that exists is meant, even if its name has a '*'.

@@ -101,12 +101,12 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
         "note_codes": NOTES,
         "before_pooling": [finding for finding in findings if finding.code in FLAG_WORDS],
         "folder": folder,
-        "there": {path.name for path in folder.iterdir()},  # other products, which pages link to
+        "products": {path.name for path in folder.iterdir()},  # files to which pages link
         "links": links,
-        "paged": is_paged,
-        "most": 10 if is_paged else None,  # names that a list shows
+        "is_paged": is_paged,
+        "max_items": 10 if is_paged else None,  # names that a list shows; None for all names
         "answers": answers,
-        "beside": "../" if is_paged else "",  # from a page of a subject to the files of the folder
+        "path_to_folder": "../" if is_paged else "",  # from the page that has a subject
     }
 
     sections = _sections(analysis, asymmetry, findings)
@@ -117,7 +117,7 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
         for section in sections:
             path = folder / links[section["data"].name]
             _write(page, {**context, "subject": section}, path)
-    context["subjects"] = sections  # of a report in one file; an index shows none
+    context["subjects"] = sections  # The report shows them if it is one file, and not an index.
     _write(templates.get_template("report.html"), context, folder / "report.html")
 
 
@@ -200,7 +200,7 @@ def _context(analysis: Analysis, facts: Record) -> Record:
         "words": words,
         "appendix_c": APPENDIX_C,
         "marked_flags": (MISFIT_FLAG, PRIOR_FLAG),
-        "shown": shown_subjects(analysis.answers),
+        "shown_names": shown_subjects(analysis.answers),
         "dominated": DOMINATED,
         "max_names": MAX_NAMES,
         "legend": LEGEND,
@@ -224,7 +224,7 @@ def _sections(
         log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []
         # A finding names a subject, or a subject in a condition, which has a name of its own.
-        # Without conditions both names are the same, which counts once.
+        # Without conditions both names are the same, and a dict has it once.
         for label in dict.fromkeys([name, subject.subject_name]):
             remarks += messages[label]
         yield {
@@ -236,14 +236,15 @@ def _sections(
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "parameters": [_parameter(analysis, row) for row in summaries[name].itertuples()],
-            # The page names the ones that the prior determines. gamma follows from two of them.
+            # The page names the natural parameters that the prior determines. gamma follows from
+            # two of these parameters.
             "natural": (*analysis.draws.posterior(name).names.natural, "gamma"),
             "remarks": [*remarks, *evidence_row.notes],
         }
 
 
 def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
-    """A row of the summary, its estimate as text, and the same in the unit of differences, or ''.
+    """A row of the summary, its estimate, and its estimate in the unit of differences, or ''.
 
     The texts have the digits that are certain: '0.112 [0.041, 0.183]' and '12 % [4, 20]'.
     """

@@ -57,10 +57,10 @@ def write_results(
 ) -> Path:
     """Write draws, tables, figures, report and methods of an analysis; return their folder.
 
-    All are complete before the first one replaces a file. With `--overwrite`, files that an earlier
-    analysis of these subjects has left are removed; other files of the folder stay. `figures` says
-    which subjects have corner plots and curves: "all", "flagged" (they need action) or "none".
-    `contradictions` are what speaks against a normal group.
+    All files are complete before a first file replaces another file. With `--overwrite`, files that
+    an earlier analysis of these subjects has left are removed; other files of the folder stay.
+    `figures` says which subjects have corner plots and curves: "all", "flagged" (they need action)
+    or "none". `contradictions` has sentences on how the responses contradict a normal group.
     """
     draws = analysis.draws
     stems = file_stems(analysis.study.names)  # of the files of each subject
@@ -96,7 +96,7 @@ def _write_tables(analysis: Analysis, folder: Path) -> None:
     study = analysis.study
     contrast = analysis.contrast
     group = analysis.group
-    units = study.conditions is not None  # With conditions, a row is a subject in one of them.
+    units = study.conditions is not None  # With conditions, a row is a subject in a condition.
     write_table(analysis.summary(), folder / "summary.csv", analysis.settings.seed, units=units)
     analysis.evidence.save(folder / "evidence.csv", units=units)
     if contrast is not None:

@@ -135,14 +135,14 @@ class RunContext:
             return function(*values, seed=self.seed, workers=self.workers, progress=tick, **options)
 
     def draw(self, jobs: Sequence[Callable[[], Result]], names: Sequence[str]) -> list[Result]:
-        """Draw figures side by side, with a progress bar; return what the jobs return.
+        """Draw figures in parallel, with a progress bar; return what the jobs return.
 
-        `names` are those of the subjects or files of the jobs.
+        `names` has the name of the subject or of the file of each job.
         """
         from bayes_toe.workers import local_processes, run_in_order
 
         with self.out.progress("drawing", len(jobs)) as tick:
-            # A job has a tuple of names, here of a single one.
+            # `run_in_order` takes a tuple of names for each job, here with a single name.
             names_of_jobs = [(name,) for name in names]
             return run_in_order(jobs, local_processes(self.workers), tick, names_of_jobs)
 
@@ -202,9 +202,9 @@ class RunContext:
         from bayes_toe.data.whole_files import require_writable
 
         self._require_unread(*files)
-        places = [file.resolve() for file in files]
+        paths = [file.resolve() for file in files]
         for file in files:
-            if places.count(file.resolve()) > 1:
+            if paths.count(file.resolve()) > 1:
                 raise InputError(f"{file}: named for two outputs. Use two names.")
             require_writable(file, overwrite=self.overwrite)
 
@@ -228,7 +228,7 @@ class RunContext:
     def write(self, writers: Mapping[Path, Callable[[Path], object]], seed: int) -> str:
         """Write each file by its function; return a sentence that names the files and the seed.
 
-        If one cannot be written, none is replaced.
+        If a file cannot be written, no file is replaced.
         """
         from bayes_toe.data.whole_files import whole_file
 
@@ -242,10 +242,11 @@ class RunContext:
         self.out.line()
         self.out.line(f"{text}." if seed is None else f"{text}. Seed {seed}.")
 
-    def end(self, *problems: object) -> None:
-        """End with exit code 3 if there is a problem: True, or a record of subjects with reasons.
+    def end_with_problems(self, *problems: object) -> None:
+        """End with exit code 3 if any of the `problems` is true; else do nothing.
 
-        Problems are that subjects failed, or that their draws did not converge.
+        A problem is a truth value, or a record of subjects with reasons, which is false if it is
+        empty. Problems are that subjects failed, or that their draws did not converge.
         """
         if any(problems):
             raise typer.Exit(3)
@@ -260,14 +261,14 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
-    records: dict[str, Any] = {}  # class and names of options, by the name of the parameter
+    record_types: dict[str, Any] = {}  # class and names of options, by the name of the parameter
     parameters = []
     for name, parameter in signature.parameters.items():
         # Annotated[RunContext, "seed"] has a class and names of fields; a class alone has no names.
         kind, *names = get_args(parameter.annotation) or [parameter.annotation]
         if is_dataclass(kind):
             options = _options(kind, names)
-            records[name] = kind, [option.name for option in options]
+            record_types[name] = kind, [option.name for option in options]
             parameters += options
         else:  # an option already
             parameters.append(parameter)
@@ -279,7 +280,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
             # Each command has its study before the context, which gets the files of the study too.
-            for name, (kind, option_names) in records.items():
+            for name, (kind, option_names) in record_types.items():
                 record = {key: values.pop(key) for key in option_names}
                 if kind is RunContext:
                     record["inputs"] = inputs
@@ -304,7 +305,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     """The files that a command reads: values of options that name a file, except outputs.
 
-    Any option may name one: the value of --prior is the name of a prior or of a file.
+    Any option may name a file: the value of --prior is the name of a prior or of a file.
     """
     paths = []
     for name, value in values.items():
@@ -340,7 +341,7 @@ def _options(kind: Any, names: Sequence[str]) -> list[Parameter]:
 
 def print_error(error: BayesToeError, command: str) -> None:
     """Print the problems of an error, then what to type, one choice a line."""
-    choices = []  # what to type, and what it means in the cases in which it helps
+    choices = []  # texts to type, each with its meanings
     if isinstance(error, InputError):
         # The text of the error itself goes on with what to type in Python.
         text = "\n".join(error.problems)
@@ -364,18 +365,18 @@ def print_error(error: BayesToeError, command: str) -> None:
 
 def _print_choices(choices: Sequence[tuple[str, Sequence[str]]]) -> None:
     """Print what can be typed, and what it means: 'type: --overwrite  to replace it'."""
-    # Meanings begin in one column, behind the longest option, but not behind a very long one.
+    # Meanings begin in one column, behind the longest option, but not behind the 40th column.
     width = min(max((len(typed) for typed, _ in choices), default=0), 40)
     label = "type:"  # before the first choice
     for typed, meanings in choices:
-        # One meaning stands beside the option, several below.
+        # A single meaning stands beside the option, several meanings below it.
         if len(meanings) == 1:
             print_labelled(label, f"{typed:<{width}}  {meanings[0]}".rstrip())
         else:
             print_labelled(label, typed)
             for meaning in meanings:
                 print_labelled("", f"    {meaning}")
-        label = ""  # of further choices
+        label = ""  # Further choices have no label.
 
 
 def print_labelled(label: str, text: str) -> None:
@@ -388,4 +389,4 @@ def print_labelled(label: str, text: str) -> None:
         lines = [text]
     for line in lines:
         typer.echo(f"{label:<7}{line}", err=True)
-        label = ""  # of further lines
+        label = ""  # Further lines have no label.

@@ -127,7 +127,7 @@ def print_fits(out: Terminal, table: FitTable) -> None:
         limits = row.intervals(table.level).tolist()
         for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
             text = number(value)
-            if not isnan(value) and not isnan(low):  # not without a fit, or without replicates
+            if not isnan(value) and not isnan(low):  # The parameter has a fit and replicates.
                 text += f" [{low:.2f}, {high:.2f}]"
             cells.append(without_zeros(text))
         rows.append([*cells, f"{row.log_likelihood:.2f}", row.at_edge])

@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 #: The rows of a table.
 Rows = Sequence[Texts]
-#: The subject of a note ('' is none), its text, and an option to type.
+#: The subject of a note ('' if it is on no single subject), its text, and an option to type.
 Note = tuple[str, str, str]
-#: Columns of every line and table, whatever the width of the terminal.
+#: Largest number of columns of a line or table, whatever the width of the terminal.
 WIDTH = 80
-#: Tables of so many subjects show only the ones that need action.
+#: Number of subjects from which on tables show only subjects that need action.
 MANY_SUBJECTS = 20
-#: Notes that are printed at once.
+#: Largest number of notes that are printed at once.
 MOST_NOTES = 20
-#: Where the other notes are, if nothing better is known.
+#: The name of the file with all further notes, if no other name is known.
 OUTPUT = "the output"
 #: The words that were typed after `bayes-toe`.
-TYPED: list[str] = []
+TYPED_WORDS: list[str] = []
 #: Between words that stay on one line: an estimate with its unit and interval, or an option with
 #: its value.
 _GLUE = "\ufffe"
@@ -48,7 +48,7 @@ _OPTION = re.compile(r"(?<=\s)(--?\w[\w-]*) (?!-)")
 
 
 class Terminal:
-    """The output of a command: lines, tables, notes, a progress bar; a `quiet` one has none."""
+    """The output of a command: lines, tables, notes, a progress bar; if it is `quiet`, nothing."""
 
     def __init__(self, quiet: bool = False) -> None:
         from rich.console import Console
@@ -116,12 +116,12 @@ class Terminal:
 
         Notes with the same text and option become one. `file` has the notes that are not printed.
         """
-        merged = merge_notes(notes)
-        if merged:
+        merged_notes = merge_notes(notes)
+        if merged_notes:
             self.line()
-        for subjects, text, option in merged[:MOST_NOTES]:
+        for subjects, text, option in merged_notes[:MOST_NOTES]:
             self.lines(note_lines(mark, subjects, text, option))
-        n_more = len(merged) - MOST_NOTES
+        n_more = len(merged_notes) - MOST_NOTES
         if n_more > 0:
             self.line(f"... and {n_more:,} more in {file}")
 
@@ -143,7 +143,7 @@ class Terminal:
         self.notes(((item.subject, item.message, item.option) for item in findings), mark)
 
     def remarks(self, texts: Iterable[str]) -> None:
-        """Print notes on no subject in particular."""
+        """Print notes that name no subject."""
         self.notes((("", text, "") for text in texts), mark="-")
 
 
@@ -156,12 +156,12 @@ def wrap_line(text: str, indent: int = 0) -> list[str]:
     '  word'
     """
     # An estimate stays on one line with its unit and its interval.
-    glued = _ESTIMATE.sub(lambda match: match[0].replace(" ", _GLUE), visible(text))
-    return _wrap_glued(glued, WIDTH, subsequent_indent=" " * indent) or [""]
+    glued_text = _ESTIMATE.sub(lambda match: match[0].replace(" ", _GLUE), visible(text))
+    return _wrap_glued(glued_text, WIDTH, subsequent_indent=" " * indent) or [""]
 
 
 def _wrap_glued(text: str, width: int, **options: Any) -> list[str]:
-    """A text in lines, none of which ends where words are glued; glue becomes a space."""
+    """A text in lines that do not end where words are glued; glue becomes a space."""
     lines = wrap(text, width, break_on_hyphens=False, **options)
     return [line.replace(_GLUE, " ") for line in lines]
 
@@ -197,9 +197,9 @@ def command_lines(command: str, start: str) -> list[str]:
     """
     # A word stays on one line, and an option with its value.
     words = [shlex.quote(word).replace(" ", _GLUE) for word in shlex.split(visible(command))]
-    glued = _OPTION.sub(rf"\1{_GLUE}", " ".join(words))
+    glued_command = _OPTION.sub(rf"\1{_GLUE}", " ".join(words))
     lines = _wrap_glued(
-        glued,
+        glued_command,
         WIDTH - 2,  # for the backslash
         initial_indent=start,
         subsequent_indent=" " * (len(start) + 2),
@@ -210,7 +210,7 @@ def command_lines(command: str, start: str) -> list[str]:
 
 def typed_command(name: str) -> str:
     """The options that were typed, with another command, such as 'bayes-toe run study.csv'."""
-    return shlex.join(["bayes-toe", name, *TYPED[1:]])
+    return shlex.join(["bayes-toe", name, *TYPED_WORDS[1:]])
 
 
 def repeated_command() -> str:
@@ -219,7 +219,7 @@ def repeated_command() -> str:
     The repeated command replaces the outputs of the typed one. It does not resume, because the
     results that are stored were computed without the further options.
     """
-    words = [word for word in TYPED if word != "--resume"]
+    words = [word for word in TYPED_WORDS if word != "--resume"]
     if "--overwrite" not in words:
         words.append("--overwrite")
     return shlex.join(["bayes-toe", *words])
@@ -228,12 +228,13 @@ def repeated_command() -> str:
 def with_options(command: str, options: Iterable[str]) -> str:
     """A command line with further options, each of which swaps or excludes a subject or its blocks.
 
-    If the option excludes a subject, it replaces typed options that exclude blocks of this subject.
+    If an option excludes a subject, it replaces typed options that exclude blocks of this subject.
 
-    If the option swaps what a typed option swaps, or a subject of which a typed option swaps some
-    blocks, the typed option is removed, and none is added: the responses look swapped only after
-    the typed swap. A command may not name a subject twice, so that the swap of a subject cannot
-    stand beside the swap of its blocks. Without both swaps, the next run names the swapped blocks.
+    If an option swaps what a typed option swaps, or a subject of which a typed option swaps some
+    blocks, the typed option is removed, and no option is added: the responses look swapped only
+    after the typed swap. A command may not name a subject twice, so that the swap of a subject
+    cannot stand beside the swap of its blocks. Without both swaps, the next run names the swapped
+    blocks.
 
     Examples
     --------
@@ -273,8 +274,9 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
     >>> format_table(["subject", "order\neffect"], [["A01", "yes"], ["A02", "no"]])
     ['         order', 'subject  effect', 'A01      yes', 'A02      no']
     """
-    # The first column has the names, which may be cut. Columns are moved below until the others fit
-    # beside cut names. One column always stays beside the names, because names alone show nothing.
+    # The first column has the names, which may be cut. The last columns are moved below until all
+    # other columns fit beside cut names. One column always stays beside the names, because names
+    # alone show nothing.
     n_fitting = len(headings)
     while n_fitting > 2 and not is_narrow(headings[:n_fitting], [row[:n_fitting] for row in rows]):
         n_fitting -= 1
@@ -302,7 +304,7 @@ def is_narrow(headings: Texts, rows: Rows, first_width: int = 8) -> bool:
 
 
 def _heading_rows(headings: Texts) -> Rows:
-    r"""The lines of headings as rows, aligned at the last one.
+    r"""The lines of headings as rows, aligned at the last line.
 
     ['subject', 'order\neffect'] -> [('', 'order'), ('subject', 'effect')]
     """
@@ -358,10 +360,10 @@ def shorten(text: str, width: int) -> str:
         return text
     # The most characters that fit beside the three dots; some characters take two columns.
     for n_shown in range(width - 3, 0, -1):
-        n_last = n_shown // 3  # a third of them are from the end
-        short = f"{text[: n_shown - n_last]}...{text[len(text) - n_last :]}"
-        if cell_width(short) <= width:
-            return short
+        n_last = n_shown // 3  # a third of the characters are from the end
+        short_text = f"{text[: n_shown - n_last]}...{text[len(text) - n_last :]}"
+        if cell_width(short_text) <= width:
+            return short_text
     return "..."
 
 
@@ -404,17 +406,17 @@ def merge_notes(notes: Iterable[Note]) -> list[tuple[list[str], str, str]]:
     >>> merge_notes([("A", "few trials", ""), ("B", "few trials", "")])
     [(['A', 'B'], 'few trials', '')]
     """
-    # Subjects are the keys of a dict, as a set that keeps their order.
-    merged: dict[tuple[str, str], dict[str, None]] = {}  # by text and option
+    # Subjects are the keys of a dict, which is used as a set that keeps their order.
+    subjects_by_note: dict[tuple[str, str], dict[str, None]] = {}  # by text and option
     for subject, text, option in notes:
-        subjects = merged.setdefault((text, option), {})
-        if subject:  # a note on all subjects has none
+        subjects = subjects_by_note.setdefault((text, option), {})
+        if subject:  # '' is the subject of a note on all subjects
             subjects[subject] = None
-    return [(list(subjects), *note) for note, subjects in merged.items()]
+    return [(list(subjects), *note) for note, subjects in subjects_by_note.items()]
 
 
 def describe_study(study: Study) -> str:
-    """The file of a study, and its amounts as :func:`describe_amount` has them."""
+    """The file of a study, and its amounts in the words of :func:`describe_amount`."""
     label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
     return f"{study.source}{label}: {describe_amount(study)}"
 

@@ -78,7 +78,8 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
         return {}
     # All subjects of a file have the same quantities.
     quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
-    optional = dict.fromkeys(quantities)  # each once, because several files of draws may have it
+    # Each quantity once, because several files of draws may have the same quantities.
+    optional = dict.fromkeys(quantities)
     names, columns = read_numbers(path, names=(), key="subject", optional=list(optional), gaps=True)
     truth: dict[str, dict[str, float]] = {name: {} for name in names}
     for key, column in columns.items():
@@ -150,7 +151,8 @@ def corner(
             partial(
                 _save_corner,
                 folder / file,
-                # Draws are copied to the worker. A figure of one subject needs only that subject's.
+                # Draws are copied to the worker. A figure of one subject needs the draws of this
+                # subject alone.
                 draws[group[0]] if len(group) == 1 else draws,
                 group,
                 coordinates=coordinates,

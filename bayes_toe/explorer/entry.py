@@ -66,24 +66,25 @@ from bayes_toe.plots.corner import (
     quantity_names,
 )
 from bayes_toe.plots.curves import pairs_with_weaker
-from bayes_toe.plots.style import MARKED, Scale, difference_scale, stimulus_scale
+from bayes_toe.plots.style import MARKED_QUANTILES, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
-#: Kind and words of each badge, or questions with the words of the answer.
-Pairs = tuple[tuple[str, str], ...]
-#: What the two tabs are called.
+#: Pairs of texts: the kind and the words of each badge, or questions with the words of the answer.
+TextPairs = tuple[tuple[str, str], ...]
+#: The names of the two tabs.
 EFFECTS_TAB = "effects"
 PAPER_TAB = "paper's parameters"
-#: The names of the sizes of an answer by quantity. Those of differences are in per cent.
-_SIZES = {**SIZE_OF, "jnd": "jnd_percent", "zone": "zone_percent"}
+#: The names of the sizes of an answer by quantity. Sizes of differences are in per cent.
+_SIZE_NAMES = {**SIZE_OF, "jnd": "jnd_percent", "zone": "zone_percent"}
 #: Points of every curve, which the page joins by straight lines: enough for a bell to look smooth.
 POINTS = 21
-#: Slices, which are panels of curves, of an entry.
+#: Largest number of slices of an entry. A slice is a panel of curves.
 MOST_SLICES = 6
-#: Draws with an effect from which on the effect is shown.
+#: Smallest number of draws with an effect for which the effect is shown.
 FEWEST_DRAWS = 100
-#: Margins, as shares of a range: of the plane of stimuli, and of a curve beyond its last pair.
+#: Margin of the plane of stimuli, as a share of the range of stimuli.
 _PLANE_MARGIN = 0.08
+#: Margin of a curve beyond its last pair, as a share of the length of the curve.
 _CURVE_MARGIN = 0.04
 
 
@@ -103,13 +104,13 @@ class Entry:
     words : tuple
         Questions with the words of the answer.
     truth : mapping, optional
-        Known values. Values of quantities that the model does not have are ignored.
+        Known true values. Values of quantities that the model does not have are ignored.
     estimates : mapping
-        The 95 % intervals of tables, by quantity, where they are not computed from these draws.
+        The 95 % intervals of tables, by quantity, if they are not computed from these draws.
         Differences are in per cent.
     is_averaged : bool
-        Whether the draws are those of the four models. A draw of a model without an effect has 0
-        for this effect.
+        Whether the draws come from all four models. A draw of a model without an effect has 0 for
+        this effect.
     synthetic : bool
         Whether the responses are simulated.
     description : str
@@ -119,8 +120,8 @@ class Entry:
     label: str
     target: ObserverPosterior | PaperPosterior
     x: FloatArray
-    badges: Pairs = ()
-    words: Pairs = ()
+    badges: TextPairs = ()
+    words: TextPairs = ()
     truth: Mapping[str, float] = field(default_factory=dict)
     estimates: Mapping[str, Size] = field(default_factory=dict)
     is_averaged: bool = False
@@ -129,7 +130,7 @@ class Entry:
 
     @property
     def tab(self) -> str:
-        """The tab in which it is shown."""
+        """The tab that shows the entry."""
         return PAPER_TAB if isinstance(self.target, PaperPosterior) else EFFECTS_TAB
 
     @property
@@ -144,12 +145,12 @@ class Entry:
 
     @property
     def names(self) -> Texts:
-        """All quantities, the ones of :attr:`main` first."""
-        return tuple(dict.fromkeys((*self.main, *self.target.names.all)))
+        """The names of all quantities, those of :attr:`main_names` first."""
+        return tuple(dict.fromkeys((*self.main_names, *self.target.names.all)))
 
     @property
-    def main(self) -> Texts:
-        """The quantities that the page shows when it opens."""
+    def main_names(self) -> Texts:
+        """The names of the quantities that the page shows when it opens."""
         return quantity_names(self.target, "natural")
 
     def columns(self) -> NamedArrays:
@@ -164,9 +165,9 @@ class Entry:
         return columns
 
     def packed(self, most_rows: int) -> Record:
-        """The entry as the page stores it: a row for each of at most so many of its draws.
+        """The entry as the page stores it, with at most `most_rows` rows, one for a draw.
 
-        Contours, intervals and spans are of all draws.
+        Contours, intervals and spans are those of all draws.
         """
         draws = self.x.reshape(-1, self.x.shape[-1])  # of all chains, (draws, k)
         n_rows = min(len(draws), most_rows)
@@ -175,28 +176,28 @@ class Entry:
 
         columns = self.columns()
         # The values of each quantity in the draws that have it.
-        present = {name: values[~np.isnan(values)] for name, values in columns.items()}
+        finite_values = {name: values[~np.isnan(values)] for name, values in columns.items()}
         names = self.target.names.all
-        known = {name: value for name, value in self.truth.items() if name in names}
-        truth = all_true_values(known, self.target)  # and what follows from them
-        spans = axis_limits(present.values(), list(columns), self.target, truth)
+        known_values = {name: value for name, value in self.truth.items() if name in names}
+        truth = all_true_values(known_values, self.target)  # with the values that follow from them
+        spans = axis_limits(finite_values.values(), list(columns), self.target, truth)
 
-        # The names by which explorer.js reads them.
+        # The keys are the names by which explorer.js reads the values.
         return {
             "subject": visible(self.target.subject.name),
             "label": visible(self.label),
             "synthetic": self.synthetic,
             "about": visible(self.description),
-            "badges": [*self.badges, *self._dominated()],
+            "badges": [*self.badges, *self._dominated_badges()],
             "words": self.words,
             "rows": n_rows,
-            "of": len(draws),  # how many draws there are in all
+            "of": len(draws),  # the number of all draws
             "perChain": self.x.shape[1],
             "names": list(columns),
-            "main": [name for name in self.main if name in columns],
+            "main": [name for name in self.main_names if name in columns],
             "values": to_base64(np.stack(list(columns.values()))[:, index]),  # (names, rows)
-            "marked": [self._interval(name, values) for name, values in present.items()],
-            "with": list(map(len, present.values())),  # draws that have each quantity
+            "marked": [self._interval(name, values) for name, values in finite_values.items()],
+            "with": list(map(len, finite_values.values())),  # how many draws have each quantity
             "truth": truth,
             "spans": spans,
             "contours": packed_contours(columns, spans),
@@ -211,14 +212,15 @@ class Entry:
         """
         prior = prior_values(self.target)
         quantiles = []
-        shares = []
+        probabilities = []
         for name in names:
             values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
             quantiles.append(axis_values(name, values, self.unit))
-            # Which of the four models have the quantity. A single model has all that it shows.
+            # Which of the four models have the quantity. A single model has each quantity that it
+            # shows, so that its probability is that of every model, 1.
             has_quantity = QUESTIONS.get(name, EVERY_MODEL) if self.is_averaged else EVERY_MODEL
-            shares.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
-        return {"prior": to_base64(quantiles), "priorShares": shares}
+            probabilities.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
+        return {"prior": to_base64(quantiles), "priorShares": probabilities}
 
     def _interval(self, name: str, values: FloatArray) -> list[float]:
         """Low end, median and high end of a quantity, as its axis shows them.
@@ -226,27 +228,27 @@ class Entry:
         They come from `estimates`, or else from `values`, its draws in the unit of the axis.
         """
         if name not in self.estimates:
-            return np.quantile(values, MARKED).tolist()
+            return np.quantile(values, MARKED_QUANTILES).tolist()
         interval = np.asarray(self.estimates[name])
-        # The estimates are those of tables, which have differences in per cent, and any other
-        # quantity in the unit that the model has.
+        # The estimates are those of tables. They are per cents for differences, and have the unit
+        # of the model for any other quantity.
         if QUANTITY_BY_NAME[name].display == "difference":
             return self.unit.from_percent(interval).tolist()
         return axis_values(name, interval, self.unit).tolist()
 
-    def _dominated(self) -> list[tuple[str, str]]:
+    def _dominated_badges(self) -> list[tuple[str, str]]:
         """Badges of the quantities that the prior determines, such as ('dominated', 'mu1').
 
-        Their range from 5 to 95 % is not much narrower than under the prior.
+        The range of such a quantity from 5 to 95 % is not much narrower than under the prior.
         """
         if self.is_averaged:  # Several models have several priors.
             return []
-        dominated = []
+        dominated_badges = []
         for name in self.names:
             low, high = np.quantile(self.quantities[name], RANGE).tolist()
             if posterior_contraction(self.target, name, low, high) < DOMINATED:
-                dominated.append(("dominated", name))
-        return dominated
+                dominated_badges.append(("dominated", name))
+        return dominated_badges
 
     def _packed_responses(self, x: FloatArray, index: IndexArray) -> Record:
         """Counts, curves over them, and the line of stimuli that seem equal, at the draws x.
@@ -254,7 +256,7 @@ class Entry:
         `x` has shape (rows, k), and `index` has the numbers of these draws among all draws.
         """
         subject = self.target.subject
-        _, along = slice_and_position(subject)  # the place of each pair on the axis of its slice
+        _, position = slice_and_position(subject)  # of each pair on the axis of its slice
         pairs = {
             "s1": subject.s1,
             "s2": subject.s2,
@@ -263,7 +265,7 @@ class Entry:
             "order": presentation_order(subject),
             "estimate": laplace_estimate(subject.n_yes, subject.n_trials),
             "error": laplace_error(subject.n_yes, subject.n_trials),
-            "along": along,
+            "along": position,
         }
 
         describe = subject.unit.describe
@@ -275,37 +277,40 @@ class Entry:
         ends = [low - pad, high + pad]
         # Only a scale in per cent of the mean needs the mean. The page has natural logs in place of
         # such a scale.
-        plane = stimulus_scale("first stimulus", subject.unit, mean=0.0, limits=ends)
+        plane_scale = stimulus_scale("first stimulus", subject.unit, mean=0.0, limits=ends)
 
         fitted = Predictor(self.target, x)
-        selected, n_slices = _selected_slices(subject)
-        slices = [pack_slice(fitted, fixed, has_title=n_slices > 1) for fixed in selected]
+        stimuli_of_slices, n_slices = _selected_slices(subject)
+        slices = [
+            pack_slice(fitted, stimulus, has_title=n_slices > 1) for stimulus in stimuli_of_slices
+        ]
 
-        # The names by which explorer.js reads them.
+        # The keys are the names by which explorer.js reads the values.
         return {
             "pairs": {
                 **{key: values.tolist() for key, values in pairs.items()},
                 "stimuli": stimuli,
             },
-            "plane": _packed_scale(plane, subject.unit, ends),
+            "plane": _packed_scale(plane_scale, subject.unit, ends),
             "slices": slices,
-            "undrawn": n_slices - len(selected),
+            "undrawn": n_slices - len(slices),
             "ends": ends,
             "axis": to_base64(self._equal_stimuli(ends)[:, index]),
         }
 
     def _equal_stimuli(self, ends: Sequence[float]) -> FloatArray:
-        """The second stimulus that seems equal to each of two first ones, shape (2, draws).
+        """The second stimulus that seems equal to each of two first stimuli, shape (2, draws).
 
-        s2 = s1 - contraction * (s1 - mean) + constant_error: the page joins both ends by a line.
+        `ends` has the first stimuli. The page draws the line between the two pairs:
+        s2 = s1 - contraction * (s1 - mean) + constant_error.
         """
         quantities = self.quantities
-        first = np.array(ends)[:, None]  # (2, 1)
+        first_stimuli = np.array(ends)[:, None]  # (2, 1)
         zeros = np.zeros_like(quantities["jnd"])  # for a model without the effect
         # The paper's model has 'pull' and 'offset' in place of contraction and constant error.
         contraction = quantities.get("contraction", quantities.get("pull", zeros))
         constant_error = quantities.get("constant_error", quantities.get("offset", zeros))
-        return first - contraction * (first - self.target.sbar) + constant_error
+        return first_stimuli - contraction * (first_stimuli - self.target.sbar) + constant_error
 
 
 def _is_plottable(is_present: BoolArray) -> bool:
@@ -317,7 +322,7 @@ def _is_plottable(is_present: BoolArray) -> bool:
 
 
 def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
-    """The contours of every two quantities, each a text; the innermost one first.
+    """The contours of every two quantities, each contour a text, the innermost contour first.
 
     `columns` and `spans` are as axes show them. A contour has its x, then its y, with NaN between
     two lines. Two quantities have no contours if few draws have both.
@@ -326,11 +331,11 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
 
     packed = []
     for (x, x_span), (y, y_span) in combinations(zip(columns.values(), spans, strict=True), 2):
-        is_present = ~np.isnan(x + y)  # both are numbers
+        is_present = ~np.isnan(x + y)  # Both quantities are numbers in the draw.
         contours: list[str] = []
         if _is_plottable(is_present):
             # Middles of bins across and upward, counts, and levels of contours.
-            grid = contour_grid(x[is_present], y[is_present], across=x_span, up=y_span)
+            grid = contour_grid(x[is_present], y[is_present], x_span, y_span)
             lines = contour_data(*grid, want_fill=False).line_data
             assert lines is not None
             for points in zip(lines.xs, lines.ys, strict=True):
@@ -345,13 +350,13 @@ def entries_of(draws: Draws, label: str, subjects: Texts, truths: Truth) -> list
     If the draws are of the paper's model, each subject also has an entry with the average of the
     four models.
     """
-    refused = draws.not_interpreted
+    reasons = draws.not_interpreted  # by subject
     entries = []
     for name in subjects:
         answer, _ = answer_subject(draws.subject(name), draws.seed, draws.prior.observer)
         answer = answer.in_study(len(draws.names))
-        if name in refused:
-            words: Pairs = (("not interpreted:", refused[name]),)
+        if name in reasons:
+            words: TextPairs = (("not interpreted:", reasons[name]),)
         else:
             words = tuple((line.question, line.word) for line in answer.lines.values())
 
@@ -391,7 +396,7 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
         target=average.posterior,
         x=points[None],  # (1, draws, k)
         badges=(_fit_badge(answer.fit_p, answer.n_subjects), *flags),
-        estimates={name: sizes[size] for name, size in _SIZES.items() if size in sizes},
+        estimates={name: sizes[size] for name, size in _SIZE_NAMES.items() if size in sizes},
         is_averaged=True,
         description=f"{label} by their posterior probabilities: {draws.study.source}, "
         f"seed {draws.seed}, prior {prior.describe(subject.task)}. Draws are resampled by their "
@@ -399,14 +404,14 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     )
 
 
-def badges(draws: Draws, name: str) -> Pairs:
+def badges(draws: Draws, name: str) -> TextPairs:
     """Badges of a subject: whether the draws converged, and whether the model fits."""
     fit = draws.fit(name)
     shortfall = draws.not_converged.get(name)
     convergence = ("unconverged", shortfall) if shortfall else ("fine", "converged")
     is_testable = fit.degrees_of_freedom > 0
     # There is no p-value if the pairs determine about as many parameters as there are pairs. Then
-    # nothing is said of the fit.
+    # no badge says whether the model fits.
     if is_testable and np.isnan(fit.fit_p):
         return (convergence,)
     return convergence, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
@@ -424,54 +429,56 @@ def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
 # --- curves ---------------------------------------------------------------------------------------
 
 
-def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
-    """Pack a slice: the pairs with one fixed stimulus, and the curves of one panel over them.
+def pack_slice(fitted: Predictor, stimulus: float, *, has_title: bool) -> Record:
+    """Pack a slice: the pairs that share a stimulus, and the curves of one panel over them.
 
     There is a curve for each order: -1 weaker first, 1 stronger first, 0 equal stimuli of several
-    intensities. 'Which is stronger' has one curve, 0.
+    intensities. 'Which is stronger' has one curve, which is stored as order 0.
 
     Parameters
     ----------
     fitted : Predictor
-    fixed : float
-        The weaker stimulus of the pairs (ln), or the first one in 'which is stronger'.
+    stimulus : float
+        The weaker stimulus of the pairs (ln), or their first stimulus in 'which is stronger'.
     has_title : bool
-        Whether the fixed stimulus stands above the panel.
+        Whether `stimulus` stands above the panel.
     """
     subject = fitted.target.subject
     unit = subject.unit
     slice_of_pair, position = slice_and_position(subject)
     if subject.task == WHICH_STRONGER:
-        # The position is s2 - s1, of which all panels show the same range.
-        is_member = slice_of_pair == fixed
+        # The position is s2 - s1. All panels show the same range of positions.
+        is_member = slice_of_pair == stimulus
         orders = [0]
         low = float(position.min() - _CURVE_MARGIN * np.ptp(position))
         x = _curve_positions(low, float(position.max()))
         ends = [low, float(x[-1])]
-        first = np.full_like(x, fixed)
-        presented = {0: (first, first + x)}
+        first_stimuli = np.full_like(x, stimulus)
+        pairs_by_order = {0: (first_stimuli, first_stimuli + x)}
         scale = difference_scale(unit, ends)
     else:
-        # The position is the stronger stimulus. Curves start at the weaker one. The panel of the
-        # weakest stimulus also has the pairs of equal stimuli below it.
-        is_member = pairs_with_weaker(subject, fixed)
+        # The position is the stronger stimulus. Curves start at the weaker stimulus. The panel of
+        # the weakest stimulus also has the pairs of equal stimuli below it.
+        is_member = pairs_with_weaker(subject, stimulus)
         order = presentation_order(subject)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
-        # A single pair of equal stimuli is where the other curves begin, if there are any.
+        # The other curves, if there are any, begin at a single pair of equal stimuli, which needs
+        # no curve of its own then.
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
         position = position[is_member]
-        x = _curve_positions(fixed, float(position.max()))
-        ends = [min(fixed, float(position.min())), float(x[-1])]
-        weaker = np.full_like(x, fixed)
-        presented = {-1: (weaker, x), 1: (x, weaker), 0: (x, x)}
-        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)  # as in the plane
+        x = _curve_positions(stimulus, float(position.max()))
+        ends = [min(stimulus, float(position.min())), float(x[-1])]
+        weaker_stimuli = np.full_like(x, stimulus)
+        pairs_by_order = {-1: (weaker_stimuli, x), 1: (x, weaker_stimuli), 0: (x, x)}
+        # Like the scale of the plane, this scale does not need the mean.
+        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)
 
-    # P of the counted answer to the stimuli that are presented along the curve of each order. An
-    # order has the shape (rows, POINTS), and `curves` has (orders, POINTS, rows).
-    curves = np.stack([fitted.yes(*presented[sign]).T for sign in orders])
-    title = f"{subject.task.slice_stimulus} stimulus {unit.describe(fixed)}".replace("-", "−")
-    # The names by which explorer.js reads them.
+    # P of the counted answer to the pairs along the curve of each order. An order has the shape
+    # (rows, POINTS), and `curves` has (orders, POINTS, rows).
+    curves = np.stack([fitted.yes(*pairs_by_order[sign]).T for sign in orders])
+    title = f"{subject.task.slice_stimulus} stimulus {unit.describe(stimulus)}".replace("-", "−")
+    # The keys are the names by which explorer.js reads the values.
     return {
         "title": title if has_title else "",
         "pairs": np.flatnonzero(is_member).tolist(),
@@ -485,9 +492,9 @@ def pack_slice(fitted: Predictor, fixed: float, *, has_title: bool) -> Record:
 
 
 def _curve_positions(start: float, end: float) -> FloatArray:
-    """Positions along a curve from `start` to beyond `end`, the place of the last pair.
+    """Positions along a curve from `start` to beyond `end`, the position of the last pair.
 
-    If all pairs are in one place, the curve has a length near 0.
+    If all pairs have one position, the curve has a length near 0.
     """
     return np.linspace(start, end + _CURVE_MARGIN * max(end - start, 1e-9), POINTS)
 
@@ -504,9 +511,9 @@ def _packed_scale(scale: Scale, unit: StimulusUnit, ends: Sequence[float]) -> Re
 
 
 def slice_and_position(subject: Subject) -> ArrayPair:
-    """The fixed stimulus of the slice of each pair, and its position there, shape (pairs,) each.
+    """The stimulus of the slice of each pair, and the position of the pair there, (pairs,) each.
 
-    These are the weaker and the stronger stimulus, or the first one and s2 - s1 in 'which is
+    These are the weaker and the stronger stimulus, or the first stimulus and s2 - s1 in 'which is
     stronger'.
     """
     if subject.task == WHICH_STRONGER:
@@ -515,18 +522,18 @@ def slice_and_position(subject: Subject) -> ArrayPair:
 
 
 def _selected_slices(subject: Subject) -> tuple[list[float], int]:
-    """The fixed stimuli of the slices with the most trials, ascending; the number of all slices.
+    """The stimuli of the slices with the most trials, ascending; the number of all slices.
 
     A slice without trials of different stimuli does not count, unless there are only such slices.
     """
     slice_of_pair, _ = slice_and_position(subject)
     # `slice_index` has the number of the slice of each pair.
-    fixed, slice_index = np.unique(slice_of_pair, return_inverse=True)
+    stimuli, slice_index = np.unique(slice_of_pair, return_inverse=True)
     n_trials = np.bincount(slice_index, weights=subject.n_trials * (subject.s1 != subject.s2))
     n_slices = max(1, int(np.count_nonzero(n_trials)))
-    most_first = np.argsort(-n_trials, kind="stable")
-    selected = fixed[most_first][: min(MOST_SLICES, n_slices)]
-    return np.sort(selected).tolist(), n_slices
+    most_trials_first = np.argsort(-n_trials, kind="stable")
+    selected_stimuli = stimuli[most_trials_first][: min(MOST_SLICES, n_slices)]
+    return np.sort(selected_stimuli).tolist(), n_slices
 
 
 # --- numbers as text ------------------------------------------------------------------------------

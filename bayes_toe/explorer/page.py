@@ -35,7 +35,7 @@ from bayes_toe.workers import Progress
 MOST_ENTRIES = 200
 #: The source of the bundled studies.
 EXAMPLE = "bundled example (synthetic)"
-_ROWS = 16_000  # draws of all entries
+_ROWS = 16_000  # draws of all entries together
 #: The mark in the template where the data of the entries are put.
 _ISLANDS = "<!-- posteriors -->"
 
@@ -47,7 +47,7 @@ class Explorer:
     Attributes
     ----------
     html : str
-        The page, whole.
+        The whole page.
     """
 
     html: str
@@ -90,10 +90,10 @@ def explore(
     draws : Draws or sequence of Draws
         Draws of one model, or of several models, whose titles the page shows.
     subjects : sequence of str, optional
-        Only these.
+        Only these subjects.
     truths : mapping of str to (mapping of str to float), optional
-        Known values of synthetic subjects, by subject; natural parameters are enough. Those of the
-        bundled study are known.
+        Known values of synthetic subjects, by subject; natural parameters are enough. The true
+        values of the bundled study are known.
 
     Returns
     -------
@@ -102,8 +102,8 @@ def explore(
     Raises
     ------
     InputError
-        If Bokeh is not installed, there are no draws, an unknown subject is asked for, there are
-        draws of two tasks, or more than 200 posteriors of subjects.
+        If Bokeh is not installed, if there are no draws, if an unknown subject is asked for, or if
+        there are draws of two tasks or more than 200 posteriors of subjects.
     """
     require_bokeh()
     return page(entries(draws, subjects, truths))
@@ -132,12 +132,12 @@ def entries(
 
     page_entries = []
     for label, model_draws in by_label.items():
-        selected = tuple(name for name in names if name in model_draws.names)
+        model_names = tuple(name for name in names if name in model_draws.names)
         if not truths and model_draws.study.source == EXAMPLE:
             true_values = example_truth(model_draws.study.task)
         else:
             true_values = truths
-        page_entries += entries_of(model_draws, label, selected, true_values)
+        page_entries += entries_of(model_draws, label, model_names, true_values)
     _require_quantities(truths, page_entries)
     return page_entries
 
@@ -189,7 +189,7 @@ def page(
     units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
     if len(units) > 1:
         raise InputError("explore: found draws in two units, allowed: one in a page")
-    # If differences of any entry are too large for per cent, all are shown as natural logs.
+    # If differences of any entry are too large for per cent, all differences are natural logs.
     unit = shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
     if unit.has_log_differences:
         page_entries = [
@@ -219,9 +219,9 @@ def page(
         if progress is not None:
             progress(entry.target.subject.name)
 
-    # The template has a mark where the data stand.
+    # The data take the place of the mark _ISLANDS.
     html_of_page = _frame(task).replace(_ISLANDS, "".join(scripts))
-    # Bokeh's script makes functions of texts, which browsers refuse without this word.
+    # Bokeh's script makes functions of texts, which browsers refuse without 'unsafe-eval'.
     return Explorer(with_policy(html_of_page, "'unsafe-eval'"))
 
 

@@ -33,7 +33,7 @@ from bokeh.plotting import figure
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.plots.style import ORDERS
 
-#: Quantities that are shown together.
+#: Largest number of quantities that are shown together.
 SLOTS = 6
 
 
@@ -46,17 +46,20 @@ class _Look(NamedTuple):
     cross: str
 
 
-#: The two entries that are shown together, in other colours than the orders of stimuli have.
-LETTERS = {
+#: The looks of the two entries that are shown together, by the letter that is in the names of the
+#: sources of an entry. Their colours are not those of the orders of stimuli.
+LOOK_BY_LETTER = {
     "a": _Look("#4B3B8F", "circle", "solid", "x"),
     "b": _Look("#00795C", "triangle", "dashed", "cross"),
 }
-#: Orders under the names that sources have, with Bokeh's names of markers.
-KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
-#: Colours of text and of the page; explorer.js changes them, and those of LETTERS, on a dark page.
+#: For each order of stimuli, its name in the names of sources, and Bokeh's name of its marker.
+NAMES_OF_ORDERS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
+#: Colour of text. On a dark page explorer.js changes it, and the colours of LOOK_BY_LETTER.
 _INK = "#222222"
+#: Colour of the page, which explorer.js changes too.
 _PAGE = "#FFFFFF"
-#: Columns of a source of :func:`_band`: the mean over all draws, and mean and ends of the brushed.
+#: Columns of a source of :func:`_band`: the mean over all draws, and the mean and both ends of the
+#: band over the brushed draws.
 _BAND = ("x", "all", "kept", "low", "high")
 
 
@@ -65,9 +68,10 @@ def document(task: Task) -> Document:
     sources = _Sources()
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
     roots = [_distribution(sources, ranges, i) for i in range(SLOTS)]
-    # Panels below the diagonal: the column j is smaller than the row i.
-    roots += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
-    for letter in LETTERS:
+    # Panels below the diagonal: the column is smaller than the row.
+    for column, row in combinations(range(SLOTS), 2):
+        roots.append(_cloud(sources, ranges, row, column))
+    for letter in LOOK_BY_LETTER:
         roots += [_curves(sources, letter, task), _plane(sources, letter, task)]
     page = Document()
     with page.models.freeze():  # otherwise all models are collected anew with every root
@@ -125,7 +129,7 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
     """A panel of the corner, which can be brushed; explorer.js shows the axes at the edges."""
     select = BoxSelectTool(dimensions=dimensions, renderers=[], continuous=True)
     plot = _plot(name, [select], x_range=x, y_range=y)
-    plot.toolbar.active_drag = select  # without a click on a tool before
+    plot.toolbar.active_drag = select  # so that dragging selects without a click on a tool first
     brushed = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
     plot.js_on_event("selectiongeometry", CustomJS(code=brushed))
     for axis in plot.axis:
@@ -146,9 +150,9 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
 
 
 def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
-    """The panel of quantity i on the diagonal, in which a drag selects an interval.
+    """The panel of the quantity in slot `i` on the diagonal, in which a drag selects an interval.
 
-    It has the prior, histograms of all draws and of the brushed ones, and the true value.
+    The panel has the prior, histograms of all draws and of the brushed draws, and the true value.
     """
     plot = _panel(
         f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), dimensions="width"
@@ -156,14 +160,14 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
     # Columns of the sources.
     x = f"x{i}"
     y = f"y{i}"
-    for letter, look in LETTERS.items():
+    for letter, look in LOOK_BY_LETTER.items():
         colour = look.colour
         dash = look.dash
         plot.add_glyph(
             sources.get_source(f"prior-{letter}", x, y),
             Line(x=x, y=y, line_color="#8A8A8A", line_width=2, line_dash=dash),
         )
-        # Heights of the bars of all draws, and of the brushed ones.
+        # Heights of the bars of all draws, and of the bars of the brushed draws.
         bars = sources.get_source(f"bars-{letter}", x, f"all{i}", f"kept{i}")
         plot.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))
         plot.add_glyph(
@@ -189,28 +193,29 @@ def _dots(look: _Look, size: int, alpha: float) -> Scatter:
     )
 
 
-def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
-    """The panel of quantities i (up) and j (across): draws, contours and true values.
+def _cloud(sources: _Sources, ranges: list[Range1d], row: int, column: int) -> Any:
+    """The panel in a row and a column of the corner: draws, contours and true values.
 
-    Later glyphs cover earlier ones. All draws are behind; then come brushed draws with contours;
-    true values are in front.
+    The quantity in slot `row` is upward, and the quantity in slot `column` is across. Later glyphs
+    cover earlier glyphs. All draws are behind; then come brushed draws with contours; true values
+    are in front.
     """
-    name = f"panel-{i}-{j}"
+    name = f"panel-{row}-{column}"
     # Columns of the source of true values.
-    x = f"{j}"
-    y = f"{i}"
-    plot = _panel(name, ranges[j], ranges[i], dimensions="both")
-    for letter, look in LETTERS.items():
-        draws = sources.get_source(f"all-{letter}-{i}-{j}", "x", "y")
+    x = f"{column}"
+    y = f"{row}"
+    plot = _panel(name, ranges[column], ranges[row], dimensions="both")
+    for letter, look in LOOK_BY_LETTER.items():
+        draws = sources.get_source(f"all-{letter}-{row}-{column}", "x", "y")
         plot.add_glyph(draws, _dots(look, size=3, alpha=0.12))
 
-    selected = []
-    for letter, look in LETTERS.items():
-        brushed = sources.get_source(f"kept-{letter}-{i}-{j}", "x", "y", "row")
+    brushed_dots = []
+    for letter, look in LOOK_BY_LETTER.items():
+        brushed = sources.get_source(f"kept-{letter}-{row}-{column}", "x", "y", "row")
         dots = _dots(look, size=4, alpha=0.35)
-        selected.append(plot.add_glyph(brushed, dots, name=letter.upper()))
+        brushed_dots.append(plot.add_glyph(brushed, dots, name=letter.upper()))
         # A wide line in the page's colour, so that the contour is seen on the dots.
-        lines = sources.get_source(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
+        lines = sources.get_source(f"contour-{letter}-{row}-{column}", "xs", "ys", "width")
         plot.add_glyph(
             lines, MultiLine(xs="xs", ys="ys", line_color=_PAGE, line_width=4, line_alpha=0.7)
         )
@@ -225,7 +230,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
             ),
         )
 
-    for letter, look in LETTERS.items():
+    for letter, look in LOOK_BY_LETTER.items():
         truth = sources.get_source(f"truth-{letter}", x, y)
         # A cross with an edge in the page's colour: the wider line first.
         for colour, width in ((_PAGE, 6), (look.colour, 3)):
@@ -234,13 +239,13 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
                 Scatter(x=x, y=y, marker=look.cross, size=13, line_color=colour, line_width=width),
             )
     plot.add_tools(
-        HoverTool(name=f"hover-{name}", renderers=selected, limit=1, tooltips=[("", "$name")])
+        HoverTool(name=f"hover-{name}", renderers=brushed_dots, limit=1, tooltips=[("", "$name")])
     )
     return plot
 
 
 def _hover(renderers: list[Any], task: Task) -> HoverTool:
-    """A box that names the pair under the mouse, and how often its answer was the counted one."""
+    """A box with the pair under the mouse, and how often it got the counted answer."""
     return HoverTool(
         renderers=renderers,
         tooltips=[
@@ -269,11 +274,11 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
     _small_words(plot, plot.xaxis)
 
     points = []
-    for order, (kind, marker) in KINDS.items():
+    for order, (order_name, marker) in NAMES_OF_ORDERS.items():
         colour = ORDERS[order].colour
-        _band(plot, sources.get_source(f"curve-{letter}-{kind}", *_BAND), colour)
+        _band(plot, sources.get_source(f"curve-{letter}-{order_name}", *_BAND), colour)
         answers = sources.get_source(
-            f"answers-{letter}-{kind}", "x", "estimate", "low", "high", "stimuli", "k", "n"
+            f"answers-{letter}-{order_name}", "x", "estimate", "low", "high", "stimuli", "k", "n"
         )
         plot.add_glyph(
             answers, Segment(x0="x", y0="low", x1="x", y1="high", line_color=colour, line_width=1.5)
@@ -284,7 +289,7 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
             marker=marker,
             fill_color=colour,
             line_color=_PAGE,
-            size=10 if kind == "equal" else 8,
+            size=10 if order_name == "equal" else 8,
         )
         points.append(plot.add_glyph(answers, point, name=ORDERS[order].label))
 
@@ -335,12 +340,12 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
     axis = sources.get_source(f"axis-{letter}", *_BAND)
     # The line of equal stimuli.
     plot.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
-    _band(plot, axis, LETTERS[letter].colour)
+    _band(plot, axis, LOOK_BY_LETTER[letter].colour)
 
     points = []
-    for order, (kind, marker) in KINDS.items():
+    for order, (order_name, marker) in NAMES_OF_ORDERS.items():
         pairs = sources.get_source(
-            f"pairs-{letter}-{kind}", "s1", "s2", "stimuli", "k", "n", "fill"
+            f"pairs-{letter}-{order_name}", "s1", "s2", "stimuli", "k", "n", "fill"
         )
         point = Scatter(
             x="s1",
@@ -349,7 +354,7 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
             line_color=ORDERS[order].colour,
             line_width=2,
             fill_color="fill",
-            size=12 if kind == "equal" else 10,
+            size=12 if order_name == "equal" else 10,
         )
         points.append(plot.add_glyph(pairs, point, name=ORDERS[order].label))
     plot.add_tools(_hover(points, task))

@@ -18,11 +18,11 @@ from bayes_toe.answers.contrast import (
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.plots.style import (
     EQUAL,
-    HIGH,
     LETTERS,
     MAX_NAMES,
     PAGE,
     POSTERIOR,
+    UNNAMED_HEIGHT,
     draw_intervals,
     legend_outside,
     name_rows,
@@ -32,7 +32,7 @@ from bayes_toe.plots.style import (
     zero_line,
 )
 
-_NONE = "no difference, or probably none"
+_NO_DIFFERENCE = "no difference, or probably none"
 #: Characters of the longest comparison beside its quantity; a longer one has a line of its own.
 _LONGEST_BESIDE = 16
 #: Face of the mark, colour, and words of the legend, for each of WORDS.
@@ -40,8 +40,8 @@ _MARKS = (
     (POSTERIOR, POSTERIOR, WORDS[0]),
     ("#9CC4E4", POSTERIOR, WORDS[1]),
     ("white", EQUAL, WORDS[2]),
-    ("#C9C9C9", EQUAL, _NONE),
-    ("#C9C9C9", EQUAL, _NONE),
+    ("#C9C9C9", EQUAL, _NO_DIFFERENCE),
+    ("#C9C9C9", EQUAL, _NO_DIFFERENCE),
 )
 
 
@@ -54,14 +54,14 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
     ----------
     table : ContrastTable
     synthetic : bool
-        Whether the title says so.
+        Whether the subjects are simulated, which the title then says.
     """
     quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
     n_subjects = len(table.subjects)
     # Inches, 0.16 for a subject.
     if n_subjects > MAX_NAMES:
-        panel_height = 0.6 * HIGH  # lower, because several comparisons share the page
+        panel_height = 0.6 * UNNAMED_HEIGHT  # lower, because several comparisons share the page
     else:
         panel_height = max(0.7, 0.16 * n_subjects)
     # 0.7 for title and legend, and 0.9 for the axis and label of each panel.
@@ -73,7 +73,7 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         comparison = comparisons[i]
         rows = table.select(quantity, comparison)
         # In the unknown unit, intervals are per cents, from which `for_percent` chooses the unit.
-        # Those of a contraction are shares, too small to change it.
+        # The intervals of a contraction are shares, too small to change the unit.
         percents = [row.interval(UNKNOWN_UNIT) for row in rows]
         unit = table.unit.for_percent(percents)
         _draw_subjects(ax, table, rows, unit)

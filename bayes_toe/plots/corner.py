@@ -47,7 +47,7 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, plain, rounded
+from bayes_toe.plots.style import MARKED_QUANTILES, POSTERIOR, WEAKER_FIRST, Style, plain, rounded
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
@@ -57,11 +57,11 @@ Panels = npt.NDArray[Any]
 COORDINATES = ("natural", "identified")
 BINS = 60
 #: Bins that are added beyond either end of a panel, so that contours close there.
-AROUND = 2
+EDGE_BINS = 2
 #: Shares of the draws inside the contours.
-LEVELS = (0.5, 0.95)
+CONTOUR_SHARES = (0.5, 0.95)
 #: Quantiles between which a panel shows its quantity.
-SPANNED = (0.005, 0.995)
+SPAN_QUANTILES = (0.005, 0.995)
 #: SD of the kernel that smooths counts, in bins, times the sixth root of the number of distinct
 #: draws. The draws of a panel have an SD of about BINS / 6 bins. The normal reference rule has the
 #: factor 1 in place of 1.4, but with it contours of few draws wobble.
@@ -73,7 +73,8 @@ _CURVE_BINS = 240
 _SMOOTHING_OF_CURVE = 1.2 * _CURVE_BINS / 6.0
 PRIOR = "#999999"
 TRUTH = WEAKER_FIRST
-#: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
+#: Colour and style of line of each of several subjects in the same panels. The style distinguishes
+#: them in print without colours.
 OVERLAID = (
     (POSTERIOR, "solid"),
     ("#B8520A", "dashed"),
@@ -82,9 +83,9 @@ OVERLAID = (
 )
 #: Style of the true values of several subjects.
 _TRUTH_MARKS: Style = {"mec": "black", "mew": 0.8, "zorder": 5}
-#: Up to so many panels a side leave no corner free for the key, which then stands above them.
+#: Panels a side up to which no corner is free for the key. The key then stands above the panels.
 _FEW_PANELS = 2
-#: The share of the height below such a key.
+#: The share of the height of a figure that is below a key above the panels.
 _BELOW_KEY = 0.76
 
 
@@ -107,26 +108,26 @@ def corner(
     ----------
     draws : Draws
     subject : str or sequence of str
-        One, or up to four in the same panels, distinguished by colours and lines; upright lines
-        are then their medians.
+        One subject, or up to four in the same panels, distinguished by colours and lines. If there
+        are several subjects, upright lines are their medians.
     coordinates : {"natural", "identified"} or sequence of str
         Which quantities. "natural" has the parameters of the paper's model (H1). For the four
         models it has constant error, contraction and JND, if the model has them. "identified" has
         the quantities that the answers depend on. A sequence names quantities, such as `gain`.
     truths : mapping of str to (mapping of str to float), optional
-        Known values of synthetic subjects, by subject. What follows from them is drawn too:
-        natural parameters are enough for any quantity.
+        Known values of synthetic subjects, by subject. Quantities that follow from them are drawn
+        too: natural parameters are enough for any quantity.
     prior : Prior, optional
-        Its marginals are drawn in grey on the diagonal;
-        `draws.prior` is the one that the draws were made under.
+        Its marginals are drawn in grey on the diagonal. `draws.prior` is the prior under which the
+        draws were made.
     fig : matplotlib Figure or SubFigure, optional
-        The figure to draw into; by default a new one.
+        The figure to draw into; by default a new figure.
 
     Raises
     ------
     InputError
-        For an unknown subject or quantity, no quantity at all, or a true value that cannot be one;
-        for more than four subjects.
+        For an unknown subject or quantity, no quantity at all, or a true value that the quantity
+        cannot have; for more than four subjects.
     """
     require_draws(draws)
     truths = truths or {}
@@ -137,15 +138,15 @@ def corner(
     subject_names = _subject_names(subject)
     targets = [draws.posterior(name) for name in subject_names]
     names = quantity_names(targets[0], coordinates)
-    natural_values = []  # draws of each subject, in natural logs
+    log_draws = []  # draws of each subject by quantity, in natural logs
     for name in subject_names:
-        natural_values.append({key: draws.values(name, key).ravel() for key in names})
-    unit = shown_unit(targets[0].subject.unit, natural_values)
+        log_draws.append({key: draws.values(name, key).ravel() for key in names})
+    unit = shown_unit(targets[0].subject.unit, log_draws)
 
     samples = []
     limits = []
-    # OVERLAID has four styles, of which fewer subjects take the first ones.
-    for target, values, (colour, line) in zip(targets, natural_values, OVERLAID, strict=False):
+    # OVERLAID has four styles. If there are fewer subjects, they take the first styles.
+    for target, values, (colour, line) in zip(targets, log_draws, OVERLAID, strict=False):
         target = in_unit(target, unit)
         columns = [axis_values(key, values[key], unit) for key in names]
         true_values = all_true_values(truths.get(target.subject.name, {}), target)
@@ -158,9 +159,9 @@ def corner(
     highest = np.max(limits, axis=0)[:, 1]
     spans = np.column_stack([lowest, highest]).tolist()
     fig = fig or _new_figure(len(spans))
-    for sample in samples:  # all in the same panels, which every call returns
+    for sample in samples:  # All subjects share the panels, which every call returns.
         axes = _draw_posterior(fig, sample, spans, is_single=len(samples) == 1)
-    if prior is not None:  # its marginals, as shares of the same bins
+    if prior is not None:  # The marginals of the prior are shares of the same bins.
         for sample in samples:
             values = prior_values(model_posterior(draws.model, sample.target.subject, prior))
             for ax, name, span in zip(axes.diagonal(), names, spans, strict=True):
@@ -232,15 +233,16 @@ def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -
 
 
 def shown_unit(unit: StimulusUnit, draws_by_subject: Iterable[NamedArrays]) -> StimulusUnit:
-    """The unit in which axes show differences: `unit`, or natural logs if per cents are too large.
+    """The unit in which axes show differences.
 
+    It is `unit`, or natural logs if an axis would have per cents that are too large to be read.
     The draws of each subject, by quantity, are in natural logs.
     """
     ends = []  # of all axes of differences
     for draws in draws_by_subject:
         for name, values in draws.items():
             if _is_difference(name, unit):
-                ends += np.nanquantile(values, SPANNED).tolist()
+                ends += np.nanquantile(values, SPAN_QUANTILES).tolist()
     return unit.for_percent(percent(ends))
 
 
@@ -254,7 +256,8 @@ def in_unit(
 def _is_difference(name: str, unit: StimulusUnit) -> bool:
     """Whether an axis shows a quantity in the unit of differences.
 
-    Some quantities are so shown only if the unit of the stimuli is known, else in natural logs.
+    Quantities of the kind KNOWN_DIFFERENCE are shown in this unit if the unit of the stimuli is
+    known, and else in natural logs.
     """
     display = QUANTITY_BY_NAME[name].display
     return display == DIFFERENCE or (display == KNOWN_DIFFERENCE and unit.of_stimuli != "")
@@ -291,7 +294,8 @@ def axis_unit(name: str, unit: StimulusUnit) -> str:
         return "%"
     if _is_difference(name, unit):
         return unit.of_differences
-    # Pure numbers, and what stays in natural logs where the unit of the stimuli is not known.
+    # Quantities that stay in natural logs where the unit of the stimuli is not known. Any other
+    # quantity is a pure number.
     return {LOG_INTENSITY_UNIT: "ln", PER_LOG_INTENSITY: "per ln"}.get(quantity.unit, "")
 
 
@@ -306,7 +310,7 @@ def axis_limits(
     """
     spans = []
     for values, name in zip(columns, names, strict=True):
-        low, high = np.quantile(values, SPANNED).tolist()
+        low, high = np.quantile(values, SPAN_QUANTILES).tolist()
         low = min(low, truth.get(name, low))
         high = max(high, truth.get(name, high))
         if high > low:  # room for a mark at either end
@@ -330,7 +334,7 @@ def support(target: SubjectPosterior, name: str) -> Span:
 
 
 def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float]:
-    """True values and all that follow from them, as axes show them.
+    """True values, and all quantities that follow from them, as axes show them.
 
     A true value that the quantity cannot have is refused.
     """
@@ -352,51 +356,55 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
             raise InputError(f"truths: {name}={value!r}, allowed: {rule}")
 
     # An unknown value is NaN, and so is every quantity that depends on it.
-    natural = {
+    parameters = {
         name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural
     }
     with np.errstate(invalid="ignore"):  # The paper's prior excludes a sigma_l above sigma_p.
-        derived = target.quantities(target.points(natural))
+        quantities = target.quantities(target.points(parameters))
 
-    true_values = {name: float(value) for name, value in derived.items() if np.isfinite(value)}
-    true_values |= truths  # a given value goes before a derived one
+    true_values = {name: float(value) for name, value in quantities.items() if np.isfinite(value)}
+    true_values |= truths  # a given value goes before a value that follows from others
     return {name: float(axis_values(name, value, unit)) for name, value in true_values.items()}
 
 
 # --- panels ---------------------------------------------------------------------------------------
 
 
-def contour_grid(x: FloatArray, y: FloatArray, across: Span, up: Span) -> tuple[FloatArray, ...]:
+def contour_grid(
+    x: FloatArray, y: FloatArray, x_span: Span, y_span: Span
+) -> tuple[FloatArray, ...]:
     """Smoothed counts of draws `x`, `y` in and around a panel, and levels of contours.
 
-    `across` and `up` are the limits of the panel. It has BINS bins across and BINS bins upward, and
-    2 bins are added beyond each of its sides. Returns the middles of the bins across and those
-    upward, shape (BINS + 4,) each; the counts, shape (BINS + 4, BINS + 4), upward and across; and
-    the levels in ascending order. For each share in :data:`LEVELS` there is a level: the density at
-    this share of the draws is above it. If all draws are one point, there is one level.
+    `x_span` and `y_span` are the limits of the panel. It has BINS bins across and BINS bins upward,
+    and EDGE_BINS bins are added beyond each of its sides. Returns the middles of the bins across
+    and those upward, shape (BINS + 4,) each; the counts, shape (BINS + 4, BINS + 4), upward and
+    across; and the levels in ascending order. For each share in :data:`CONTOUR_SHARES` there is a
+    level: the density at this share of the draws is above it. If all draws are one point, there is
+    one level.
     """
-    counts, _, _ = np.histogram2d(y, x, BINS, [up, across])
+    counts, _, _ = np.histogram2d(y, x, BINS, [y_span, x_span])
     # A draw that the sampler repeats says nothing new. Draws with one x are such repetitions: other
     # draws differ in x, because x is continuous.
     n_distinct = len(np.unique(x))
+    # The power is that of the normal reference rule in two dimensions.
     smooth = gaussian_filter(counts, _SMOOTHING * n_distinct ** (-1.0 / 6.0))
 
-    # On each side there follow a bin that repeats the edge, and a bin of the lowest density, where
-    # contours close.
+    # EDGE_BINS are the two bins that follow on each side: one repeats the edge, and one has the
+    # lowest density, so that contours close there.
     continued = np.pad(smooth, 1, mode="edge")
     padded = np.pad(continued, 1, constant_values=smooth.min())
-    # Middles of the bins as shares of the panel, below 0 and above 1 in the added bins.
-    shares = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS
-    middle_x = across[0] + (across[1] - across[0]) * shares
-    middle_y = up[0] + (up[1] - up[0]) * shares
+    # Middles of the bins in units of the panel, below 0 and above 1 in the added bins.
+    middles = (np.arange(-EDGE_BINS, BINS + EDGE_BINS) + 0.5) / BINS
+    middle_x = x_span[0] + (x_span[1] - x_span[0]) * middles
+    middle_y = y_span[0] + (y_span[1] - y_span[0]) * middles
 
     # Draws beyond the added bins get a density below that of all other draws.
     density = RegularGridInterpolator(
         (middle_y, middle_x), padded, bounds_error=False, fill_value=-1.0
     )
-    # A share L of the draws has a density above the (1 - L) quantile of the density at the draws.
-    # Both quantiles are the same if all draws are one point.
-    levels = np.unique(np.quantile(density((y, x)), 1.0 - np.array(LEVELS)))
+    # A share S of the draws has a density above the (1 - S) quantile of the density at the draws.
+    # All quantiles are the same if all draws are one point.
+    levels = np.unique(np.quantile(density((y, x)), 1.0 - np.array(CONTOUR_SHARES)))
     return middle_x, middle_y, padded, levels
 
 
@@ -420,7 +428,7 @@ def _draw_posterior(
 ) -> Panels:
     """Draw densities, contours and true values of one subject; return the panels as a matrix.
 
-    Later subjects are drawn over the panels of the first one.
+    Later subjects are drawn over the panels of the first subject.
     """
     corner_package().corner(
         sample.columns.T,
@@ -432,8 +440,8 @@ def _draw_posterior(
         max_n_ticks=4,
         use_math_text=True,
         color=sample.colour,
-        hist_kwargs={"alpha": 0.0},  # curves instead
-        quantiles=MARKED if is_single else None,
+        hist_kwargs={"alpha": 0.0},  # no histograms: `_draw_curves` draws curves
+        quantiles=MARKED_QUANTILES if is_single else None,
         plot_datapoints=False,
         plot_density=False,
         plot_contours=False,
@@ -459,8 +467,9 @@ def _draw_contours(
         x = sample.truth[column]
         y = sample.truth[row]
         if is_single:
-            # Areas from level to level, the last one up to a bound that no count reaches. There is
-            # one level if all draws are one point.
+            # Areas from level to level, the last area up to a bound that no count reaches. The
+            # outer area, between the two levels, is light. If all draws are one point, there is one
+            # level, and no outer area.
             bounds = [*levels, 2.0 * counts.max()]
             colours = [(sample.colour, 1.0 / 3.0), sample.colour][-len(levels) :]
             ax.contourf(*middles, counts, bounds, colors=colours)
@@ -481,11 +490,11 @@ def _draw_curves(
     panels = zip(diagonal, sample.columns, spans, sample.truth, strict=True)
     for ax, values, span, true_value in panels:
         ax.plot(*_smooth_density(values, span), color=sample.colour, lw=1.4, ls=sample.line)
-        low, median, high = np.quantile(values, MARKED)
+        low, median, high = np.quantile(values, MARKED_QUANTILES)
         if is_single:
-            # The width of the interval determines the decimals of all three.
+            # The width of the interval determines the decimals of the median and of both ends.
             texts = rounded(low, high, low, median, high)
-            if len(texts[1]) > 9:  # too long for the width of a panel
+            if len(texts[1]) > 9:  # The median is too long for the width of a panel.
                 texts = list(map("{:.2g}".format, (low, median, high)))
             ax.set_title(format_estimate(*texts), fontsize=9.0)
             ax.axvline(true_value, color=TRUTH)
@@ -511,7 +520,8 @@ def _smooth_density(values: FloatArray, span: Span) -> ArrayPair:
 
 def _arrange_axes(axes: Panels) -> None:
     """Set limits, ticks and labels of the panels, which have their curves."""
-    # Room above the curves. Lines of other lengths are quantiles and true values.
+    # Room above the curves, which have _CURVE_BINS points. Other lines are quantiles and true
+    # values, which have fewer points.
     for ax in axes.diagonal():
         densities = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == _CURVE_BINS]
         ax.set_ylim(0.0, 1.1 * np.max(densities))
@@ -524,7 +534,8 @@ def _arrange_axes(axes: Panels) -> None:
             ticks = np.asarray(axis.get_majorticklocs())
             axis.set_ticks(ticks[(ticks >= low + margin) & (ticks <= high - margin)])
 
-    # An offset or a power of ten stands beside the name of its axis.
+    # An offset or a power of ten stands beside the name of its axis. Only panels of the last row
+    # and of the first column name an axis; the upward axis of the first panel is a density.
     for axis in [*(ax.xaxis for ax in axes[-1]), *(ax.yaxis for ax in axes[1:, 0])]:
         formatter = axis.get_major_formatter()
         formatter.format_ticks(axis.get_majorticklocs())  # computes the offset
@@ -552,7 +563,7 @@ def _write_key(
 ) -> None:
     """Write what lines and marks mean.
 
-    The key stands above the panels if they are few. More panels leave a corner free for it.
+    The key stands above the panels if there are few. More panels leave a corner free for the key.
     """
     style: Style = {
         "loc": "upper right",

@@ -2,12 +2,12 @@
 
 `curves` draws the whole figure, the other functions one panel; the report uses the panels too.
 
-In 'same or different' a panel has the pairs with one weaker stimulus, over the stronger one, with a
-curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over s2 - s1;
-the curve crosses one half at the point of subjective equality (PSE). Such panels also show 'same or
-different' with more than six weaker stimuli. With three answers, each has a curve over s2 - s1.
-`responses_panel` pools the pairs of a subject in one panel. Bands are central 95 % intervals of the
-posterior.
+In 'same or different' a panel has the pairs with one weaker stimulus, over their stronger stimulus,
+with a curve for each order. In 'which is stronger' it has the pairs with one first stimulus, over
+s2 - s1; the curve crosses one half at the point of subjective equality (PSE). Such panels also show
+'same or different' with more than six weaker stimuli. With three answers, each answer has a curve
+over s2 - s1. `responses_panel` pools the pairs of a subject in one panel. Bands are central 95 %
+intervals of the posterior.
 """
 
 from __future__ import annotations
@@ -50,14 +50,15 @@ from bayes_toe.plots.style import (
     write_note,
 )
 
-#: Panels of a figure, and pooled points of an order in a panel, at most.
+#: Largest number of panels of a figure, and of pooled points of an order in a panel.
 MOST_PANELS = 6
-#: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws,
-#: pairs).
+#: A function of the first and second stimuli of pairs, shape (pairs,) each. It returns P of the
+#: counted answer, shape (draws, pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _INK = "#333333"
 POINTS = 60  # along a curve
-#: How far marks stand beside their stimulus, so that none hides another, as a share of the stimuli.
+#: Distance of marks from their stimulus, as a share of the range of stimuli, so that no mark hides
+#: another mark.
 _SHIFT = 0.008
 
 
@@ -68,8 +69,8 @@ def curves(source: Analysis | Draws, subject: str) -> Figure:
     """Draw the responses of one subject in both orders, with the fitted probabilities.
 
     The lines are posterior means with central 95 % bands: P('equal') in a panel for each weaker
-    stimulus, or P('second') over s2 - s1 in a panel for each first stimulus or neighbouring ones.
-    Where P('second') crosses one half is the point of subjective equality (PSE).
+    stimulus, or P('second') over s2 - s1 in a panel for each first stimulus or for neighbouring
+    first stimuli. Where P('second') crosses one half is the point of subjective equality (PSE).
 
     If 'same or different' has more than six weaker stimuli, its panels are over s2 - s1 too.
 
@@ -109,33 +110,34 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         isinstance(fitted.target, ObserverPosterior) and subject.task.has_three_answers
     )
     is_by_first = subject.task == WHICH_STRONGER or has_three_curves
-    weaker = np.unique(_weaker(subject))
-    is_by_weaker = not is_by_first and 0 < len(weaker) <= MOST_PANELS
-    # The stimuli (ln) of each panel. Without different stimuli, no pair has a weaker one.
+    weaker_stimuli = np.unique(_weaker_stimuli(subject))
+    is_by_weaker = not is_by_first and 0 < len(weaker_stimuli) <= MOST_PANELS
+    # `groups` has the stimuli (ln) of each panel. Without different stimuli, no pair has a weaker
+    # stimulus.
     if is_by_weaker:
         stimulus_name = "weaker"
-        groups = list(weaker[:, None])  # one stimulus in each panel
+        groups = list(weaker_stimuli[:, None])  # one stimulus in each panel
     else:
-        firsts = np.unique(subject.s1)
+        first_stimuli = np.unique(subject.s1)
         stimulus_name = "first"
-        groups = np.array_split(firsts, min(len(firsts), MOST_PANELS))
+        groups = np.array_split(first_stimuli, min(len(first_stimuli), MOST_PANELS))
 
     n_columns = min(2, len(groups))
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * grid_rows(len(groups), n_columns) + 0.9)
     # The legend of a subfigure stands below the title of its figure.
-    below_title: Any = figure.subfigures()  # a single one
-    panels = grid_panels(below_title, len(groups), n_columns, sharey=True)
+    subfigure: Any = figure.subfigures()  # a single subfigure
+    panels = grid_panels(subfigure, len(groups), n_columns, sharey=True)
     for ax, group in zip(panels, groups, strict=True):
         if has_three_curves:
-            three_panel(ax, subject, fitted, group)
+            three_answers_panel(ax, subject, fitted, group)
         elif is_by_weaker:
-            order_panel(ax, subject, fitted.yes, float(group[0]))
+            weaker_stimulus_panel(ax, subject, fitted.yes, float(group[0]))
         else:
-            first_panel(ax, subject, fitted.yes, group)
+            first_stimulus_panel(ax, subject, fitted.yes, group)
         if len(groups) > 1:
             ax.set_title(_describe_group(subject, group, stimulus_name), loc="left", fontsize=SMALL)
     finish_panels(panels, n_columns)
-    legend_outside(below_title, side="upper")
+    legend_outside(subfigure, side="upper")
     figure.suptitle(title, fontsize=LETTERS + 1.0)
     return figure
 
@@ -160,22 +162,22 @@ def _describe_group(subject: Subject, group: FloatArray, stimulus_name: str) -> 
 def responses_panel(ax: Axes, subject: Subject, fitted: Predictor) -> None:
     """Draw the responses and curves of a subject by order.
 
-    In 'which is stronger' and with three answers all pairs are pooled. In 'same or different' these
-    are the pairs with the weaker stimulus that most pairs share.
+    In 'which is stronger' and with three answers the panel has all pairs, pooled. In 'same or
+    different' it has the pairs with the weaker stimulus that most pairs share.
     """
     if subject.task.has_three_answers:
-        three_panel(ax, subject, fitted, subject.s1)
+        three_answers_panel(ax, subject, fitted, subject.s1)
         return
     if subject.task == WHICH_STRONGER:
         correct_panel(ax, subject, fitted.yes)
         return
     weaker = main_weaker(subject)
-    order_panel(ax, subject, fitted.yes, weaker)
-    if len(np.unique(_weaker(subject))) > 1:
+    weaker_stimulus_panel(ax, subject, fitted.yes, weaker)
+    if len(np.unique(_weaker_stimuli(subject))) > 1:
         write_note(ax, _describe_group(subject, np.array([weaker]), "weaker"))
 
 
-def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None:
+def weaker_stimulus_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None:
     """Draw P('equal') over the stronger stimulus of the pairs with one weaker stimulus (ln).
 
     There is a curve for each order, as in Fig. 3, upper row.
@@ -186,19 +188,23 @@ def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None
     high = float(stronger[is_in_panel].max(initial=weaker))
     high = max(high, weaker + 1e-9)  # a curve needs two ends
     x = np.linspace(weaker, high, POINTS)
-    # Other curves begin at the weaker stimulus; in the panel of the weakest one, equal stimuli may
-    # be below it.
-    equal = np.linspace(low, high, POINTS)
-    fixed = np.full_like(x, weaker)
+    # The curve of equal stimuli begins at `low`, because in the panel of the weakest stimulus equal
+    # stimuli may be below it. The other curves begin at the weaker stimulus.
+    equal_stimuli = np.linspace(low, high, POINTS)
+    weaker_stimuli = np.full_like(x, weaker)
     # The first and second stimuli along the curve of each order.
-    pairs = {0: (equal, equal), -1: (fixed, x), 1: (x, fixed)}
+    pairs_by_order = {
+        0: (equal_stimuli, equal_stimuli),
+        -1: (weaker_stimuli, x),
+        1: (x, weaker_stimuli),
+    }
 
     order = presentation_order(subject)
     for sign, mark in ORDERS.items():
         rows = is_in_panel & (order == sign)
         if not rows.any():
             continue
-        first, second = pairs[sign]
+        first, second = pairs_by_order[sign]
         draw_band(ax, np.maximum(first, second), curve(first, second), mark.colour)
         position = stronger[rows] + sign * _SHIFT * (high - low)
         draw_shares(ax, position, subject.n_yes[rows], subject.n_trials[rows], mark)
@@ -207,18 +213,20 @@ def order_panel(ax: Axes, subject: Subject, curve: Curve, weaker: float) -> None
     ax.set_ylabel(f"proportion '{subject.task.yes}'")
 
 
-def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) -> None:
+def first_stimulus_panel(
+    ax: Axes, subject: Subject, curve: Curve, first_stimuli: FloatArray
+) -> None:
     """Draw P of the counted answer over s2 - s1 of all pairs with one of these first stimuli (ln).
 
-    The curve is for the middle one of `firsts`.
+    The curve is for the middle stimulus of `first_stimuli`, which are sorted.
     """
     difference = subject.s2 - subject.s1
     # A margin of 5 %. If all differences are the same, 1e-9 is the width that a curve needs.
     pad = 0.05 * max(float(np.ptp(difference)), 1e-9)
     x = np.linspace(difference.min() - pad, difference.max() + pad, POINTS)
-    middle_first = np.full_like(x, firsts[len(firsts) // 2])  # of the sorted ones
+    middle_first = np.full_like(x, first_stimuli[len(first_stimuli) // 2])
     draw_band(ax, x, curve(middle_first, middle_first + x), _INK)
-    is_in_panel = np.isin(subject.s1, firsts)
+    is_in_panel = np.isin(subject.s1, first_stimuli)
     for mark, has_order in rows_by_order(presentation_order(subject)):
         rows = has_order & is_in_panel
         draw_shares(ax, difference[rows], subject.n_yes[rows], subject.n_trials[rows], mark)
@@ -228,12 +236,14 @@ def first_panel(ax: Axes, subject: Subject, curve: Curve, firsts: FloatArray) ->
     ax.set_ylabel(f"proportion '{subject.task.yes}'")
 
 
-def three_panel(ax: Axes, subject: Subject, fitted: Predictor, firsts: FloatArray) -> None:
+def three_answers_panel(
+    ax: Axes, subject: Subject, fitted: Predictor, first_stimuli: FloatArray
+) -> None:
     """Draw P of three answers over s2 - s1, of all pairs with one of these first stimuli (ln).
 
     Pairs whose difference is the same are pooled. The marks of the answers stand side by side.
     """
-    is_in_panel = np.isin(subject.s1, firsts)
+    is_in_panel = np.isin(subject.s1, first_stimuli)
     steps = subject.steps  # s2 - s1
     # Which pairs have each difference, shape (differences, pairs).
     groups = is_in_panel & (steps == np.unique(steps[is_in_panel])[:, None])
@@ -254,7 +264,7 @@ def three_panel(ax: Axes, subject: Subject, fitted: Predictor, firsts: FloatArra
 def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
     """Draw the proportion correct of 'which is stronger' over the middle of the pair, by order.
 
-    Pairs with neighbouring middles are pooled where there are more than six middles.
+    Pairs with neighbouring middles are pooled if there are more than MOST_PANELS middles.
     """
     middle = 0.5 * (subject.s1 + subject.s2)
     order = presentation_order(subject)
@@ -264,7 +274,7 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
     n_correct = np.where(is_second_stronger, subject.n_yes, subject.n_trials - subject.n_yes)
 
     # Equal stimuli have no correct answer. Neighbouring middles are a group. If there are fewer
-    # than six, some groups are empty, and not drawn.
+    # middles than MOST_PANELS, some groups are empty, and not drawn.
     neighbours = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
     groups = np.array([np.isin(middle, middles) for middles in neighbours])  # (groups, pairs)
     for sign in (-1, 1):
@@ -306,7 +316,7 @@ def _draw_half(ax: Axes, label: str) -> None:
     ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label=label)
 
 
-def _weaker(subject: Subject) -> FloatArray:
+def _weaker_stimuli(subject: Subject) -> FloatArray:
     """The weaker stimulus of every pair of different stimuli."""
     return np.minimum(subject.s1, subject.s2)[subject.s1 != subject.s2]
 
@@ -317,20 +327,20 @@ def main_weaker(subject: Subject) -> float:
     It is the reference r of the paper's design. Without different stimuli, it is the stimulus of
     most pairs.
     """
-    weaker = _weaker(subject)
+    weaker = _weaker_stimuli(subject)
     return float(mode(weaker if weaker.size else subject.s1).mode)
 
 
 def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
     """Which pairs the panel of a weaker stimulus has.
 
-    They are the pairs with this weaker stimulus, and pairs of equal stimuli from it upward. The
-    panel of the weakest stimulus has all pairs of equal stimuli.
+    They are the pairs with this weaker stimulus, and pairs of equal stimuli from this stimulus
+    upward. The panel of the weakest stimulus has all pairs of equal stimuli.
     """
     has_weaker = np.minimum(subject.s1, subject.s2) == weaker
     is_equal = subject.s1 == subject.s2
-    # Without pairs of different stimuli, the only panel is that of the weakest one.
-    is_weakest = weaker <= _weaker(subject).min(initial=np.inf)
+    # Without pairs of different stimuli, the only panel is that of the weakest stimulus.
+    is_weakest = weaker <= _weaker_stimuli(subject).min(initial=np.inf)
     return has_weaker | (is_equal & ((subject.s1 >= weaker) | is_weakest))
 
 

@@ -21,11 +21,11 @@ from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
     EQUAL,
-    HIGH,
     LETTERS,
     MAX_NAMES,
     PAGE,
     SMALL,
+    UNNAMED_HEIGHT,
     Style,
     draw_intervals,
     mark_synthetic,
@@ -113,7 +113,7 @@ def order_effect(
 def forest_height(subjects: int) -> float:
     """Inches that a figure of so many subjects needs, with 1.2 for title and labels."""
     if subjects > MAX_NAMES:
-        return 1.2 + HIGH
+        return 1.2 + UNNAMED_HEIGHT
     return 1.2 + 0.17 * (subjects + 2)  # two rows for the group
 
 
@@ -123,7 +123,7 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
     is_crowded = len(answers) > MAX_NAMES
     if is_crowded:
         answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
-    # Rows are at 0, 1, ... from above, and the group is at 0.25 below the place of a further one.
+    # Rows are at 0, 1, ... from above, and the group is at 0.25 below the place of a further row.
     # The panel ends below the last subject, or below the group.
     lowest_y = len(answers) - 0.5 if group is None else len(answers) + 1.0
 
@@ -135,9 +135,9 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
             ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
 
-        limits = _limits(sizes)
+        start, end = _limits(sizes)
         low, _, high = sizes.T  # A row without a size has NaN, which is not beyond any limit.
-        n_cut = int(np.sum((low < limits[0]) | (high > limits[1])))
+        n_cut = int(np.sum((low < start) | (high > end)))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
 
@@ -147,7 +147,7 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
         ax.set_title(title, loc="left", fontsize=LETTERS)
         ax.set(
             xlabel=question.axis.format(unit=unit.of_differences),
-            xlim=limits,
+            xlim=(start, end),
             ylim=(lowest_y, -0.6),
             yticks=[],
         )
@@ -170,7 +170,7 @@ def _sizes(
 ) -> tuple[FloatArray, StimulusUnit]:
     """Sizes of the subjects and, in the last row, of the group; and the unit of constant errors.
 
-    The columns are the median between the ends of the 95 % interval; NaN where there is none.
+    The columns are the median between the ends of the 95 % interval; NaN where there is no size.
     """
     sizes = np.full((len(answers) + 1, 3), np.nan)
     for row, answer in enumerate(answers):
@@ -189,9 +189,10 @@ def _sizes(
 def _draw_sizes(
     ax: Axes, words: Sequence[Word], sizes: FloatArray, question: QuestionStyle
 ) -> None:
-    """Draw the sizes of subjects, with markers filled by the word, and of the group if it has any.
+    """Draw the sizes of subjects, with markers filled by the word, and that of the group.
 
-    The line of a 'yes' or 'probably' is twice as thick as others.
+    The size of the group is NaN if the group has no size. The line of a 'yes' or 'probably' is
+    twice as thick as other lines.
     """
     colour = question.colour
     style: Style = {"marker": question.marker, "ms": 4.5, "markerfacecoloralt": "white"}

@@ -24,7 +24,7 @@ from bayes_toe.plots.style import (
     BAND,
     BELIEF,
     LETTERS,
-    MARKED,
+    MARKED_QUANTILES,
     PAGE,
     SMALL,
     Style,
@@ -38,7 +38,7 @@ from bayes_toe.plots.style import (
     zero_line,
 )
 
-#: Subjects beyond which they have no names, and are sorted.
+#: Number of subjects above which subjects have no names, and are sorted.
 MAX_NAMES_IN_GROUP = 40
 _MEAN_COLOUR = "#BDB3DD"
 #: Labels of axes, in which the unit of differences is filled in.
@@ -69,7 +69,7 @@ def population(result: PopulationResult) -> Figure:
         comparisons = [column.meaning for column in result.regressors.columns]
     else:
         comparisons = [
-            f"{conditions.name} {level} − {other}" for level, other in result.comparisons
+            f"{conditions.name} {level} − {reference}" for level, reference in result.comparisons
         ]
     n_subjects = len(result.subjects)
     is_crowded = n_subjects > MAX_NAMES_IN_GROUP
@@ -153,7 +153,10 @@ def _effects(
 
 
 def _heading(result: PopulationResult) -> str:
-    """The title: a warning if the draws are not reliable, the subjects, what cannot be told."""
+    """The title: a warning if the draws are not reliable, the subjects, effects without a result.
+
+    An effect without a result is one that the responses do not determine.
+    """
     synthetic = " (synthetic data)" if result.study.synthetic else ""
     lines = []
     if not result.is_reliable:
@@ -209,14 +212,14 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
 
     bands = (("new subject", new_subject, BAND), ("group mean", mean, _MEAN_COLOUR))
     for label, values, colour in bands:
-        low, _, high = np.quantile(values, MARKED)
+        low, _, high = np.quantile(values, MARKED_QUANTILES)
         ax.axvspan(low, high, color=colour, lw=0, label=f"{label}{reference}")
     ax.axvline(np.median(mean), color=BELIEF, lw=0.8)
     if name in EFFECTS:
         zero_line(ax)
     quantity_ticks(ax, name)
 
-    quantiles = np.quantile(subjects, MARKED, axis=(0, 1))  # shape (3, subjects)
+    quantiles = np.quantile(subjects, MARKED_QUANTILES, axis=(0, 1))  # shape (3, subjects)
     n_subjects = quantiles.shape[1]
     style: Style = {"label": "subject, median and 95 % interval"}
     if n_subjects > MAX_NAMES_IN_GROUP:

@@ -30,18 +30,20 @@ from bayes_toe.plots.style import (
     style_axes,
 )
 
-#: Of the kinds of observers; the markers differ too, for print in grey.
+#: Colours of the kinds of observers.
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
+#: Markers of the kinds of observers, one letter each, which distinguish them in grey.
 _MARKERS = "Dos^vP"
-_LARGEST_AREA = 160.0  # of the most frequent pair, square points
+#: Area of the mark of the most frequent pair, square points.
+_LARGEST_AREA = 160.0
 
 
 def power(table: PowerTable) -> Figure:
     """Draw the share of observers with the answer 'yes' or 'probably', by number of trials.
 
-    A row for each design, a panel for each question. Hollow markers: kinds that do not have the
-    effect asked about. Bars: 95 % of Monte Carlo error. Where a design cannot show an effect, its
-    panel says so.
+    A row for each design, a panel for each question. Hollow markers: kinds of observers that do not
+    have the effect of the question. Bars: 95 % of Monte Carlo error. If a design cannot show an
+    effect, the panel says so.
     """
     designs = table.different("design")
     figure = new_figure(PAGE, 2.1 * len(designs) + 0.6)
@@ -54,7 +56,7 @@ def power(table: PowerTable) -> Figure:
         ax.set_title(f"{question.replace('_', ' ')}: yes or probably", fontsize=LETTERS)
     for ax in axes[-1]:
         ax.set_xlabel("trials of a subject")
-    # Marks without points, for the legend.
+    # These marks have no points, and are in the legend alone.
     panel = axes[0, 0]
     panel.plot([], [], "o", mec=EQUAL, mfc="white", ms=3.6, label="hollow: without this effect")
     panel.plot([], [], "|", color=EQUAL, ms=9.0, label="95 % interval")
@@ -112,20 +114,27 @@ def design(optimal: OptimalDesign) -> Figure:
     ax = figure.subplots()
     pairs = optimal.design
     plane = optimal.plane  # all pairs that can be presented
-    first, column = np.unique(plane.s1, return_inverse=True)
-    second, row = np.unique(plane.s2, return_inverse=True)
-    # Information by the second and the first stimulus; NaN where the plane has no such pair.
-    worth = np.full((len(second), len(first)), np.nan)
+    first_stimuli, column = np.unique(plane.s1, return_inverse=True)
+    second_stimuli, row = np.unique(plane.s2, return_inverse=True)
+    # The information of each pair, shape (second stimuli, first stimuli); NaN where the plane has
+    # no such pair.
+    worth = np.full((len(second_stimuli), len(first_stimuli)), np.nan)
     worth[row, column] = optimal.worth
 
     mesh = ax.pcolormesh(
-        first, second, 1000.0 * worth, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
+        first_stimuli,
+        second_stimuli,
+        1000.0 * worth,
+        cmap="Greys",
+        shading="nearest",
+        vmin=0.0,
+        rasterized=True,
     )
     bar = figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
     bar.set_label("what one more trial adds,\nthousandths of a nat")
     style_axes(bar.ax)
     # A line of equal stimuli.
-    lowest = float(first[0])
+    lowest = float(first_stimuli[0])
     ax.axline((lowest, lowest), slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
 
     # The pairs: areas in proportion to their trials.
@@ -140,7 +149,7 @@ def design(optimal: OptimalDesign) -> Figure:
         zorder=3,
         clip_on=False,
     )
-    # A mark for the legend, not as large as in the panel.
+    # A mark for the legend alone, with a third of the area of the largest mark.
     label = f"this design (largest: {pairs.n_trials.max()} trials)"
     ax.scatter([], [], _LARGEST_AREA / 3, facecolor=STRONGER_FIRST, label=label)
 

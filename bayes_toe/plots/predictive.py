@@ -19,7 +19,7 @@ from bayes_toe.plots.style import (
     BAD,
     COLUMN,
     LETTERS,
-    MARKED,
+    MARKED_QUANTILES,
     PAGE,
     Style,
     grid_panels,
@@ -50,7 +50,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     ----------
     analysis : Analysis
     subjects : sequence of str, optional
-        By default all, of whom there may be 40.
+        By default all subjects of the study, of which there may be 40.
 
     Returns
     -------
@@ -67,12 +67,13 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
             f"subjects: found {len(names)}, allowed: 1 to {MOST_SUBJECTS}; "
             "choose some, as in subjects=['S01', 'S02']"
         )
-    selected = [analysis.study[name] for name in names]
-    # A few subjects have one row of panels, higher ones for more pairs. Many have small panels.
-    has_room = len(selected) <= 4
+    selected_subjects = [analysis.study[name] for name in names]
+    # A few subjects have one row of panels, which are higher for more pairs. Many subjects have
+    # small panels.
+    has_room = len(selected_subjects) <= 4
     if has_room:
-        n_columns = len(selected)
-        n_pairs = max(subject.n_pairs for subject in selected)
+        n_columns = len(selected_subjects)
+        n_pairs = max(subject.n_pairs for subject in selected_subjects)
         # Inches of a panel: at least what can be read, at most what a page has room for.
         height = min(max(_PAIR * n_pairs, 1.2), 6.0)
     else:
@@ -80,11 +81,13 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
         height = 1.0
 
     width = COLUMN if n_columns == 1 else PAGE
-    figure = new_figure(width, grid_rows(len(selected), n_columns) * height + _TITLE_AND_LEGEND)
+    figure = new_figure(
+        width, grid_rows(len(selected_subjects), n_columns) * height + _TITLE_AND_LEGEND
+    )
     # The legend of a subfigure stands below the title of its figure.
-    below_title: Any = figure.subfigures()  # a single one
-    panels = grid_panels(below_title, len(selected), n_columns, sharex=True)
-    for ax, subject in zip(panels, selected, strict=True):
+    subfigure: Any = figure.subfigures()  # a single subfigure
+    panels = grid_panels(subfigure, len(selected_subjects), n_columns, sharex=True)
+    for ax, subject in zip(panels, selected_subjects, strict=True):
         # Pairs by their order, weaker first to stronger first, and then by their intensity.
         index = np.lexsort((subject.s1 + subject.s2, presentation_order(subject)))
         _draw_subject(ax, analysis, subject, index, has_room=has_room)
@@ -92,7 +95,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
             _label_pairs(ax, subject, index)
     label_outer(panels, n_columns)
     # The legend has five entries at most; beside a single panel there is room for two in a row.
-    legend_outside(below_title, columns=2 if n_columns == 1 else 5, side="upper")
+    legend_outside(subfigure, columns=2 if n_columns == 1 else 5, side="upper")
     mark_synthetic(figure, analysis.study.synthetic)
     return figure
 
@@ -101,13 +104,15 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     """Ends of the 95 % posterior predictive interval of every pair's share, shape (2, pairs)."""
     subject = fitted.target.subject
     log_yes = fitted.target.log_answers(fitted.x).yes
-    # Of three answers, the first columns have 'equal' to each pair, and the others have 'second'.
+    # With three answers, the first columns have 'equal' to each pair, and further columns have
+    # 'second' to each pair.
     p_yes = np.exp(log_yes[:, : subject.n_pairs])  # (draws, pairs)
     rng = generator(seed, subject.name, "posterior predictive interval")
     # Ten replicated studies for each draw, (10 draws, pairs).
     replicated = rng.binomial(subject.n_trials, np.tile(p_yes, (10, 1)))
-    # Without the median. Each end is a number of trials, not a mean of two.
-    ends = np.quantile(replicated, MARKED[::2], axis=0, method="inverted_cdf")
+    # The marked quantiles without the median. Each end is one of the replicated numbers of trials,
+    # not a mean of two.
+    ends = np.quantile(replicated, MARKED_QUANTILES[::2], axis=0, method="inverted_cdf")
     return ends / subject.n_trials
 
 

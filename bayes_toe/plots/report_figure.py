@@ -27,7 +27,7 @@ from bayes_toe.plots.style import (
     plain,
 )
 
-#: Subjects whose responses are shown.
+#: Largest number of subjects whose responses are shown.
 MAX_SUBJECTS = 6
 #: Colours of a printed figure, and the colours of a page that take their place.
 _PAGE_COLOURS = {
@@ -86,10 +86,11 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
 
     They are in the order of the study, without subjects that are not interpreted.
     """
-    ranked = [answer for answer in answers if answer.is_interpretable]
-    ranked.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
-    # The first one, and the last five. They overlap if there are fewer than six.
-    names = {answer.subject for answer in (*ranked[:1], *ranked[1 - MAX_SUBJECTS :])}
+    ranking = [answer for answer in answers if answer.is_interpretable]
+    ranking.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
+    # The first subject, and the last MAX_SUBJECTS - 1 subjects. They overlap if there are fewer
+    # than MAX_SUBJECTS.
+    names = {answer.subject for answer in (*ranking[:1], *ranking[1 - MAX_SUBJECTS :])}
     return [answer.subject for answer in answers if answer.subject in names]
 
 
@@ -113,7 +114,7 @@ def inline_svg(figure: Figure, label: str) -> str:
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     text = re.sub(r"font-family: [^;\"]*", "font-family: 'DejaVu Sans', sans-serif", text)
     text = re.sub(r"\n +", "\n", text)
-    # Two decimals of each number, and one in paths such as ' d="M 1.23 4.56"': the file is a third
-    # of the size.
+    # Numbers keep two decimals, and one decimal in paths such as ' d="M 1.23 4.56"': the file is a
+    # third of the size.
     text = re.sub(r"(\.\d{2})\d+", r"\1", text)
     return re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d)\d+", r"\1", path[0]), text)

@@ -27,7 +27,7 @@ from bayes_toe.plots.style import (
     style_axes,
 )
 
-#: Subjects that one figure shows.
+#: Largest number of subjects in a figure.
 MOST_ROWS = 6
 
 
@@ -50,7 +50,7 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     if not rows:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
     if not subjects:
-        # Strongest evidence first: the log evidence of the best model over that of the first one,
+        # Strongest evidence first: the log evidence of the best model over that of the first model,
         # which has no history.
         rows.sort(key=lambda row: row.log_evidence[0] - row.log_evidence.max())
         rows = rows[:MOST_ROWS]
@@ -76,36 +76,38 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
 
 def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
     """Draw both panels of a subject, of the trials that have a trial before."""
-    static = table.posterior(row, "static")  # the model without history
-    best = table.posterior(row, row.best_history)
+    static_model = table.posterior(row, "static")  # the model without history
+    best_model = table.posterior(row, row.best_history)
     static_draws, best_draws = row.draws
     # P of the counted response in each answered trial, without history.
-    expected = static.trial_probabilities(static_draws).mean(axis=0)
-    change = best.trial_probabilities(best_draws) - expected  # (draws, answered trials)
-    trials = static.rows.trials
+    expected = static_model.trial_probabilities(static_draws).mean(axis=0)
+    change = best_model.trial_probabilities(best_draws) - expected  # (draws, answered trials)
+    trials = static_model.rows.trials
     answered = np.flatnonzero(trials.is_answered)
-    # 1 or 0 for the response, of which +1 is the counted one and -1 any other, minus P.
+    # 1 for the counted response, whose code is above 0, or 0 for any other response, minus P.
     residual = (trials.answer[answered] > 0.0) - expected
     variance = expected * (1.0 - expected)
 
     previous = trials.previous[answered]
     has_previous = previous >= 0  # the first trial of a session has -1
     previous = previous[has_previous]
-    # What both panels show, each in groups of its own.
-    residuals = residual[has_previous], variance[has_previous], change[:, has_previous]
+    # Both panels show the same trials, each panel in groups of its own.
+    panel_data = residual[has_previous], variance[has_previous], change[:, has_previous]
 
-    mean = 0.5 * (trials.first[previous] + trials.second[previous])
-    _draw_residuals(left, mean, _stimulus_groups(mean), *residuals)
-    # The response before, the counted one (1) at the right.
-    response = trials.answer[previous]
-    responses = np.unique(response[response != 0.0])  # 0 is a missing response
-    # The groups have the shape (responses, trials).
-    _draw_residuals(right, response, response == responses[:, None], *residuals)
+    mean_stimulus = 0.5 * (trials.first[previous] + trials.second[previous])
+    _draw_residuals(left, mean_stimulus, _stimulus_groups(mean_stimulus), *panel_data)
+    # The response in the trial before; 1, the counted response, is at the right.
+    previous_response = trials.answer[previous]
+    codes = np.unique(previous_response[previous_response != 0.0])  # 0 is a missing response
+    # The groups have the shape (codes, trials).
+    _draw_residuals(right, previous_response, previous_response == codes[:, None], *panel_data)
 
-    # The last two answers of a task: of three answers, 'second' and 'first'.
-    *_, yes, no = static.subject.task.answers
+    # The last two answers of a task. With three answers, they are 'second' and 'first'.
+    *_, yes, no = static_model.subject.task.answers
     mean_of_trials = float(np.average(0.5 * (trials.first + trials.second)))
-    stimulus_axis(left, "mean stimulus of the trial before", static.subject.unit, mean_of_trials)
+    stimulus_axis(
+        left, "mean stimulus of the trial before", static_model.subject.unit, mean_of_trials
+    )
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
@@ -123,13 +125,13 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
 def _stimulus_groups(mean: FloatArray) -> BoolArray:
     """Groups of trials by the mean stimulus of the trial before, shape (groups, trials).
 
-    Up to eight different means are a group each; more are binned into five groups.
+    Up to eight different means are a group each; more means are binned into five groups.
     """
     edges = np.unique(mean)[1:]  # each mean but the lowest begins a group
     if len(edges) >= 8:  # nine groups or more
         edges = np.unique(np.quantile(mean, [0.2, 0.4, 0.6, 0.8]))
-    group = np.searchsorted(edges, mean, side="right")  # the number of the group of each trial
-    return group == np.unique(group)[:, None]  # without groups that have no trial
+    group_of_trial = np.searchsorted(edges, mean, side="right")
+    return group_of_trial == np.unique(group_of_trial)[:, None]  # without groups without a trial
 
 
 def _draw_residuals(
@@ -140,7 +142,7 @@ def _draw_residuals(
     variance: FloatArray,
     change: FloatArray,
 ) -> None:
-    """Draw the mean residual of each group of trials with its standard error, and the predicted.
+    """Draw the mean residual of each group of trials with its standard error, and the prediction.
 
     `groups` has the shape (groups, trials). `residual` is the response minus P in the model without
     history, and `variance` is P (1 - P). `change` is P in the best model minus P without history,

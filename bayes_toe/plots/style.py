@@ -29,22 +29,24 @@ STRONGER_FIRST = "#0072B2"
 EQUAL = "#6E6E6E"
 POSTERIOR = "#0072B2"
 BELIEF = "#4B3B8F"
-#: What is wrong.
+#: Colour of a warning, and of marks of a problem.
 BAD = "#C00000"
-#: Bands behind what is drawn.
+#: Colour of bands behind lines and marks.
 BAND = "#EDEDED"
-#: Widths of one and of two columns of a journal's page, inches.
+#: Width of one column of a journal's page, inches.
 COLUMN = 85.0 / 25.4
+#: Width of two columns, the whole page, inches.
 PAGE = 175.0 / 25.4
-#: Sizes of letters, points.
+#: Size of the letters of numbers and notes, points.
 SMALL = 7.0
+#: Size of all other letters, points.
 LETTERS = 8.0
-#: Figures with more subjects than this sort them and name none.
+#: Figures with more subjects than this sort the subjects and name none.
 MAX_NAMES = 60
 #: Height of a panel without names, inches.
-HIGH = 5.6
+UNNAMED_HEIGHT = 5.6
 #: Quantiles that lines and intervals mark.
-MARKED = (0.025, 0.5, 0.975)
+MARKED_QUANTILES = (0.025, 0.5, 0.975)
 #: Arguments that several calls of matplotlib share.
 Style = dict[str, Any]
 
@@ -57,7 +59,7 @@ class Mark(NamedTuple):
     label: str
 
 
-#: By the order of the stimuli, as `presentation_order` has it: the sign of s1 - s2.
+#: Marks by the order of the stimuli, which is the sign of s1 - s2, as in `presentation_order`.
 ORDERS = {
     -1: Mark(WEAKER_FIRST, "o", "weaker first"),
     1: Mark(STRONGER_FIRST, "s", "stronger first"),
@@ -107,9 +109,9 @@ def rounded(low: float, high: float, *values: float) -> list[str]:
 # --- panels ---------------------------------------------------------------------------------------
 
 
-def new_figure(wide: float, high: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
     """A figure that no global state knows of: nothing to close, nothing pops up."""
-    return Figure(figsize=(wide, high), layout="constrained")
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
@@ -119,7 +121,7 @@ def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
 
 
 def grid_rows(n_panels: int, n_columns: int) -> int:
-    """Rows of a grid of panels.
+    """The number of rows of a grid of panels.
 
     Examples
     --------
@@ -146,7 +148,7 @@ def grid_panels(
 def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
     """Keep the labels left of each row and below the last panel of each column only."""
     for i, ax in enumerate(panels):
-        if i % n_columns:  # not the first one of its row
+        if i % n_columns:  # not the first panel of its row
             ax.set_ylabel("")
         has_panel_below = i + n_columns < len(panels)
         if has_panel_below:
@@ -194,12 +196,13 @@ class Scale(NamedTuple):
         start, end = self.unit.stimuli([low, high])
         locators: list[Locator] = []
         if not self.unit.is_decibel:
-            # Multiples of powers of ten; the last resort are equal steps.
+            # Multiples of powers of ten, and below, as the last resort, equal steps.
             for multiples in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
                 # With fewer ticks allowed, the locator would leave some powers out.
                 locators.append(LogLocator(subs=multiples, numticks=50))
         locators.append(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-        # The numbers of the first locator that gives three of them, else of the last one.
+        # The numbers of the first locator that gives three numbers or more, else of the last
+        # locator.
         for locator in locators:
             numbers = np.asarray(locator.tick_values(start, end))
             numbers = numbers[(numbers >= start) & (numbers <= end)]
@@ -221,7 +224,7 @@ class Scale(NamedTuple):
 def stimulus_scale(
     stimulus: str, unit: StimulusUnit, mean: float, limits: Sequence[float]
 ) -> Scale:
-    """An axis of stimuli in their unit; without one in per cent of their mean, or as logs."""
+    """An axis of stimuli in their unit; without a unit in per cent of their mean, or as logs."""
     if unit.of_stimuli:
         return Scale(f"{stimulus}, {unit.of_stimuli}", unit)
     # Logs stand in place of per cents that would be too large.
@@ -251,7 +254,7 @@ def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
 
 
 def proportion_axis(ax: Axes) -> None:
-    """Set limits and ticks of proportions: from 0, or from near the lowest if none is below .3."""
+    """Set limits and ticks of proportions: from 0, or from below the lowest if it is .3 or more."""
     lowest, _ = ax.get_ylim()
     if lowest >= 0.3:
         start = np.floor(10.0 * lowest) / 10.0  # the tenth below
@@ -299,7 +302,7 @@ def _band_style(colour: str) -> Style:
 
 def draw_band(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
     """Draw the mean and the central 95 % band of curves over `x`, shape (draws, x)."""
-    low, _, high = np.quantile(values, MARKED, axis=0)
+    low, _, high = np.quantile(values, MARKED_QUANTILES, axis=0)
     ax.fill_between(x, low, high, **_band_style(colour))
     ax.plot(x, values.mean(axis=0), color=colour, lw=1.2)
 

@@ -21,7 +21,7 @@ from bayes_toe.answers.contrast import (
 DIFFERS, _, UNDECIDED, *_ = WORDS
 NOT_DIFFERENT = WORDS[2:]  # undecided, or probably or surely no difference
 
-# Eight pairs: each of four first stimuli with a second one that is .3 below or above it.
+# Eight pairs: each of four first stimuli, with a second stimulus .3 below and .3 above it.
 FIRST = np.repeat([0.0, 0.3, 0.6, 0.9], 2)
 SECOND = FIRST + np.tile([-0.3, 0.3], 4)
 
@@ -66,7 +66,7 @@ def test_what_differs_has_its_sign_and_size(table):
         assert row.interval(table.unit).q975 == pytest.approx(100.0 * np.expm1(row.q975))
     for row in table.select(ORDER_EFFECT):
         assert row.word == DIFFERS
-        assert row.p_direction is None  # it is a size, without a sign
+        assert row.p_direction is None  # The order effect is a size, without a sign.
         assert row.q05 < 0.16 < row.q95
     for row in table.select("contraction"):
         assert row.word in NOT_DIFFERENT
@@ -117,8 +117,8 @@ def test_each_level_that_is_a_name_is_compared_with_the_first_one(three_levels):
     assert [row.comparison for row in table.select("constant error")] == ["2 - 1", "4 - 1"]
     assert table.left_out == {"B": "at 2, 4 only"}
     # The Bayes factor is that of a difference between any levels, whatever the comparison.
-    first, second = ((row.word, row.factor) for row in table.select("JND"))
-    assert first == second
+    result_of_2, result_of_4 = ((row.word, row.factor) for row in table.select("JND"))
+    assert result_of_2 == result_of_4
 
 
 def test_a_study_without_a_subject_at_both_levels_is_refused(three_levels):
@@ -129,12 +129,15 @@ def test_a_study_without_a_subject_at_both_levels_is_refused(three_levels):
 
 
 def test_a_study_without_conditions_is_refused_with_the_way_on():
-    # One condition without its column; and a column with another name, which a refusal proposes.
-    plain = condition_counts(["left"]).drop(columns="condition")
+    # A table without a column of conditions; and a table whose column has another name, which the
+    # refusal proposes.
+    single_condition = condition_counts(["left"]).drop(columns="condition")
     delays = condition_counts(("1", "3")).rename(columns={"condition": "isi"})
-    general = "found no condition within subjects, allowed: a column condition, or --condition"
+    without_proposal = (
+        "found no condition within subjects, allowed: a column condition, or --condition"
+    )
     with_proposal = "or --condition COLUMN, such as --condition isi"
-    for frame, message in ((plain, general), (delays, with_proposal)):
+    for frame, message in ((single_condition, without_proposal), (delays, with_proposal)):
         with refused(message):
             bt.contrast(bt.read_study(frame))
 
@@ -148,8 +151,8 @@ def test_the_forest_shows_every_subject(table):
     # The first line of the first panel is the interval of A's constant error.
     first_line, *_ = figure.axes[0].collections[0].get_segments()
     (low, _), (high, _) = first_line  # x and y of its ends
-    of_a, _ = table.select("constant error")
-    interval = of_a.interval(table.unit)
+    row_of_a, _ = table.select("constant error")
+    interval = row_of_a.interval(table.unit)
     assert (low, high) == pytest.approx((interval.q025, interval.q975))
 
 
@@ -171,7 +174,7 @@ def test_contrast_compares_with_the_reference_that_is_typed(two_hands):
 def test_the_asymmetry_of_fit_has_rows_for_each_condition(two_hands):
     run_ok("fit study.csv --condition hand --asymmetry asymmetry.csv --replicates 2", cwd=two_hands)
     table = pd.read_csv(two_hands / "asymmetry.csv")
-    # Two pairs have both orders. A third one does not, because 0.6 + 0.3 is not 0.9 to the bit.
+    # Two pairs have both orders. A third pair does not, because 0.6 + 0.3 is not 0.9 to the bit.
     n_rows = table.groupby(["subject", "condition"]).size()
     assert n_rows.to_dict() == {("A", "left"): 2, ("A", "right"): 2}
 

@@ -37,7 +37,7 @@ def test_h0_laplace_is_appendix_c_term_by_term():
 
 
 def test_laplace_that_does_not_exist_is_empty_and_says_why(monkeypatch, analysis):
-    # `laplace` returns maxima, which are not used, and an evidence for each: here it has none.
+    # `laplace` returns maxima, which are not used, and their evidences: here one that is missing.
     no_evidence = None, np.array([np.nan])
     monkeypatch.setattr("bayes_toe.answers.evidence_table.laplace", lambda *_: no_evidence)
     posterior = paper_posterior(CASES["perfect observer"], bt.Prior())
@@ -66,7 +66,7 @@ def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
     frame = analysis.evidence.frame(full=True)
     assert tuple(frame.columns) == EVIDENCE_COLUMNS
     assert (frame["log_bayes_factor"] == frame["log_evidence_h1"] - frame["log_evidence_h0"]).all()
-    # In nats, far below the differences between evidences that matter, which are about 1.
+    # The errors are in nats, far below the differences of evidences that matter, which are about 1.
     assert frame["log_evidence_h1_se"].between(0, 0.01).all()
 
 
@@ -85,7 +85,7 @@ def test_the_evidence_of_h1_is_by_as_many_draws_as_asked_for(small_study):
 def test_six_of_eleven_vibrotactile_subjects_favour_h1(vibrotactile):
     """Log Bayes factors of H1 against H0 under the paper's prior: 6 of 11 subjects favour H1.
 
-    Their number and their range are those of an earlier analysis.
+    The number of subjects and the range of factors are those of an earlier analysis.
     """
     factors = []
     for subject in vibrotactile:

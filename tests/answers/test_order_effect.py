@@ -50,8 +50,8 @@ def answers():
 @pytest.fixture(scope="module")
 def evidence():
     """The evidences of the four models for an observer with a clear constant error."""
-    (with_error,) = order_evidence([expected_counts(c=0.15)], seed=1)
-    return with_error
+    (subject_evidence,) = order_evidence([expected_counts(c=0.15)], seed=1)
+    return subject_evidence
 
 
 @pytest.mark.parametrize(
@@ -80,12 +80,12 @@ def test_probabilities_follow_from_the_evidences(answers):
     """Prior probabilities are 1/2 for no effect and 1/6 for each other model, which is 3 to 1."""
     answer = answers["none"]
     log_evidence = np.array([answer.log_evidence[name] for name in MODEL_NAMES])
-    # Evidences divided by that of the model without effects.
+    # Evidences divided by the evidence of the model without effects.
     none, error, contraction, joint = np.exp(log_evidence - log_evidence[0])
     total = 3.0 * none + error + contraction + joint
     assert answer.probabilities["order_effect"] == pytest.approx(1.0 - 3.0 * none / total)
     assert answer.probabilities["contraction"] == pytest.approx((contraction + joint) / total)
-    # Means of the evidences of the models with the effect and of those without it.
+    # The mean evidence of the models with the effect over that of the models without the effect.
     log_factor = np.log((error + contraction + joint) / (3.0 * none))
     assert answer.log_bayes_factors["order_effect"] == pytest.approx(log_factor)
     log_factor = np.log((error + joint) / (none + contraction))
@@ -121,14 +121,14 @@ def test_reweighting_is_a_fresh_run_with_another_scale():
         (CONTRACTION, 2.0): ObserverPrior(contraction_sd=0.5),
     }
     for (effect, factor), prior in cases.items():
-        rescaled = evidence.with_prior_scale(effect, factor)
-        (fresh,) = order_evidence([evidence.subject], seed=2, prior=prior)
-        difference = fresh.log_evidence - rescaled.log_evidence
+        reweighted = evidence.with_prior_scale(effect, factor)
+        (recomputed,) = order_evidence([evidence.subject], seed=2, prior=prior)
+        difference = recomputed.log_evidence - reweighted.log_evidence
         assert np.abs(difference).max() < 0.15  # five standard errors of .03 nat
 
 
 def test_a_yes_that_a_wider_prior_changes_is_marked(evidence, monkeypatch):
-    # Log evidences: each model with an effect is 5 nats below the one without.
+    # Log evidences: each model with an effect is 5 nats below the model without effects.
     no_effect = ModelSet(np.array([0.0, -5.0, -5.0, -5.0]), PRIOR_PROBABILITIES)
 
     def rescaled(self, effect, factor):
@@ -151,17 +151,16 @@ def test_a_yes_that_a_wider_prior_changes_is_marked(evidence, monkeypatch):
 
 def test_a_study_of_more_subjects_has_a_smaller_limit(answers):
     """A flag needs a p-value below .05 divided by the number of subjects."""
-    poor = {"fit_p": 0.0008, "history_p": 0.01, "moving_criterion_p": 0.0042}
-    answer = replace(answers["none"], **poor)
-    single = answer.in_study(1)
-    assert (MISFIT_FLAG in single.flags, single.fits) == (True, False)
-    assert {PREVIOUS_TRIAL_FLAG, WANDERING_FLAG}.issubset(single.flags)
-    of_study = single.in_study(12)  # .05/12 is .00417, just below .0042
-    assert of_study.flags == (*answers["none"].flags, MISFIT_FLAG)
+    p_values = {"fit_p": 0.0008, "history_p": 0.01, "moving_criterion_p": 0.0042}
+    answer = replace(answers["none"], **p_values).in_study(1)
+    assert (MISFIT_FLAG in answer.flags, answer.fits) == (True, False)
+    assert {PREVIOUS_TRIAL_FLAG, WANDERING_FLAG}.issubset(answer.flags)
+    answer = answer.in_study(12)  # .05/12 is .00417, just below .0042
+    assert answer.flags == (*answers["none"].flags, MISFIT_FLAG)
     message = "The model does not fit: test p = .00080, below .05/12."
-    assert of_study.problems[MISFIT_FLAG].message == message
-    assert of_study.in_study(200).fits is True  # .05/200 is .00025
-    assert of_study.cells["interpretable"] == "yes"
+    assert answer.problems[MISFIT_FLAG].message == message
+    assert answer.in_study(200).fits is True  # .05/200 is .00025
+    assert answer.cells["interpretable"] == "yes"
 
 
 @BOTH_TASKS
@@ -178,9 +177,10 @@ def test_a_criterion_that_wanders_may_be_the_constant_error_of_2afc(task):
 
 
 def test_an_imitated_contraction_has_no_word_and_the_other_questions_keep_theirs(evidence):
-    # As if the pairs could not distinguish a contraction from noise that changes with intensity.
-    imitated = Identification({"contraction": IMITATION})
-    answer = order_effect(evidence, imitated)
+    # The identification says that the pairs cannot distinguish a contraction from noise that
+    # changes with intensity.
+    identification = Identification({"contraction": IMITATION})
+    answer = order_effect(evidence, identification)
     assert answer.word("contraction") == "cannot be told"
     assert answer.probabilities == order_effect(evidence, ALL_IDENTIFIABLE).probabilities
     assert f"because {IMITATION}." in answer.describe()
@@ -197,7 +197,7 @@ def test_a_flag_that_forbids_interpretation_comes_before_every_word(evidence):
 
 
 def test_a_shift_beyond_all_pairs_is_named():
-    """Hardly ever 'second' in 40 trials of each pair, even where the second one is stronger."""
+    """Few responses to a pair are 'second', of 40, even where the second stimulus is stronger."""
     subject = replace(expected_counts(n=40), n_yes=[2, 0, 3, 0, 2, 0, 3, 0, 2, 0])
     answer, _ = answer_subject(subject, seed=1)
     assert any(flag.startswith("the PSE lies outside the pairs") for flag in answer.flags)
@@ -264,7 +264,7 @@ def test_with_one_first_stimulus_the_order_effect_is_the_constant_error():
     answer, _ = answer_subject(subject, seed=1)
     assert answer.word("contraction") == "cannot be told"
     assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
-    # A prior of another width does not change the word of either, so that neither has a flag.
+    # A prior of another width changes the word of neither question, so that there is no flag.
     assert answer.words["order_effect"] is answer.words["constant_error"] is Word.UNDECIDED
     assert not any(flag.startswith(PRIOR_FLAG) for flag in answer.flags)
 

@@ -1,4 +1,4 @@
-"""Serial dependence: recovered where there is one, not stated where there is none."""
+"""Serial dependence: recovered where it exists, and not stated elsewhere."""
 
 from dataclasses import replace
 
@@ -67,7 +67,7 @@ def test_intervals_hold_the_true_sizes(table):
 
 @pytest.mark.parametrize("kind", ["none", "repeats"])
 def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, study, kind):
-    """Of the mean likelihood ratio over draws of the static model, which the table has.
+    """The integral is over the mean likelihood ratio of the table's draws of the static model.
 
     The score of kappa has a normal prior.
     """
@@ -111,20 +111,20 @@ def test_the_file_of_a_table_has_its_columns_words_and_numbers(table, tmp_path):
 
 
 def test_a_seed_gives_the_same_numbers_whoever_else_is_in_the_study(table, study):
-    alone = bt.serial_dependence(bt.Study([study["carries"]]), seed=1)["carries"]
-    assert alone.log_evidence.tolist() == table["carries"].log_evidence.tolist()
-    assert alone.rho == table["carries"].rho
+    row = bt.serial_dependence(bt.Study([study["carries"]]), seed=1)["carries"]
+    assert row.log_evidence.tolist() == table["carries"].log_evidence.tolist()
+    assert row.rho == table["carries"].rho
 
 
 def test_an_unknown_order_is_refused_in_a_line(study):
-    unordered = bt.Study([replace(study["none"], answers=None)])
+    study_without_order = bt.Study([replace(study["none"], answers=None)])
     with refused("needs the order of trials"):
-        bt.serial_dependence(unordered, seed=1)
+        bt.serial_dependence(study_without_order, seed=1)
 
 
 def test_the_command_writes_the_table_and_the_figure(tmp_path):
-    trials = "-o trials.csv --task 2afc --observers contraction --subjects 1"
-    run_ok(f"simulate {trials} --carry-over 0.9 --seed 1", cwd=tmp_path)
+    options = "-o trials.csv --task 2afc --observers contraction --subjects 1"
+    run_ok(f"simulate {options} --carry-over 0.9 --seed 1", cwd=tmp_path)
     screen = run_ok("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
     assert "Previous response: " in screen
     (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
@@ -141,9 +141,9 @@ def test_the_command_ends_with_code_3_if_a_subject_has_no_result(tmp_path, monke
 
     monkeypatch.setattr("bayes_toe.inference.order_evidence.OrderEvidence.checked", checked)
     run_ok("simulate -o trials.csv --task 2afc --subjects 2 --trials 65 --seed 1", cwd=tmp_path)
-    completed = run_command("history trials.csv --seed 1 --workers 1", cwd=tmp_path)
-    assert completed.returncode == 3
-    assert "S01  No result: no maximum" in completed.stdout
+    result = run_command("history trials.csv --seed 1 --workers 1", cwd=tmp_path)
+    assert result.returncode == 3
+    assert "S01  No result: no maximum" in result.stdout
 
 
 def test_the_figure_shows_every_subject(table):
@@ -155,7 +155,7 @@ def test_the_figure_shows_every_subject(table):
 
 def test_a_point_of_the_figure_is_the_residual_of_the_static_model_after_one_response(table):
     """After 'second', a subject who repeats responses gives 'second' more often than predicted."""
-    _, right = bt.plots.serial(table, "repeats").axes
+    _, right_panel = bt.plots.serial(table, "repeats").axes
     row = table["repeats"]
     posterior = table.posterior(row, "static")
     trials = posterior.rows.trials
@@ -164,7 +164,7 @@ def test_a_point_of_the_figure_is_the_residual_of_the_static_model_after_one_res
     is_second = trials.answer > 0
     is_after_second = np.r_[False, is_second[:-1]] & ~trials.is_session_start
     residual = (is_second - p_second)[is_after_second].mean()
-    (points,) = marks_of(right, "o")
+    (points,) = marks_of(right_panel, "o")
     _, after_second = points.get_ydata()
     assert after_second == pytest.approx(residual)
     assert residual > 0.03  # so that the point is not 0 by itself
@@ -173,9 +173,9 @@ def test_a_point_of_the_figure_is_the_residual_of_the_static_model_after_one_res
 def test_two_real_listeners_carry_over_as_in_an_earlier_analysis(real_data):
     """Log Bayes factors are those of an earlier analysis, to its Monte Carlo error."""
     study = bt.read_study(real_data / "auditory_pwm" / "trials.csv")
-    first = "Sub01_Bimodal_l2"
-    second = "SubA_Bimodal_l2"
-    table = bt.serial_dependence(study.select([first, second]), seed=1)
-    assert table[first].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)
-    static, _, carry_over, _ = table[second].log_evidence
+    sub_01 = "Sub01_Bimodal_l2"
+    sub_a = "SubA_Bimodal_l2"
+    table = bt.serial_dependence(study.select([sub_01, sub_a]), seed=1)
+    assert table[sub_01].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)
+    static, _, carry_over, _ = table[sub_a].log_evidence
     assert carry_over - static == pytest.approx(3.2, abs=0.3)

@@ -23,8 +23,8 @@ def fewer_random_orders(monkeypatch):
 def screen(subject, p=0.0):
     """The p-values of the screen, at the observer's true parameters instead of the maximum."""
     posterior = OrderModel("both").posterior(subject)
-    true = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
-    point = {name: np.array(true.get(name, 0.0)) for name in posterior.coordinates}
+    parameters = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
+    point = {name: np.array(parameters.get(name, 0.0)) for name in posterior.coordinates}
     return serial_screen(posterior, posterior.points(point))
 
 
@@ -73,22 +73,22 @@ def test_three_errors_are_no_dependence():
 
 
 @pytest.mark.parametrize(
-    # An effect, and for each test the fewest of 10 observers with p < .01.
-    "effect, fewest",
+    # An effect, and by test the smallest number of observers, of 10, with p < .01.
+    "effect, least_by_test",
     [
         ({"share_repeated": 0.2}, {"joint_p": 9}),
         ({"p": 0.35, "carry_over": 0.9}, {"joint_p": 10}),
         ({"drift": 0.3}, {"moving_criterion_p": 9}),
     ],
 )
-def test_an_effect_is_seen_by_its_own_test(effect, fewest, monkeypatch):
+def test_an_effect_is_seen_by_its_own_test(effect, least_by_test, monkeypatch):
     monkeypatch.setattr("bayes_toe.answers.serial_screen.simulated_p_value", p_value_of_1000)
     screens = []
     for i in range(10):
         subject = answered(3000 + i, repeats=32, **effect)
         screens.append(screen(subject, p=effect.get("p", 0.0)))
-    for name, n_significant in fewest.items():
-        assert np.count_nonzero(p_values(screens, name) < 0.01) >= n_significant
+    for name, least in least_by_test.items():
+        assert np.count_nonzero(p_values(screens, name) < 0.01) >= least
 
 
 def test_there_is_no_p_value_without_the_order_of_trials_or_if_pairs_were_answered_once():
@@ -109,9 +109,9 @@ def test_the_first_trial_of_a_session_has_no_trial_before():
     subject = answered(6, sessions=2, share_repeated=0.2)
     rows = np.roll(np.arange(400), 200)  # the sessions have 200 trials each
     answers = subject.answers
-    swapped = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
-    other = Subject.from_answers("swapped", swapped, subject.task)
-    assert screen(other).joint_p == pytest.approx(screen(subject).joint_p, rel=1e-9)
+    swapped_answers = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
+    swapped_subject = Subject.from_answers("swapped", swapped_answers, subject.task)
+    assert screen(swapped_subject).joint_p == pytest.approx(screen(subject).joint_p, rel=1e-9)
 
 
 def test_with_a_constant_first_stimulus_all_p_values_exist():
@@ -125,14 +125,14 @@ def test_with_a_constant_first_stimulus_all_p_values_exist():
 def test_a_trial_before_that_is_not_tested_needs_no_correction():
     """Blocks of two trials of one pair; the answers are independent.
 
-    The first trial of a block has no trial before. Its answer is not tested, but it is the one
+    The first trial of a block has no trial before. Its answer is not tested, but it is the answer
     before the second trial. In a sound test, 5 % of the p-values are below .05. In one of 1,800
     runs, 12 % of 150 p-values are below .05 by chance.
     """
     joint_p = []
     for seed in range(150):
         rng = default_rng(seed)
-        # Ten pairs: 0 first and one of five levels second, or the other way round.
+        # Ten pairs: first 0 and then one of five levels, or first the level and then 0.
         pair = np.repeat(np.tile(np.arange(10), 4), 2)  # (80 trials,)
         level = 0.05 * (pair % 5 + 1)
         is_rising = pair < 5

@@ -40,9 +40,9 @@ ANSWER_A, _, _, SWAPPED = STUDY
 
 
 #: For each subject the words for order effect, constant error and contraction, by the letters of
-#: `WORD_BY_LETTER`. A `-` after a word turns the effect around, and a `0` takes its direction away.
+#: `WORD_BY_LETTER`. A `-` after a letter turns the effect around, and a `0` removes its direction.
 #: After the bar are the group's means of constant error and contraction, by the letters of
-#: `MEANS`; `-` stands for no group. Below is what all this means.
+#: `MEANS`; `-` stands for no group. Below stand the sentences on the meaning of these words.
 MEANINGS = """
 nnn nnn qqq | -
     In all 3 subjects the order probably does not change the response.
@@ -140,14 +140,14 @@ xxx xxx | -
 #: A mean of a group whose SD between subjects is 1: its interval, and the log Bayes factor of 0.
 MEANS = {
     "n": ((-0.4, 0.0, 0.4), 1.0),  # near 0
-    "w": ((-0.6, 0.0, 0.4), 1.0),  # too wide an interval
+    "w": ((-0.6, 0.0, 0.4), 1.0),  # with too wide an interval
     "p": ((-0.1, 0.9, 1.0), -2.0),  # probably not 0
-    "y": ((0.1, 0.2, 0.3), 0.0),
+    "y": ((0.1, 0.2, 0.3), 0.0),  # above 0
 }
 
 
-#: Words that the same sentence may not have in `methods.md`, which says what was: 'participants'
-#: instead of 'subjects', and the past tense.
+#: Words that a sentence in `methods.md` may not have, because it is in the past tense, and has
+#: 'participants' in the place of 'subjects'.
 PRESENT_TENSE = re.compile(r"\b(is|does|do|cannot|can|changes|differs?|subjects?)\b")
 
 
@@ -163,7 +163,7 @@ def group_rows(name, letter):
 
 def answer_of(name, letters):
     """An answer by its letters; a '-' or '0' belongs to the letter before it."""
-    # Of the order effect, the constant error and the contraction.
+    # Words and signs of the order effect, the constant error and the contraction.
     words = []
     signs = []
     for letter in letters:
@@ -196,8 +196,8 @@ def test_the_answer_of_a_study_begins_with_what_its_words_mean(case):
     assert describe_meaning(answers, group) == meaning
     # The private `_in_paper` makes the sentence of `methods.md`, which has more text around it.
     assert not PRESENT_TENSE.search(_in_paper(meaning))
-    first, *_ = study_lines(answers, group)
-    assert first == (f"A: {meaning}" if len(answers) == 1 else meaning)
+    first_line, *_ = study_lines(answers, group)
+    assert first_line == (f"A: {meaning}" if len(answers) == 1 else meaning)
 
 
 def test_a_question_that_no_subject_can_answer_has_one_sentence():
@@ -223,23 +223,23 @@ def test_synthetic_subjects_are_called_so():
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):
     """The private `_group` is called, because `run` would take minutes for seven subjects.
 
-    Groups are not fitted; the names of their subjects and the options are kept instead.
+    Groups are not fitted; the names of their subjects and the options are noted instead.
     """
-    fitted = []
+    groups = []
     monkeypatch.setattr(
         "bayes_toe.analysis.population",
-        lambda study, **options: fitted.append((study.names, options)),
+        lambda study, **options: groups.append((study.names, options)),
     )
     study = bt.example_study("same/different").select([f"S{i:02d}" for i in range(1, 8)])
-    wide = bt.Hyperprior(contraction=ParameterHyperprior(0.0, 0.6, 0.15))
-    settings = Settings(seed=4, prior=bt.Prior(group=wide))
+    hyperprior = bt.Hyperprior(contraction=ParameterHyperprior(0.0, 0.6, 0.15))
+    settings = Settings(seed=4, prior=bt.Prior(group=hyperprior))
 
     def group_without(*names):
-        """The group of seven subjects of whom these are not interpreted."""
-        included = [name for name in study.names if name not in names]
-        return _group(study, [answer(name, (Word.NO,) * 3) for name in included], settings)
+        """The group of seven subjects, from which the subjects with these names are left out."""
+        other_names = [name for name in study.names if name not in names]
+        return _group(study, [answer(name, (Word.NO,) * 3) for name in other_names], settings)
 
-    group_without("S01")  # six are left
-    assert fitted == [(study.names[1:], {"seed": 4, "hyperprior": wide})]
+    group_without("S01")  # Six subjects are left.
+    assert groups == [(study.names[1:], {"seed": 4, "hyperprior": hyperprior})]
     assert group_without("S01", "S02") is None
-    assert len(fitted) == 1
+    assert len(groups) == 1

@@ -1,4 +1,4 @@
-"""Flags of answers: who is flagged, who is not, and how often by chance."""
+"""Flags of answers: which subjects have a flag, which do not, and how often by chance."""
 
 import itertools
 from dataclasses import replace
@@ -54,7 +54,8 @@ def signal_trials(rng, task, shifts, is_reversed=False, noise=0.2):
     """
     pairs = neighbouring_pairs(task)
     n_trials = len(shifts)
-    # Rounds of all pairs, each in random order. Their number is rounded up, the last one is cut.
+    # Rounds of all pairs, each in random order. The number of rounds is rounded up, and the last
+    # round is cut.
     n_rounds = -(-n_trials // len(pairs))
     pair = np.concatenate([rng.permutation(len(pairs)) for _ in range(n_rounds)])
     keys = pairs[pair[:n_trials]]
@@ -64,7 +65,7 @@ def signal_trials(rng, task, shifts, is_reversed=False, noise=0.2):
 
 
 def findings_of(*subjects):
-    """What the check of a study of these subjects finds."""
+    """The findings of the check on a study of these subjects."""
     return check_answers(Study(subjects))
 
 
@@ -74,7 +75,7 @@ def messages(*subjects):
 
 
 def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
-    """A sound subject has no flags, and one whose block 4 is swapped has one."""
+    """A sound subject has no flags, and a subject whose block 4 is swapped has one flag."""
     study = Study((make_subject(1, name="a"), make_subject(0, name="S 1"))).swap("S 1", 4)
     message = "Responses look swapped in block 4."
     flag = Finding("S 1", "swapped_blocks", message, "--swap 'S 1:4'")
@@ -86,8 +87,8 @@ def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
 
 
 def test_clean_observers_are_flagged_as_rarely_as_stated():
-    # Two tests, of blocks and of drift, at 2.5 % in each of 50 studies of one subject: 3 are
-    # expected to be flagged, more than 8 in one of 1,000 such runs.
+    # Two tests, of blocks and of drift, at 2.5 % in each of 50 studies of one subject: 3 studies
+    # are expected to have a flag, and more than 8 in one of 1,000 such runs.
     n_flagged = 0
     for seed in range(50):
         n_flagged += findings_of(make_subject(seed, n_trials=260, n_blocks=5)) != ()
@@ -146,14 +147,14 @@ def test_a_list_of_stimuli_that_is_used_again_is_no_repetition(noise):
 
 
 def test_roved_stimuli_with_sure_answers_that_come_again_are_no_repetition():
-    """Right answers to the same pairs are the same; errors in the same trials are no chance."""
+    """Right answers to the same pairs are the same; errors in the same trials are repetitions."""
     rng = default_rng(1)
     s1 = rng.normal(0, 1, 150)
     keys = np.tile(np.column_stack([s1, s1 + rng.choice([-0.5, 0.5], 150)]), (2, 1))
-    right = (keys[:, 1] > keys[:, 0]).astype(int)
-    assert findings_of(from_trials(keys, right, task=WHICH_STRONGER)) == ()
-    with_errors = right ^ np.tile(rng.random(150) < 0.3, 2)
-    assert "repeated_trials" in messages(from_trials(keys, with_errors, task=WHICH_STRONGER))
+    right_answers = (keys[:, 1] > keys[:, 0]).astype(int)
+    assert findings_of(from_trials(keys, right_answers, task=WHICH_STRONGER)) == ()
+    answers = right_answers ^ np.tile(rng.random(150) < 0.3, 2)  # with errors
+    assert "repeated_trials" in messages(from_trials(keys, answers, task=WHICH_STRONGER))
 
 
 def test_repeated_counts_of_a_pair_are_no_repetition():
@@ -188,7 +189,7 @@ def test_fewer_than_60_trials_are_flagged(n_trials, is_flagged):
 
 @BOTH_TASKS
 def test_reversed_answers_are_flagged_and_fine_when_they_are_turned(task):
-    """The option that is proposed turns them, and nothing is left to be flagged."""
+    """The option that is proposed swaps the answers back, and no flag is left."""
     no_shifts = np.zeros(400)
     keys, yes = signal_trials(default_rng(2), task, no_shifts, is_reversed=True)
     study = Study((from_trials(keys, yes, task=task),))
@@ -212,11 +213,12 @@ def test_a_guessing_subject_is_flagged_and_interpreted_all_the_same(task):
             codes.append(finding.code)
             assert finding.option == "", "nothing is to be swapped or excluded"
             assert finding.is_interpretable
-    # Five or six of eight are: guesses may look like a weak dependence on the stimuli by chance.
+    # Five or six of eight subjects have this flag: by chance, guesses may look like a weak
+    # dependence on the stimuli.
     assert codes.count("independent_answers") >= 4
 
 
-def simulated(seed, task, *, p=0.0, noise=0.25, name="S"):
+def simulated_subject(seed, task, *, p=0.0, noise=0.25, name="S"):
     """A subject by counts: an observer with contraction p, 30 trials of each neighbouring pair."""
     pairs = neighbouring_pairs(task)
     design = StudyDesign(*pairs.T, [30] * len(pairs), task=task)
@@ -229,13 +231,13 @@ def simulated(seed, task, *, p=0.0, noise=0.25, name="S"):
 @pytest.mark.parametrize("p", [0.5, 0.65, -0.4])
 @BOTH_TASKS
 def test_a_strong_contraction_or_repulsion_has_no_flag(task, p):
-    subjects = [simulated(i, task, p=p, name=f"S{i}") for i in range(8)]
+    subjects = [simulated_subject(i, task, p=p, name=f"S{i}") for i in range(8)]
     assert findings_of(*subjects) == ()
 
 
 def test_a_group_in_a_hard_task_does_not_look_like_another_task():
     # Noise of three steps: some subjects look like guessing, which is no other task.
-    subjects = [simulated(i, WHICH_STRONGER, noise=0.75, name=f"S{i}") for i in range(40)]
+    subjects = [simulated_subject(i, WHICH_STRONGER, noise=0.75, name=f"S{i}") for i in range(40)]
     for finding in findings_of(*subjects):
         assert finding.code == "independent_answers"
 
@@ -244,14 +246,16 @@ def test_a_group_in_a_hard_task_does_not_look_like_another_task():
 def test_answers_to_the_other_question_flag_every_subject(task):
     """Three subjects answer the question of the other task, which the file calls `task`."""
     rng = default_rng(3)
-    other = OTHER_TASK[task]
+    answered = OTHER_TASK[task]
     s1, s2 = np.transpose(list(itertools.product(LEVELS[:4], repeat=2)))
     n_trials = np.full(len(s1), 30)
-    p = p_yes(s2 - s1, other)
-    right = [Subject(name, s1, s2, rng.binomial(30, p), n_trials, task=other) for name in "abc"]
+    p = p_yes(s2 - s1, answered)
+    subjects = [
+        Subject(name, s1, s2, rng.binomial(30, p), n_trials, task=answered) for name in "abc"
+    ]
     code = LIKE_OTHER[task]
-    assert code not in messages(*right)
-    findings = findings_of(*(replace(subject, task=task) for subject in right))
+    assert code not in messages(*subjects)
+    findings = findings_of(*(replace(subject, task=task) for subject in subjects))
     message_by_subject = {
         finding.subject: finding.message for finding in findings if finding.code == code
     }
@@ -296,12 +300,12 @@ def test_swapped_blocks_are_named_with_what_turns_them_back(blocks, words):
         findings = check_answers(Study((make_subject(seed),)).swap("S", blocks))
         # A wrong set of blocks is never proposed.
         assert {finding.option for finding in findings} <= {option, ""}
-        first, *further = findings
-        if first.code == "swapped_blocks":
+        finding, *further_findings = findings
+        if finding.code == "swapped_blocks":
             n_recognised += 1
-            assert first.message == f"Responses look swapped in {words}."
-            assert further == []
-    # If the swapped blocks are not sure enough, the blocks are said to differ, and no more.
+            assert finding.message == f"Responses look swapped in {words}."
+            assert further_findings == []
+    # If the program is not sure enough which blocks are swapped, it only says that blocks differ.
     assert n_recognised >= 3
 
 
@@ -348,8 +352,8 @@ def test_drift_is_flagged_with_its_size_and_a_small_one_is_not():
 
 
 def test_counts_without_order_of_trials_have_no_flags_of_blocks():
-    swapped = Study((make_subject(1),)).swap("S", 4)["S"]
-    assert findings_of(replace(swapped, answers=None)) == ()
+    subject = Study((make_subject(1),)).swap("S", 4)["S"]
+    assert findings_of(replace(subject, answers=None)) == ()
 
 
 # --- Real studies --------------------------------------------------------------------------------
@@ -358,9 +362,9 @@ def test_counts_without_order_of_trials_have_no_flags_of_blocks():
 def test_vibrotactile_blocks_that_look_swapped_are_proposed_until_they_are_turned(vibrotactile):
     options = {finding.option for finding in check_answers(vibrotactile)}
     assert options == {"--swap 865:2", "--swap 946:2,4,6", ""}
-    turned = vibrotactile.swap(946, [2, 4, 6]).swap(865, 2)
-    assert {finding.option for finding in check_answers(turned)} == {""}
-    assert not_interpreted(turned) == {}
+    study = vibrotactile.swap(946, [2, 4, 6]).swap(865, 2)
+    assert {finding.option for finding in check_answers(study)} == {""}
+    assert not_interpreted(study) == {}
 
 
 @pytest.mark.parametrize(

@@ -68,22 +68,23 @@ def test_pairs_in_one_order_are_named_the_first_three_of_them():
 def test_stimuli_that_look_raw_are_named(shift, scale, is_raw):
     """Stimuli may be natural logs if they are not whole and lie close together, even far from 0.
 
-    Those near 20.7, for example, are the logs of intensities near a billion.
+    Stimuli near 20.7, for example, are the logs of intensities near a billion.
     """
     subject = subject_of_pairs([(shift + scale * s1, shift + scale * s2) for s1, s2 in GRID])
     assert ("raw_stimuli" in messages(subject)) == is_raw
-    read = messages(subject, reading=Reading(read=("i1", "i2")))
-    assert "raw_stimuli" not in read, "what --intensity made is not raw"
+    # Stimuli that were read as intensities are logs for sure.
+    texts = messages(subject, reading=Reading(read=("i1", "i2")))
+    assert "raw_stimuli" not in texts
 
 
 def test_stimuli_on_two_scales_are_named():
     # The same intensities in g and in kg.
     logs = np.log([740, 905, 1.105, 1.350]).tolist()
     texts = messages(subject_of_pairs(list(itertools.product(logs, repeat=2))))
-    groups = (
+    sentence = (
         "Stimuli lie in two groups, 0.09985 to 0.3001 and 6.607 to 6.808, a factor of 550 apart."
     )
-    assert texts["two_scales"].startswith(groups)
+    assert texts["two_scales"].startswith(sentence)
     grams = StimulusUnit("g")
     subject = subject_of_pairs(list(itertools.product(logs, repeat=2)), name="S 1", unit=grams)
     (finding,) = two_scales([subject])
@@ -92,13 +93,13 @@ def test_stimuli_on_two_scales_are_named():
 
 
 def test_subjects_whose_stimuli_have_another_unit_are_named():
-    # Each name has the subject's lower stimulus. S1.1 is the median. A factor of 10 from it
-    # (S3.4026), or of more than 100 (S7), may be that of another unit. A factor of 18 (S4) is not.
+    # Each name has the subject's lower stimulus. S1.1 is the median. A factor of 10 from the median
+    # (S3.4026), or of more than 100 (S7), may be due to another unit, but not a factor of 18 (S4).
     shifts = (0.8, 0.9, 1, 1.1, 3.4026, 4, 7)
     subjects = [subject_of_pairs([(shift, shift + 0.1)], name=f"S{shift}") for shift in shifts]
     (finding,) = two_scales(subjects)
-    ranges = "The stimuli of S3.4026, S7 are 3.403 to 7.1, those of other subjects 0.8 to 4.1."
-    assert finding.message.startswith(ranges)
+    sentence = "The stimuli of S3.4026, S7 are 3.403 to 7.1, those of other subjects 0.8 to 4.1."
+    assert finding.message.startswith(sentence)
     assert two_scales(subjects[:2]) == []
 
 
@@ -106,8 +107,8 @@ def test_a_lone_stimulus_far_from_the_others_is_named():
     pairs = [*itertools.product([0.0, 0.1, 0.3], repeat=2), (3.0, 3.0)]
     n_trials = [40] * 9 + [1]  # a single trial of the last pair
     subject = Subject.from_counts("S01", *np.transpose(pairs), [0] * 10, n_trials)
-    lone = "In 1 trial of 361, a stimulus (3) lies a factor of 15 from all others (0 to 0.3)."
-    assert messages(subject)["two_scales"] == f"{lone} Check its decimal point."
+    sentence = "In 1 trial of 361, a stimulus (3) lies a factor of 15 from all others (0 to 0.3)."
+    assert messages(subject)["two_scales"] == f"{sentence} Check its decimal point."
 
 
 @pytest.mark.parametrize(
@@ -122,7 +123,7 @@ def test_a_lone_stimulus_far_from_the_others_is_named():
 def test_names_that_may_be_of_one_subject_are_listed(names, message):
     texts = messages(*(subject_of_pairs(GRID, name=name) for name in names))
     assert texts.get("names_look_alike", "").startswith(message)
-    assert len(texts) == bool(message)  # and nothing else is found
+    assert len(texts) == bool(message)  # There is no other finding.
 
 
 def test_findings_of_subjects_follow_those_of_the_study():
@@ -131,10 +132,10 @@ def test_findings_of_subjects_follow_those_of_the_study():
         subject_of_pairs(GRID, share_yes=1.0, name="b"),
         subject_of_pairs([(0.0, 0.3)], name="B"),
     ]
-    of_study, *of_subjects = bt.check(Study(subjects))
+    study_finding, *subject_findings = bt.check(Study(subjects))
     message = "Subjects 'b', 'B' look alike. If they are one subject, give them one name."
-    assert of_study == Finding("", "names_look_alike", message)
-    assert [(finding.subject, finding.code) for finding in of_subjects] == [
+    assert study_finding == Finding("", "names_look_alike", message)
+    assert [(finding.subject, finding.code) for finding in subject_findings] == [
         ("B", "not_identified"),
         ("b", "one_answer"),
         ("B", "few_trials"),

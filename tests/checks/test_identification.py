@@ -23,7 +23,7 @@ CRITERION = "a response bias predict the same responses"
 @BOTH_TASKS
 @pytest.mark.parametrize(
     # Pairs of stimuli, the questions that they cannot answer, and a part of the reason.
-    "pairs, unknown, reason",
+    "pairs, unknown_questions, reason",
     [
         (GRID, (), ""),
         ([pair for pair in GRID if pair[0] <= pair[1]], QUESTIONS, "one order only"),
@@ -36,14 +36,14 @@ CRITERION = "a response bias predict the same responses"
         ([(0.0, 0.3), (0.1, 0.3), (0.1 + 0.2, 0.3)], QUESTIONS, "one order only"),
     ],
 )
-def test_the_pairs_decide_which_questions_can_be_told(pairs, unknown, reason, task):
-    """In every unit of the stimuli. Of 2AFC, a note says that a response bias may be the cause."""
+def test_the_pairs_decide_which_questions_can_be_told(pairs, unknown_questions, reason, task):
+    """The unit of the stimuli does not matter. In 2AFC, a note names a response bias as a cause."""
     for scale, shift in ((1.0, 0.0), (1e-9, 0.0), (1e9, 3e9)):
-        moved = [(scale * s1 + shift, scale * s2 + shift) for s1, s2 in pairs]
-        identified = identify(subject_of_pairs(moved, task=task))
-        assert tuple(identified.reasons) == unknown
-        assert reason in " ".join(set(identified.reasons.values()))
-        assert (CRITERION in " ".join(identified.notes)) == (task == WHICH_STRONGER)
+        changed_pairs = [(scale * s1 + shift, scale * s2 + shift) for s1, s2 in pairs]
+        identification = identify(subject_of_pairs(changed_pairs, task=task))
+        assert tuple(identification.reasons) == unknown_questions
+        assert reason in " ".join(set(identification.reasons.values()))
+        assert (CRITERION in " ".join(identification.notes)) == (task == WHICH_STRONGER)
 
 
 @BOTH_TASKS
@@ -52,11 +52,11 @@ def test_roved_stimuli_need_both_signs_but_no_repeated_pairs(task):
     rng = np.random.default_rng(1)
     s1 = rng.normal(0.0, 2.0, 200)
     step = np.abs(rng.normal(0.0, 0.3, 200))
-    always_rising = np.column_stack([s1, s1 + step])
-    assert identify(subject_of_pairs(always_rising, 1, task=task)).reasons
+    rising_pairs = np.column_stack([s1, s1 + step])
+    assert identify(subject_of_pairs(rising_pairs, 1, task=task)).reasons
     step[::2] *= -1.0
-    of_both_signs = np.column_stack([s1, s1 + step])
-    assert not identify(subject_of_pairs(of_both_signs, 1, task=task)).reasons
+    pairs_of_both_signs = np.column_stack([s1, s1 + step])
+    assert not identify(subject_of_pairs(pairs_of_both_signs, 1, task=task)).reasons
 
 
 def read_trials(**columns):
@@ -79,23 +79,23 @@ SESSIONS = {"trial": TRIAL, "session": TRIAL // 20}
 
 @pytest.mark.parametrize(
     # How many trials in a row have the same order of stimuli, the columns that say when each trial
-    # was, and whether the file can show an order effect. Sorted rows alone are no order of trials.
-    # If each block or session, or each long stretch of trials, has one order, the effect of the
-    # order cannot be distinguished from a change over time.
+    # was, and whether the file can show an order effect.
     "stretch, columns, is_identified",
     [
-        (20, BLOCKS, False),
-        (20, SESSIONS, False),
+        (20, BLOCKS, False),  # each block has one order
+        (20, SESSIONS, False),  # each session has one order
         (40, {"trial": TRIAL}, False),
-        (10, {"trial": TRIAL}, False),
+        (10, {"trial": TRIAL}, False),  # each long stretch of trials has one order
         (2, {"trial": TRIAL}, True),
         (1, BLOCKS, True),
-        (20, {}, True),
+        (20, {}, True),  # rows alone are no order of trials
     ],
 )
 def test_an_order_that_fills_its_own_blocks_cannot_be_told(stretch, columns, is_identified):
-    is_rising = TRIAL // stretch % 2 == 0
-    reasons = identify(read_trials(**orders(is_rising), **columns)).reasons
+    # If the order changes only from block to block, its effect may be a change over time.
+    stretch_of_trial = TRIAL // stretch
+    trials = read_trials(**orders(stretch_of_trial % 2 == 0), **columns)
+    reasons = identify(trials).reasons
     assert ("order_effect" not in reasons) == is_identified
 
 
@@ -115,9 +115,9 @@ def is_imitated(pairs, task, n_trials=20):
 
 def test_missed_trials_change_no_design():
     # These pairs say hardly more about a contraction than its prior does.
-    planned = subject_of_pairs([pair for pair in GRID if 0.14 in pair], 4, task=WHICH_STRONGER)
-    missed = replace(planned, n_trials=planned.n_trials - (planned.s1 != 0.14))
-    assert identify(missed) == identify(planned)
+    subject = subject_of_pairs([pair for pair in GRID if 0.14 in pair], 4, task=WHICH_STRONGER)
+    with_missed_trials = replace(subject, n_trials=subject.n_trials - (subject.s1 != 0.14))
+    assert identify(with_missed_trials) == identify(subject)
 
 
 def test_the_papers_pairs_cannot_show_a_contraction_whatever_the_trials():

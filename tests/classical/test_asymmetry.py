@@ -22,12 +22,12 @@ def test_asymmetry_and_p_value_of_one_comparison_are_those_by_scipy():
     subject = made_subject("0 0.3 12 50, 0.3 0 25 40")
     row = bt.asymmetry(bt.Study([subject]))["S"].maximal
     # Posteriors of P(equal) after 12 'equal' in 50 trials and 25 in 40, from a uniform prior.
-    weak, strong = stats.beta(13, 39), stats.beta(26, 16)
+    weak_first, strong_first = stats.beta(13, 39), stats.beta(26, 16)
     assert (row.s_weak, row.s_strong) == (0.0, 0.3)
     assert (row.n_equal_weak_first, row.n_trials_weak_first) == (12, 50)
     assert (row.n_equal_strong_first, row.n_trials_strong_first) == (25, 40)
-    assert row.asymmetry == pytest.approx(strong.mean() - weak.mean())
-    assert row.asymmetry_se == pytest.approx(np.sqrt(strong.var() + weak.var()))
+    assert row.asymmetry == pytest.approx(strong_first.mean() - weak_first.mean())
+    assert row.asymmetry_se == pytest.approx(np.sqrt(strong_first.var() + weak_first.var()))
     # Rows are 'equal' and 'different', columns are the orders.
     assert row.p_value == pytest.approx(stats.boschloo_exact([[12, 25], [38, 15]]).pvalue, rel=1e-6)
 
@@ -35,7 +35,7 @@ def test_asymmetry_and_p_value_of_one_comparison_are_those_by_scipy():
 @pytest.mark.parametrize("name, sign", [("A", 1), ("B", -1)])
 def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, name, sign):
     # Fig. 3 of the paper: if the prior is below the stimuli (A), responses are more accurate with
-    # the weaker stimulus first. If the prior is above them (B), the opposite holds.
+    # the weaker stimulus first. If the prior is above the stimuli (B), the opposite holds.
     row = bt.asymmetry(small_study)[name]
     assert all(sign * comparison.asymmetry > 0 for comparison in row.comparisons)
 
@@ -77,20 +77,21 @@ def test_one_comparison_of_a_subject_is_maximal_and_p_values_are_corrected_withi
 
 
 def test_the_table_comes_back_from_its_file(table, tmp_path):
-    read = pd.read_csv(table.save(tmp_path / "asymmetry.csv"), dtype={"subject": str})
-    assert tuple(read.columns) == ASYMMETRY_COLUMNS
-    pd.testing.assert_frame_equal(read, table.frame(full=True), check_exact=True)
+    frame = pd.read_csv(table.save(tmp_path / "asymmetry.csv"), dtype={"subject": str})
+    assert tuple(frame.columns) == ASYMMETRY_COLUMNS
+    pd.testing.assert_frame_equal(frame, table.frame(full=True), check_exact=True)
 
 
 def test_pairs_in_one_order_are_left_out():
-    partly = made_subject("0 0.3 5 10, 0.3 0 6 10, 0 0.6 7 10", "partly")
-    never = made_subject("0 0 5 10, 0 0.3 6 10", "never")
-    table = bt.asymmetry(bt.Study([partly, never]))
-    assert len(table["partly"].comparisons) == 1
-    assert table["never"].maximal is None
-    assert "1 of 1 subject gave" in table.describe()  # only 'partly' counts
+    # Subject A met one of two pairs in both orders, and B met its pair in one order.
+    subject_a = made_subject("0 0.3 5 10, 0.3 0 6 10, 0 0.6 7 10", "A")
+    subject_b = made_subject("0 0 5 10, 0 0.3 6 10", "B")
+    table = bt.asymmetry(bt.Study([subject_a, subject_b]))
+    assert len(table["A"].comparisons) == 1
+    assert table["B"].maximal is None
+    assert "1 of 1 subject gave" in table.describe()  # only A is counted
     with refused("in both orders"):
-        bt.asymmetry(bt.Study([never]))
+        bt.asymmetry(bt.Study([subject_b]))
     with refused("no subject 'x'"):
         table["x"]
 
@@ -121,20 +122,19 @@ def test_the_exact_p_value_is_at_most_fishers_and_does_not_depend_on_names(count
     p_value, _ = equality_test(*counts)
     assert 0 < p_value <= fisher(*counts) * (1 + 1e-9)  # up to rounding
     other_orders, other_responses = (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2)
-    for identical in (other_orders, other_responses):
-        # The two are equal up to the accuracy of SciPy's numerical optimum.
-        assert equality_test(*identical)[0] == pytest.approx(p_value, rel=1e-6)
+    for renamed_counts in (other_orders, other_responses):
+        # The p-values are equal up to the accuracy of SciPy's numerical optimum.
+        assert equality_test(*renamed_counts)[0] == pytest.approx(p_value, rel=1e-6)
 
 
 def test_more_than_150_trials_have_fishers_test_instead_of_boschloos():
-    one_too_many = 25, 75, 40, 76  # 151 trials
-    for counts in (one_too_many, (300, 1200, 380, 1250)):
+    for counts in ((25, 75, 40, 76), (300, 1200, 380, 1250)):  # 151 trials, and many more
         assert equality_test(*counts) == (pytest.approx(fisher(*counts), rel=1e-9), "fisher")
     assert equality_test(300, 600, 300, 600)[0] == 1.0  # equal shares
 
 
 def test_both_tests_are_close_where_one_replaces_the_other():
-    # The 150 trials are the most for Boschloo's test, which has more power than Fisher's.
+    # 150 trials are the largest number for Boschloo's test, which has more power than Fisher's.
     counts = 30, 75, 45, 75
     p_value, test = equality_test(*counts)
     assert test == "boschloo"

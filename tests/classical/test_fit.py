@@ -16,9 +16,15 @@ from bayes_toe.model.prior import Prior
 SUBJECTS = hard_and_ordinary_subjects()
 STRONGER = bt.example_study(WHICH_STRONGER)
 PAPER, NARROW = Prior(), Prior(mu1_mean=0.8, mu1_sd=0.3)
-HARD = ("funnel", "perfect observer", "stimuli offset by 100", "one batch", "maximum on gamma = 1")
+HARD_CASES = (
+    "funnel",
+    "perfect observer",
+    "stimuli offset by 100",
+    "one batch",
+    "maximum on gamma = 1",
+)
 #: Subjects and priors of mu1: hard cases, ordinary subjects of both tasks, and a narrow prior.
-FITTED = [(SUBJECTS[name], PAPER) for name in (*HARD, "S01", "S06")]
+FITTED = [(SUBJECTS[name], PAPER) for name in (*HARD_CASES, "S01", "S06")]
 FITTED += [(STRONGER[name], PAPER) for name in ("S01", "S08")]
 FITTED += [(SUBJECTS["S07"], NARROW)]
 
@@ -74,7 +80,7 @@ def test_the_maximum_is_that_of_a_general_optimiser_and_the_parameters_reach_it(
 
 @pytest.mark.parametrize(
     # A subject, the bound at which the maximum lies, and a parameter that the answers leave open.
-    "subject, edge, undetermined",
+    "subject, edge, open_parameter",
     [
         (SUBJECTS["S01"], "", ""),
         (SUBJECTS["all equal"], "q0=1", ""),
@@ -86,18 +92,18 @@ def test_the_maximum_is_that_of_a_general_optimiser_and_the_parameters_reach_it(
     ],
     ids=str,
 )
-def test_a_fit_names_its_bounds_and_what_answers_leave_open(subject, edge, undetermined):
+def test_a_fit_names_its_bounds_and_what_answers_leave_open(subject, edge, open_parameter):
     fit = subject_fit(subject, Prior(), seed=1, replicates=5)
     assert edge in fit.at_edge.split(";")
 
-    is_undetermined = np.isnan(fit.parameters)
-    names = ", ".join(np.array(fit.names)[is_undetermined])
-    assert bool(names) == bool(undetermined)
-    assert undetermined in names
-    if undetermined:
+    is_open = np.isnan(fit.parameters)
+    names = ", ".join(np.array(fit.names)[is_open])
+    assert bool(names) == bool(open_parameter)
+    assert open_parameter in names
+    if open_parameter:
         assert f"not determined by these answers: {names}" in fit.notes
     has_no_interval = np.isnan(fit.intervals()).any(axis=1)  # (parameters, 2 ends)
-    assert has_no_interval.tolist() == is_undetermined.tolist()
+    assert has_no_interval.tolist() == is_open.tolist()
 
 
 def test_resampled_counts_are_beta_binomial():
@@ -118,13 +124,13 @@ def test_a_study_of_which_is_stronger_has_a_lapse_rate_and_curves_about_half():
     study = bt.example_study(WHICH_STRONGER).select(["S01", "S08"])
     table = bt.fit(study, replicates=50, seed=1)
     frame = table.frame(full=True).set_index("subject")
-    natural = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
-    assert list(frame.columns[:6]) == [*natural, "log_likelihood", "at_edge"]
-    assert frame.loc["S08", natural].tolist() == table["S08"].parameters.tolist()
+    names = ["mu1", "sigma_p", "sigma_l", "lapse_rate"]
+    assert list(frame.columns[:6]) == [*names, "log_likelihood", "at_edge"]
+    assert frame.loc["S08", names].tolist() == table["S08"].parameters.tolist()
     # P(second) is below a half if the second stimulus is weaker, and above if it is stronger.
     p_second = table["S08"].yes([0.0, 0.0], [-0.3, 0.3])  # (replicates, pairs)
-    weaker, stronger = np.quantile(p_second, 0.5, axis=0)
-    assert weaker < 0.5 < stronger
+    median_if_weaker, median_if_stronger = np.quantile(p_second, 0.5, axis=0)
+    assert median_if_weaker < 0.5 < median_if_stronger
 
 
 @pytest.fixture
@@ -132,9 +138,9 @@ def fit():
     """A fit of mu1, sigma_p, sigma_l and q0; the fitted mu1 is far from its 400 replicates."""
     centre = np.array([0.1, 0.3, 0.1, 0.9])
     replicates = centre + default_rng(2).uniform(-0.1, 0.1, size=(400, 4))
-    fitted = np.array([9.0, 0.3, 0.1, 0.9])
+    parameters = np.array([9.0, 0.3, 0.1, 0.9])
     return SubjectFit(
-        "x", SAME_DIFFERENT, fitted, -5.0, at_edge="", replicates=replicates, n_failed=2
+        "x", SAME_DIFFERENT, parameters, -5.0, at_edge="", replicates=replicates, n_failed=2
     )
 
 
@@ -146,6 +152,7 @@ def test_90_percent_of_replicates_lie_in_their_90_percent_interval(fit):
 
 
 def test_failed_searches_and_a_fit_far_from_its_replicates_are_noted(fit):
-    failed, outside = fit.notes
-    assert failed == "2 of 401 searches did not converge"  # 400 replicates and the fit itself
-    assert outside.startswith("outside the 95 % interval: mu1, because")
+    note_on_searches, note_on_mu1 = fit.notes
+    # 401 searches are those of 400 replicates and of the fit itself.
+    assert note_on_searches == "2 of 401 searches did not converge"
+    assert note_on_mu1.startswith("outside the 95 % interval: mu1, because")

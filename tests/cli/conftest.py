@@ -13,22 +13,22 @@ SWAPPED = "responses look swapped"
 
 @pytest.fixture(scope="session")
 def analysis_with_problems(analysis):
-    """The analysis of A, B and C, of whom A does not fit (90 % 'equal' instead of 40 % in a pair).
+    """The analysis of A, B and C. A does not fit (90 % 'equal' instead of 40 % in a pair).
 
     B has no problem. C is not interpreted, because responses look swapped in block 2.
     """
-    first, second, third = analysis.evidence
-    misfit = replace(
-        first.answer,
+    row_a, row_b, row_c = analysis.evidence
+    answer_a = replace(
+        row_a.answer,
         fit_p=0.001,
         problems={MISFIT_FLAG: Problem("The model does not fit.")},
         worst_pairs=(PairResidual(0.0, 0.3, 0.9, 0.4),),
     )
-    swapped = replace(
-        third.answer,
+    answer_c = replace(
+        row_c.answer,
         words=dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE),
         is_interpretable=False,
         problems={SWAPPED: Problem("Responses look swapped in block 2.", "--swap C:2")},
     )
-    rows = (replace(first, answer=misfit), second, replace(third, answer=swapped))
+    rows = (replace(row_a, answer=answer_a), row_b, replace(row_c, answer=answer_c))
     return replace(analysis, evidence=replace(analysis.evidence, rows=rows))

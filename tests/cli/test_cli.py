@@ -66,7 +66,7 @@ def test_run_prints_the_study_the_answer_and_the_seed_but_no_progress_bar(screen
     assert screen_of_run.startswith(start)
     assert "\nOrder effect: 2 of 2 subjects yes.\n" in screen_of_run
     assert screen_of_run.endswith("report.html. Seed 1.\n")
-    assert not re.search(r"\d+%", screen_of_run)  # of a progress bar, which a terminal alone has
+    assert not re.search(r"\d+%", screen_of_run)  # Only a progress bar has such numbers.
 
 
 def test_the_report_has_its_sections_and_no_section_without_content(results_of_run):
@@ -74,7 +74,7 @@ def test_the_report_has_its_sections_and_no_section_without_content(results_of_r
     sections = "answer overview trust files subject-1 subject-2 order evidence read paper"
     positions = [text.index(f'id="{section}"') for section in sections.split()]
     assert positions == sorted(positions)
-    joined = on_one_line(text)
+    text_on_one_line = on_one_line(text)
     for sentence in (
         "Order effect: 2 of 2 subjects yes.",
         "of 2 subjects gave more ",
@@ -82,9 +82,9 @@ def test_the_report_has_its_sections_and_no_section_without_content(results_of_r
         "required effective draws</th><td>1000<",
         "bayes-toe explore posterior.nc -o explorer.html",
     ):
-        assert sentence in joined, sentence
-    for absent in ("synthetic data", "Problems in the responses", 'class="misfit"'):
-        assert absent not in text
+        assert sentence in text_on_one_line, sentence
+    for words in ("synthetic data", "Problems in the responses", 'class="misfit"'):
+        assert words not in text
 
 
 def test_the_report_needs_nothing_but_the_files_beside_it(results_of_run):
@@ -93,8 +93,8 @@ def test_the_report_needs_nothing_but_the_files_beside_it(results_of_run):
     # anchor of the report.
     assert not re.search(r"""src=["'](?!data:)""", text)
     files_beside = {path.name for path in results_of_run.glob("[!.]*")} - {"report.html"}
-    linked = set(re.findall(r'href="(?!data:|#)([^"]*)"', text))
-    assert linked == files_beside | {"corner/A.png", "corner/B.png"}
+    linked_files = set(re.findall(r'href="(?!data:|#)([^"]*)"', text))
+    assert linked_files == files_beside | {"corner/A.png", "corner/B.png"}
     assert text.count("data:image/png;base64,") == 2 * 2  # two figures of each of two subjects
     for anchor in re.findall(r'href="#([^"]+)"', text):
         assert f'id="{anchor}"' in text
@@ -113,18 +113,18 @@ x,0.5,0,25,50
 
 def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, blank_pictures):
     # The sampler has one pass and a limit of R-hat that chance alone exceeds.
-    strict = partial(SamplerSettings, max_r_hat=1.000001, max_thin=1)
-    monkeypatch.setattr("bayes_toe.analysis.SamplerSettings", strict)
+    strict_settings = partial(SamplerSettings, max_r_hat=1.000001, max_thin=1)
+    monkeypatch.setattr("bayes_toe.analysis.SamplerSettings", strict_settings)
     (tmp_path / "s.csv").write_text(GUESSES)
-    finished = run_command("run s.csv -o out --draws 500 --seed 1", cwd=tmp_path)
-    assert (finished.returncode, finished.stderr) == (3, "")
-    assert "! x  The draws did not converge: " in finished.stdout
+    result = run_command("run s.csv -o out --draws 500 --seed 1", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (3, "")
+    assert "! x  The draws did not converge: " in result.stdout
     assert "did not converge" in text_of(tmp_path / "out")
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-#: Names that would be a path and a script, and that pandas reads as missing. The last one has signs
-#: that a terminal obeys, and begins as a formula of a spreadsheet.
+#: A name that would be a path and a script, and two names that pandas reads as missing. The last
+#: name has signs that a terminal obeys, and begins as a formula of a spreadsheet.
 ODD_NAMES = (
     "../../<script>alert(1)</script> a$b_{c}",
     "na",
@@ -218,7 +218,8 @@ def test_fit_writes_a_table_with_its_level_and_replaces_it_only_with_overwrite(s
 def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities(
     study_folder, results_of_run
 ):
-    # The gain is a quantity that is no parameter. Subject A has no true q0, and Z is not there.
+    # The gain is a quantity that is no parameter. Subject A has no true q0, and the draws have no
+    # subject Z.
     (study_folder / "truth.csv").write_text("subject,mu1,gain,q0\nA,-0.7,0.8,\nZ,1,0.5,0.9\n")
     corner = "corner out/posterior.nc --subject B"
     run_ok(f"{corner} -o single --parameters identified", cwd=study_folder)
@@ -233,7 +234,8 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
         assert words in figure
 
 
-#: A command in a folder with study.csv and the results `out`, and what it is refused with.
+#: A command in a folder with study.csv, one.csv and the results `out`, and the message that refuses
+#: it.
 REFUSED = """
     corner out/posterior.nc --parameters gain,mu_1 | 'mu_1' is unknown or named twice; there are: 
     corner out/posterior.nc --parameters gain,gain | 'gain' is unknown or named twice
@@ -266,8 +268,7 @@ REFUSED = """
 def test_options_that_cannot_be_used_are_refused_before_the_work(
     study_folder, results_of_run, line, message
 ):
-    # The folder has study.csv, one.csv and the results `out`. Such as 'run study.csv -o out', with
-    # the message that overwrite is needed.
+    # Such as 'run study.csv -o out', with the message that overwrite is needed.
     assert message in refusal_of(line, cwd=study_folder)
 
 
@@ -307,21 +308,30 @@ def test_the_installed_command_is_there_and_has_the_version():
 
 
 #: Libraries that take long to load.
-LARGE = {"pandas", "xarray", "arviz", "arviz_stats", "emcee", "joblib", "matplotlib", "scipy.stats"}
+LARGE_LIBRARIES = {
+    "pandas",
+    "xarray",
+    "arviz",
+    "arviz_stats",
+    "emcee",
+    "joblib",
+    "matplotlib",
+    "scipy.stats",
+}
 APP = "from bayes_toe.cli.app import app; app({!r}.split(), standalone_mode=False)"
 
 
 @pytest.mark.parametrize(
     "code, libraries",
     [
-        ("import bayes_toe", {*LARGE, "scipy", "numpy"}),
-        (APP.format("--help"), {*LARGE, "scipy"}),
-        (APP.format("population --help"), {*LARGE, "scipy"}),
-        (APP.format("check study.csv"), LARGE),
+        ("import bayes_toe", {*LARGE_LIBRARIES, "scipy", "numpy"}),
+        (APP.format("--help"), {*LARGE_LIBRARIES, "scipy"}),
+        (APP.format("population --help"), {*LARGE_LIBRARIES, "scipy"}),
+        (APP.format("check study.csv"), LARGE_LIBRARIES),
     ],
 )
 def test_a_quick_command_loads_no_large_library(study_csv, code, libraries):
-    # The last line that the script prints has those of the libraries that it has loaded.
+    # The last line of the output has those of the `libraries` that the script has loaded.
     script = f"{code}; import sys; print({libraries} & set(sys.modules))"
     output = output_of(run_python("-c", script, cwd=study_csv.parent))
     assert output.endswith("set()\n")

@@ -19,7 +19,7 @@ from bayes_toe.cli.app import COMMANDS, app
 from bayes_toe.cli.options import LAYOUT, StudyFile
 from bayes_toe.cli.run_context import RunContext, as_command
 
-SHARED = [field.name for field in fields(RunContext) if field.name != "inputs"]
+SHARED_OPTIONS = [field.name for field in fields(RunContext) if field.name != "inputs"]
 FUNCTIONS = {function.__name__: function for function in chain.from_iterable(COMMANDS.values())}
 of_every_command = pytest.mark.parametrize("name", FUNCTIONS)
 
@@ -34,15 +34,16 @@ COMMANDS_WITH_STUDY = [name for name in FUNCTIONS if "example" in parameters_of(
 
 @pytest.mark.parametrize("command", COMMANDS_WITH_STUDY)
 def test_without_a_file_a_command_says_what_to_type(command, tmp_path):
-    finished = run_command(command, cwd=tmp_path)
-    assert (finished.returncode, finished.stdout) == (2, "")
-    assert finished.stderr.splitlines() == [
+    result = run_command(command, cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.splitlines() == [
         "error: No file is named.",
         f"type:  bayes-toe {command} STUDY.csv",
         f"       bayes-toe {command} --example",
     ]
 
 
+#: Words that are typed after a command, and the task of the example that is read.
 EXAMPLES = """
     --example | 2afc
     --example -q | 2afc
@@ -52,16 +53,16 @@ EXAMPLES = """
 """
 
 
-@pytest.mark.parametrize("typed, example", text_table(EXAMPLES))
-def test_commands_that_read_a_study_have_both_examples(monkeypatch, tmp_path, typed, example):
+@pytest.mark.parametrize("words, example", text_table(EXAMPLES))
+def test_commands_that_read_a_study_have_both_examples(monkeypatch, tmp_path, words, example):
     def read(study):
         # Instead of reading, the command ends with an error that says which example was chosen.
         raise bt.InputError(study.example)
 
     monkeypatch.setattr(StudyFile, "read", read)
     for command in COMMANDS_WITH_STUDY:
-        finished = run_command(f"{command} {typed}", cwd=tmp_path)
-        assert finished.stderr == f"error: {example}\n", command
+        result = run_command(f"{command} {words}", cwd=tmp_path)
+        assert result.stderr == f"error: {example}\n", command
 
 
 def test_an_error_of_the_program_itself_keeps_its_traceback(monkeypatch):
@@ -76,9 +77,11 @@ def test_every_command_lists_shared_options_last_in_one_order(name):
     options = parameters_of(FUNCTIONS[name])
     # The draws of a population have another default, and stand among its own options.
     own_options = {"population": ["draws"]}.get(name, [])
-    shared = [option for option in SHARED if option in options and option not in own_options]
-    assert options[-len(shared) :] == shared
-    assert shared[-1] == "quiet"
+    expected = [
+        option for option in SHARED_OPTIONS if option in options and option not in own_options
+    ]
+    assert options[-len(expected) :] == expected
+    assert expected[-1] == "quiet"
 
 
 @of_every_command
@@ -99,16 +102,16 @@ def test_the_help_of_every_command_has_the_text_of_every_option(name):
 
 def test_commands_are_listed_in_an_order_and_rare_options_stand_apart():
     _, _, lines = run_command("--help").stdout.partition("One study")
-    listed = " ".join(re.findall(r"^│ (\w+)  ", lines, re.MULTILINE))  # '│ check  Look at ...'
-    assert listed == (
+    names = " ".join(re.findall(r"^│ (\w+)  ", lines, re.MULTILINE))  # '│ check  Look at ...'
+    assert names == (
         "check run sample evidence corner explore fit app population contrast history "
         "design power simulate"
     )
-    usual, rare = run_command("run --help").stdout.split("Advanced")
+    usual_options, rare_options = run_command("run --help").stdout.split("Advanced")
     for option in ("--output", "--swap", "--exclude", "--seed"):
-        assert f"{option} " in usual
+        assert f"{option} " in usual_options
     for option in ("--workers", "--dask"):
-        assert f"{option} " in rare
+        assert f"{option} " in rare_options
 
 
 @of_every_command

@@ -48,7 +48,7 @@ def test_the_text_has_data_models_criteria_results_and_limits(analysis, tmp_path
     assert [sentence for sentence in sentences if sentence not in text] == []
     assert "A contraction was" not in text
     assert "(3 of 3)" not in text  # a limit of the design that holds for all needs no number
-    # In the table, no subject has a contraction, of which the design can tell nothing.
+    # In the table, the contraction of each subject cannot be told, because of the design.
     for row in analysis.evidence:
         assert re.search(rf"\| {row.subject} \|[^|]+\|[^|]+\| cannot be told \|[^|]+\| \|", text)
 
@@ -69,9 +69,9 @@ def test_all_that_the_text_cites_is_in_the_bibliography(analysis, tmp_path):
     text = methods_text(analysis, tmp_path)
     entries = (tmp_path / "methods.bib").read_text(encoding="utf-8")
     keys = re.findall(r"^@\w+\{(\w+),", entries, flags=re.MULTILINE)
-    cited = set(re.findall(r"@(\w+)", text))
-    assert cited <= set(keys)
-    assert {"avetta2026", "bayes_toe", "cornuet2012"} <= cited
+    cited_keys = set(re.findall(r"@(\w+)", text))
+    assert cited_keys <= set(keys)
+    assert {"avetta2026", "bayes_toe", "cornuet2012"} <= cited_keys
     assert f"Version {bt.__version__}" in entries
 
 
@@ -89,7 +89,7 @@ def test_poor_fits_and_subjects_that_are_not_interpreted_are_named(analysis, tmp
     assert "of 2 participants" in text
     assert " ! marks a poor fit." in text
 
-    # Only A remains, whose fit is good.
+    # Now only A is interpreted, and its fit is good.
     good_fit = {"fit_p": 0.5}
     text = methods_text(
         with_answers(analysis, good_fit, not_interpreted, not_interpreted), tmp_path
@@ -101,13 +101,13 @@ def test_poor_fits_and_subjects_that_are_not_interpreted_are_named(analysis, tmp
 
 def test_words_are_counted_by_direction_and_trials_of_all_subjects(analysis, tmp_path):
     # All three effects are present in A, with a contraction, and in B, with a repulsion, but not in
-    # C. A has one more trial of each of the 13 pairs than the others, who have 650 trials.
-    present = dict.fromkeys(QUESTIONS, Word.YES)
-    absent = dict.fromkeys(QUESTIONS, Word.NO)
-    changes = {"words": present}, {"words": present, "direction": "repulsion"}, {"words": absent}
-    a, b, c = analysis.study
-    a_with_more_trials = replace(a, n_trials=a.n_trials + 1)
-    study = replace(analysis.study, subjects=(a_with_more_trials, b, c))
+    # C. A has one more trial of each of the 13 pairs than B and C, who have 650 trials.
+    all_yes = dict.fromkeys(QUESTIONS, Word.YES)
+    all_no = dict.fromkeys(QUESTIONS, Word.NO)
+    changes = {"words": all_yes}, {"words": all_yes, "direction": "repulsion"}, {"words": all_no}
+    subject_a, *other_subjects = analysis.study
+    subject_a = replace(subject_a, n_trials=subject_a.n_trials + 1)
+    study = replace(analysis.study, subjects=(subject_a, *other_subjects))
     text = methods_text(replace(with_answers(analysis, *changes), study=study), tmp_path)
     assert "An order effect was present in 2 of 3 participants and absent in 1." in text
     assert "A contraction was present in 1, reversed (repulsion) in 1 and absent in 1." in text
@@ -131,17 +131,17 @@ def test_the_group_has_its_prior_and_sampler_and_is_said_to_be_unreliable(
 
 
 def test_names_of_subjects_are_no_markup_in_methods(analysis, tmp_path):
-    # The name of the first subject has signs of Markdown and one that turns text around.
-    changed = with_answers(analysis, {"subject": "*[x](y)\u202e"})
-    assert r"| \*\[x\](y)\\u202e |" in methods_text(changed, tmp_path)
+    # The name of the first subject has signs of Markdown, and a sign that turns text around.
+    changed_analysis = with_answers(analysis, {"subject": "*[x](y)\u202e"})
+    assert r"| \*\[x\](y)\\u202e |" in methods_text(changed_analysis, tmp_path)
 
 
 def test_answers_that_depend_on_the_prior_are_named_and_marked(analysis, tmp_path):
     # No subject has a problem. Then a flag says that another prior scale changes a word of A.
-    unchanged = with_answers(analysis, *[{"problems": {}}] * 3)
-    text = methods_text(unchanged, tmp_path)
+    without_problems = with_answers(analysis, *[{"problems": {}}] * 3)
+    text = methods_text(without_problems, tmp_path)
     assert "no conclusion 'yes' or 'no' became undecided." in text
     flag = {f"{PRIOR_FLAG}: order effect": Problem("")}
-    text = methods_text(with_answers(unchanged, {"problems": flag}), tmp_path)
+    text = methods_text(with_answers(without_problems, {"problems": flag}), tmp_path)
     assert "a 'yes' or a 'no' became undecided for A." in text
     assert " ? marks a 'yes' or a 'no' that became undecided with another prior scale." in text

@@ -47,11 +47,12 @@ def group_folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def screen(group_folder):
-    # The screen of `population`, which writes group.nc and others, with draws that need no sampler.
-    extra = "--covariates people.csv --categorical site --hyperprior wide.toml"
+    # The screen of `population`, which writes group.nc and the files beside it, with draws that
+    # need no sampler.
+    options = "--covariates people.csv --categorical site --hyperprior wide.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.groups.population.sample_group", independent_draws)
-        return run_ok(f"population study.csv -o group.nc {extra} {OPTIONS}", cwd=group_folder)
+        return run_ok(f"population study.csv -o group.nc {options} {OPTIONS}", cwd=group_folder)
 
 
 def test_the_command_writes_four_files_and_answers_with_mean_and_sd(screen, group_folder):
@@ -63,7 +64,7 @@ def test_the_command_writes_four_files_and_answers_with_mean_and_sd(screen, grou
         r"and the SD between subjects is .*\. [\w ]+ differs? from 0 \(BF .*\)\.", text
     )
     assert "Effects of covariates" in text
-    # P005 is named once, as the subject that is left out.
+    # P005 is named once, as the subject without an age.
     assert text.count("P005") == text.count("! Subjects left out: 'P005' (no age)") == 1
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
 
@@ -86,7 +87,7 @@ def test_the_file_of_a_group_has_its_hyperprior_and_no_subject_without_age(scree
     assert result.settings.hyperprior.contraction.sd_scale == 0.5
 
 
-#: Options of `population` in a folder that has group.nc, and what they are refused with. With
+#: Options of `population` in a folder that has group.nc, and a part of the refusal. With
 #: `-o study.nc`, the table of the group would replace study.csv.
 REFUSED = """
     -o other.csv | other.csv: the ending is '.csv'. Draws need .nc
@@ -112,9 +113,9 @@ def test_a_group_with_divergent_trajectories_is_not_reliable(tmp_path, monkeypat
     # four pairs of the study cannot show a contraction.
     write_counts(tmp_path / "study.csv", quick_study("ABC"))
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", draws_with_divergences)
-    finished = run_command(f"population study.csv {OPTIONS}", cwd=tmp_path)
-    assert finished.returncode == 3
-    text = on_one_line(finished.stdout)
+    process = run_command(f"population study.csv {OPTIONS}", cwd=tmp_path)
+    assert process.returncode == 3
+    text = on_one_line(process.stdout)
     assert "NOT RELIABLE: In the group of 3, the mean PSE shift is" in text
     assert "! The group's result is not reliable: 2 of 1600 trajectories diverged" in text
     assert "contraction cannot be told" in text
@@ -124,8 +125,8 @@ def test_a_group_with_divergent_trajectories_is_not_reliable(tmp_path, monkeypat
 
 
 def test_an_sd_near_zero_is_given_as_a_bound():
-    # The draws of two SDs between subjects are set. Those of the constant error are 1 D, where D is
-    # the unit of its prior. Those of the contraction are .001 to .021: the upper bound is 2 %.
+    # The draws of two SDs between subjects are set. The SD of the constant error is 1 D, where D is
+    # the unit of its prior. The SD of the contraction is .001 to .021: the upper bound is 2 %.
     group = made_result(simulated_group(seed=1, n_subjects=6))
     sd = group.draws.sd.copy()  # (chains, draws, coefficients)
     sd[..., group.index("constant_error")] = 1.0

@@ -35,9 +35,9 @@ def open_report(browser, report_path):
         return pages[-1]
 
     yield open_page
-    for opened in pages:
-        opened.page.close()
-        assert opened.problems == []
+    for browser_page in pages:
+        browser_page.page.close()
+        assert browser_page.problems == []
 
 
 def visible_names(page):
@@ -65,15 +65,15 @@ def test_nothing_overflows_and_figures_have_the_colours_of_the_page(
     open_report, medium, width, scheme, background, ink
 ):
     # All parts are unfolded on a screen, and a printed page is light.
-    opened = open_report(width, medium, scheme)
+    browser_page = open_report(width, medium, scheme)
     if medium == "screen":
-        opened.page.evaluate(
+        browser_page.page.evaluate(
             "document.querySelectorAll('details').forEach(part => part.open = true)"
         )
-    assert opened.page_width() == width
+    assert browser_page.page_width() == width
     colour = "getComputedStyle(document.body).backgroundColor"
-    assert opened.page.evaluate(colour) == background
-    text = opened.page.locator("figure svg text").first
+    assert browser_page.page.evaluate(colour) == background
+    text = browser_page.page.locator("figure svg text").first
     assert text.evaluate("text => getComputedStyle(text).fill") == ink
 
 
@@ -108,17 +108,17 @@ def test_a_telephone_shows_a_card_for_each_subject(open_report):
 
 
 @pytest.mark.parametrize(
-    "width, visible, hidden", [(400, "narrow", "wide"), (1200, "wide", "narrow")]
+    "width, visible_form, hidden_form", [(400, "narrow", "wide"), (1200, "wide", "narrow")]
 )
-def test_letters_of_figures_are_legible(open_report, width, visible, hidden):
-    # A figure has two forms, for a narrow and a wide screen, of which one is shown.
+def test_letters_of_figures_are_legible(open_report, width, visible_form, hidden_form):
+    # A figure has two forms, for a narrow and a wide screen. One form is shown.
     page = open_report(width).page
-    assert page.locator(f"figure .{visible} svg").is_visible()
-    assert not page.locator(f"figure .{hidden} svg").is_visible()
+    assert page.locator(f"figure .{visible_form} svg").is_visible()
+    assert not page.locator(f"figure .{hidden_form} svg").is_visible()
     pixels = page.locator("figure svg text").evaluate_all(
         "texts => texts.filter(text => text.getClientRects().length)"
         ".map(text => [parseFloat(getComputedStyle(text).fontSize), text.getScreenCTM()])"
-        ".map(([size, matrix]) => size * Math.hypot(matrix.a, matrix.b))"  # turned ones, too
+        ".map(([size, matrix]) => size * Math.hypot(matrix.a, matrix.b))"  # also of turned texts
     )
     assert len(pixels) > 30  # texts of the figures that are shown
     assert min(pixels) >= 10.0
@@ -131,10 +131,10 @@ def test_only_the_scripts_of_the_report_run(browser, report_path, tmp_path):
         page = page.replace("</body>", f"{script}</body>")
     (tmp_path / "x.js").write_text("document.title = 'other'")
     (tmp_path / "report.html").write_text(page, encoding="utf-8")
-    opened = BrowserPage(browser, tmp_path / "report.html", 1200)
-    assert opened.page.title() != "other"
-    assert any("Content Security Policy" in problem for problem in opened.problems)
-    opened.page.close()
+    browser_page = BrowserPage(browser, tmp_path / "report.html", 1200)
+    assert browser_page.page.title() != "other"
+    assert any("Content Security Policy" in problem for problem in browser_page.problems)
+    browser_page.page.close()
 
 
 def test_a_link_unfolds_its_subject(open_report):
@@ -154,7 +154,8 @@ def test_a_link_unfolds_its_subject(open_report):
 def test_a_column_sorts_both_ways_and_what_has_no_value_stays_last(
     open_report, analysis_with_problems
 ):
-    # The cells of A and B have these probabilities; that of C, who is not interpreted, is empty.
+    # The cells of A and B have these probabilities. The cell of C, who is not interpreted, is
+    # empty.
     expected = [
         answer.probabilities["constant_error"] for answer in analysis_with_problems.answers[:2]
     ]

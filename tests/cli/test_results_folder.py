@@ -20,8 +20,9 @@ from bayes_toe.groups.regressors import Regressor, Regressors
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
 NO_FIGURES = {"figures": "none"}
-#: Writing into a folder that is not there, and into one with earlier results.
+#: The context of a command that writes into a folder that does not exist.
 NEW = RunContext()
+#: The context of a command that replaces earlier results.
 OVERWRITE = RunContext(overwrite=True)
 
 
@@ -46,7 +47,7 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     assert (out / "corner").exists() == bool(subjects_with_figures)
     assert set(os.listdir(out)) <= set(results_folder.PRODUCTS)
     text = text_of(out)
-    # Two pictures of each subject with figures, and a line about them for each of the others.
+    # Each subject has two pictures, or a line on how to draw them.
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
     assert counts == (2 * len(subjects_with_figures), 3 - len(subjects_with_figures))
     assert note in text
@@ -59,7 +60,7 @@ def require_sentences_and_small_figures(text):
     assert len(sentences) > 8
     assert [words for words in sentences if not re.search(r"[^.]\.$", words)] == []
     figures = re.findall(r"<svg.*?</svg>", text)
-    assert len(figures) == 4  # among them that of a poor fit
+    assert len(figures) == 4  # One of the figures shows a poor fit.
     assert max(map(len, figures)) < 90_000  # characters
 
 
@@ -71,7 +72,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     out = write_results(analysis_with_problems, tmp_path / "out", NEW, figures="flagged")
     index = text_of(out)
     links = re.findall(r'href="subjects/([^"]+).html"', index)
-    assert links[:3] == ["A", "C", "B"]  # flagged ones first
+    assert links[:3] == ["A", "C", "B"]  # flagged subjects first
     assert "data:image/png" not in index
     assert '<details class="subject' not in index
     assert "2 of 3 subjects need action" in index
@@ -88,14 +89,14 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     assert "Not interpreted: responses look swapped" in page_of_c
     assert "<code>--swap C:2</code>" in page_of_c
 
-    # If the page may have three, there are no others, and the old ones are removed.
+    # If one page may have three subjects, there are no further pages, and old pages are removed.
     monkeypatch.setattr(report, "MAX_SUBJECTS", 3)
     write_results(analysis_with_problems, out, OVERWRITE, **NO_FIGURES)
     assert not [*out.glob("corner*"), *out.glob("subjects*")]
 
 
 def test_a_group_stands_in_the_report_and_goes_if_there_is_none(analysis_with_problems, tmp_path):
-    """Its section says first what speaks against it, then the answer, figure and tables."""
+    """The section of the group has what contradicts it, and then its answer, figure and tables."""
     study = simulated_group(1, n_subjects=4)
     column = Regressor("group", "<b>", "group <b> against a", reference="a")
     covariates = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
@@ -140,11 +141,11 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(analysis_with_pr
 def test_an_explorer_stands_beside_the_report_if_asked_for(
     analysis_with_problems, tmp_path, monkeypatch
 ):
-    explored = []
+    explored_draws = []
 
     def explore(draws):
-        # In the place of the page of the draws, which takes long to make.
-        explored.append(draws)
+        # This text takes the place of the page of the draws, which takes long to make.
+        explored_draws.append(draws)
         return Explorer("explored")
 
     monkeypatch.setattr(results_folder, "explore", explore)
@@ -152,7 +153,7 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(
         analysis_with_problems, tmp_path / "out", NEW, has_explorer=True, **NO_FIGURES
     )
     assert text_of(out, "explorer.html") == "explored"
-    assert explored == [analysis_with_problems.draws]
+    assert explored_draws == [analysis_with_problems.draws]
     assert text_of(out).count('href="explorer.html"') == 2
     assert "bayes-toe explore" not in text_of(out)
 
@@ -160,15 +161,15 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(
 def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
     command = f"run {study_csv} -o out --explore"
-    numerous = "explore: found 3 subjects, allowed: at most 2 in a page"
-    assert numerous in refusal_of(command, cwd=tmp_path, silent=False)
+    message = "explore: found 3 subjects, allowed: at most 2 in a page"
+    assert message in refusal_of(command, cwd=tmp_path, silent=False)
     # As if bokeh, with which the page is made, were not installed.
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "pip install 'bayes_toe[explore]'" in refusal_of(command, cwd=tmp_path)
 
 
 def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
-    # Words that only one of the two tasks has: those of same/different must be absent.
+    # Words that only one of the two tasks has: the words of same/different must be absent.
     out = write_results(stronger, tmp_path / "out", NEW)
     methods = text_of(out, "methods.md")
     limit = "a constant error and a response bias predict the same responses"
@@ -214,8 +215,8 @@ def test_draws_of_a_run_with_conditions_have_its_study(
 ):
     draws = bt.load(folder_with_conditions / "posterior.nc")
     assert draws.study.conditions == study_with_conditions.conditions
-    left = study_with_conditions["P000@left"]
-    assert draws.subject("P000@left").shared_scales == left.shared_scales
+    unit = study_with_conditions["P000@left"]
+    assert draws.subject("P000@left").shared_scales == unit.shared_scales
 
 
 def test_report_and_methods_of_a_run_with_conditions_name_them(folder_with_conditions):
@@ -241,7 +242,7 @@ def test_report_and_methods_of_a_run_with_conditions_name_them(folder_with_condi
 
 
 def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(analysis, tmp_path):
-    # Only B, who has no poor fit.
+    # The analysis has only B, who has no poor fit.
     only_b = replace(
         analysis,
         study=analysis.study.select(["B"]),

@@ -107,8 +107,8 @@ The answer does not count A08. Start with results/report.html. Seed 1.
 
 def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
     # The command that is proposed for A08 repeats what was typed.
-    typed = ["run", "study.csv", "-o", "results"]
-    monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", typed)
+    typed_words = ["run", "study.csv", "-o", "results"]
+    monkeypatch.setattr("bayes_toe.cli.terminal.TYPED_WORDS", typed_words)
     out = Terminal()
     print_subjects(out, ANSWERS, "results/report.html")
     group_lines = ["In the group of 7, the mean PSE shift is +5 % [-3, +13]."]
@@ -138,14 +138,14 @@ def test_pairs_are_counted_whatever_their_order(s1, s2, text):
 
 #: Neighbours among four levels, in both orders.
 PAIRS = [(0.0, 0.3), (0.3, 0.0), (0.3, 0.6), (0.6, 0.3), (0.6, 0.9), (0.9, 0.6)]
-LONG = "subject with a rather long name"
+LONG_NAME = "subject with a rather long name"
 #: A command and its arguments, as typed after `bayes-toe`, for each screen.
 COMMANDS = {
     "check": "trials.csv",
     "check --prior": "default trials.csv",
     "run": "trials.csv -o out --draws 100 --figures none --seed 1",
     "evidence": "trials.csv -o evidence.csv --seed 1",
-    "sample": f"trials.csv -o draws.nc --draws 200 --exclude '{LONG}' --seed 1",
+    "sample": f"trials.csv -o draws.nc --draws 200 --exclude '{LONG_NAME}' --seed 1",
     "fit": "trials.csv -o fit.csv --replicates 5 --seed 1",
     "population": "trials.csv --draws 1600 -o group.nc --seed 1",
     "contrast": "trials.csv --condition hand -o hands.csv --seed 1",
@@ -170,16 +170,16 @@ FORBIDDEN = (
 def screens(tmp_path_factory):
     """What each command prints, by the name of the command.
 
-    The study has two subjects; one of them has a long name, and swapped responses in block 1.
+    The study has two subjects. The second has a long name, and swapped responses in block 1.
     """
     folder = tmp_path_factory.mktemp("screens")
     rng = np.random.default_rng(4)
     rows = []
     # 240 trials of each subject in 5 blocks, of observers with constant errors of .1 and 0.
-    for (name, error), trial in product((("S1", 0.1), (LONG, 0.0)), range(240)):
+    for (name, error), trial in product((("S1", 0.1), (LONG_NAME, 0.0)), range(240)):
         s1, s2 = PAIRS[rng.integers(len(PAIRS))]
         block = trial // 48
-        is_swapped = name == LONG and block == 1
+        is_swapped = name == LONG_NAME and block == 1
         is_second = (s2 - s1 - error + rng.normal(0.0, 0.2) > 0) ^ is_swapped
         response = ("first", "second")[is_second]
         hand = ("left", "right")[trial % 2]
@@ -191,9 +191,9 @@ def screens(tmp_path_factory):
         patch.setattr("bayes_toe.groups.population.sample_group", independent_draws)
         leave_pictures_blank(patch)
         for name, line in COMMANDS.items():
-            finished = run_command(f"{name} {line}", cwd=folder)
-            assert finished.returncode in (0, 3), (name, finished.stderr)
-            texts[name] = finished.stdout
+            result = run_command(f"{name} {line}", cwd=folder)
+            assert result.returncode in (0, 3), (name, result.stderr)
+            texts[name] = result.stdout
     return texts
 
 
@@ -209,7 +209,7 @@ def test_screens_have_the_words_of_the_field_in_lines_of_80_columns(screens, nam
 def test_swapped_responses_are_named_with_what_to_type(screens, name):
     # Block 1 of the subject with the long name is swapped.
     text = on_one_line(screens[name])
-    assert f"--swap '{LONG}:1'" in text
+    assert f"--swap '{LONG_NAME}:1'" in text
     assert text.index("swapped") < text.index("Answer")
 
 
@@ -275,14 +275,14 @@ def test_subjects_whose_design_can_show_an_effect_are_counted(check_answer):
 
 
 def test_a_decision_that_was_typed_stays_in_what_is_proposed(check_answer):
-    # A and B respond by the stimuli, and C and D the wrong way round: two need a decision. With
-    # --swap C, this option stays in what is proposed for D.
+    # A and B respond by the stimuli, and C and D the wrong way round: two subjects need a decision.
+    # With --swap C, this option stays in the commands that are proposed for D.
     rows = "".join([*map(BOTH_ORDERS.format, "AB"), *map(REVERSED.format, "CD")])
     command = "bayes-toe run study.csv --swap C"
     assert "2 of 4 subjects need a decision. Type one of these:" in check_answer(rows)
-    proposed = "1 of 4 subjects needs a decision. Type one of these: "
-    proposed += f"{command} --swap D {command} --exclude D"
-    assert check_answer(rows, "--swap C").endswith(proposed)
+    proposal = "1 of 4 subjects needs a decision. Type one of these: "
+    proposal += f"{command} --swap D {command} --exclude D"
+    assert check_answer(rows, "--swap C").endswith(proposal)
 
 
 #: Counts that fall with the distance between the stimuli, as those of 'equal' do.
@@ -320,8 +320,8 @@ def test_where_nothing_can_be_analysed_no_command_is_proposed(check_answer):
 
 def test_comparisons_have_a_column_of_their_own(contrast_table, capsys):
     # The table has the same rows twice, the second time for another comparison, 6 - 4.
-    second = [row._replace(comparison="6 - 4") for row in contrast_table]
-    print_contrast(Terminal(), replace(contrast_table, rows=(*contrast_table, *second)))
+    other_rows = [row._replace(comparison="6 - 4") for row in contrast_table]
+    print_contrast(Terminal(), replace(contrast_table, rows=(*contrast_table, *other_rows)))
     text = capsys.readouterr().out
     comparisons = re.findall(r"^P000 +(\w+ - \w+) +constant error", text, re.MULTILINE)
     assert comparisons == ["right - left", "6 - 4"]

@@ -28,18 +28,20 @@ def hundred_answers(analysis):
     """Answers of a hundred subjects S0 to S99: the blocks of S98 differ, and S99 does not fit."""
     # The hundred subjects have the answers of A, B and C by turns.
     answers = [replace(analysis.answers[i % 3], subject=f"S{i}", problems={}) for i in range(100)]
-    differs = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
-    misfit = Problem("The model does not fit.", "--exclude S99")
-    answers[98] = replace(answers[98], problems={"blocks differ": differs})
-    answers[99] = replace(answers[99], fit_p=0.0001, problems={MISFIT_FLAG: misfit})
+    problem_of_98 = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
+    problem_of_99 = Problem("The model does not fit.", "--exclude S99")
+    answers[98] = replace(answers[98], problems={"blocks differ": problem_of_98})
+    answers[99] = replace(answers[99], fit_p=0.0001, problems={MISFIT_FLAG: problem_of_99})
     return answers
 
 
 def test_of_many_subjects_the_table_has_those_that_need_action(
     hundred_answers, capsys, monkeypatch
 ):
-    # The typed option for block 2 of S99 gives way to the proposed one for all of S99.
-    monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv", "--exclude", "S99:2"])
+    # The typed option for block 2 of S99 gives way to the proposed option for all of S99.
+    monkeypatch.setattr(
+        "bayes_toe.cli.terminal.TYPED_WORDS", ["run", "study.csv", "--exclude", "S99:2"]
+    )
     print_subjects(Terminal(), hundred_answers, "evidence.csv")
     text = capsys.readouterr().out
     assert re.findall(r"^(S\d+) ", text, re.MULTILINE) == ["S98", "S99"]
@@ -71,13 +73,13 @@ def test_an_effect_that_is_probably_absent_has_no_size(small_study, capsys):
     table = SerialDependence((row,), small_study, seed=1, prior=bt.Prior())
     print_history(Terminal(), table, "history.csv")
     text = capsys.readouterr().out
-    # Carry-over, whose size is rho, is probably absent and has none. The size of the previous
+    # Carry-over, whose size is rho, is probably absent and has no size. The size of the previous
     # response is kappa.
     assert re.search(r"^A +probably not +- +undecided +\.40 \[\.20, \.60\]$", text, re.MULTILINE)
 
 
 def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):
-    # Three subjects are many here, and the draws of C did not converge.
+    # Here, two subjects are many already. The draws of C did not converge.
     monkeypatch.setattr("bayes_toe.cli.terminal.MANY_SUBJECTS", 2)
     monkeypatch.setattr(bt.Draws, "not_converged", property(lambda _: {"C": "few draws"}))
     print_draws(Terminal(), analysis.draws)
@@ -149,7 +151,8 @@ def test_an_option_stays_on_one_line_with_its_value():
     assert f"'{name}'" in "\n".join(command_lines(f"bayes-toe run '{name}'", "  "))
 
 
-#: Draws from 0 to this, how many are effective, the most decimals, and what is shown.
+#: The largest draw (the smallest is 0), how many draws are effective, the largest number of
+#: decimals, and the text.
 DIGITS = """
     2 | 201 | 3 | 1.00 [0.05, 1.95]
     2 | 201 | 1 | 1.0 [0.1, 1.9]

@@ -47,11 +47,12 @@ def answers_by_subject(study):
 
 
 def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
-    # All six answers of a are 'equal' but the second. Those of blocks 2 and 3 become 'different'. A
-    # block may be given as a number or as a text.
-    swapped = study.swap("a", [2, "3"])
+    # All six answers of a are 'equal' but the second. The answers of blocks 2 and 3 become
+    # 'different'. A block may be given as a number or as a text.
+    swapped_study = study.swap("a", [2, "3"])
+    swapped = swapped_study["a"]
     # A text has the block, * where a session begins, s1, s2, and 'equal'/trials.
-    assert answers_in_order(swapped["a"]) == [
+    assert answers_in_order(swapped) == [
         "block 1* 0.0 0.3 1/1",
         "block 1 0.0 0.3 0/1",
         "block 2* 0.0 0.3 0/1",
@@ -59,14 +60,15 @@ def test_swapping_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
         "block 3* 0.0 0.0 0/1",
         "block 3 0.3 0.0 0/1",
     ]
-    assert s1_s2_yes_trials(swapped["a"]) == [(0.0, 0.0, 0, 1), (0.0, 0.3, 1, 3), (0.3, 0.0, 0, 2)]
-    assert swapped["b:1"] is study["b:1"]
-    assert swapped.select("a").changes == ("--swap a:2,3",)
-    assert swapped.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
-    # To swap a block twice changes nothing, and without blocks all are swapped.
-    assert answers_by_subject(swapped.swap("a", (2, 3))) == answers_by_subject(study)
-    swapped_once = answers_by_subject(study.swap(["a", "a"]))
-    assert swapped_once == answers_by_subject(study.swap("a", [1, 2, 3]))
+    assert s1_s2_yes_trials(swapped) == [(0.0, 0.0, 0, 1), (0.0, 0.3, 1, 3), (0.3, 0.0, 0, 2)]
+    assert swapped_study["b:1"] is study["b:1"]
+    assert swapped_study.select("a").changes == ("--swap a:2,3",)
+    assert swapped_study.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
+    # To swap a block twice changes nothing. Without blocks, all blocks of a subject are swapped,
+    # once even if the subject is named twice.
+    assert answers_by_subject(swapped_study.swap("a", (2, 3))) == answers_by_subject(study)
+    answers = answers_by_subject(study.swap(["a", "a"]))
+    assert answers == answers_by_subject(study.swap("a", [1, 2, 3]))
 
 
 def test_excluding_is_as_if_the_file_had_no_such_rows(study):
@@ -95,29 +97,29 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
     files = [tmp_path / "session 1.csv", tmp_path / "session 2.csv"]
     for file in files:
         FRAME.to_csv(file, index=False)
-    swapped = changed(bt.read_study(files), swap=["a:session 1.csv: 2, session 2.csv: 3"])
+    study = changed(bt.read_study(files), swap=["a:session 1.csv: 2, session 2.csv: 3"])
     # Each file has six trials of a. Trials 3 and 4 are block 2 of the first file, and trials 11 and
-    # 12 are block 3 of the second.
-    assert swapped["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
-    assert swapped.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
+    # 12 are block 3 of the second file.
+    assert study["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
+    assert study.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
 
 
 def test_a_block_may_have_a_comma_in_its_name():
-    # The option a:1,2 could mean blocks 1 and 2, which are not there.
+    # The option a:1,2 could mean blocks 1 and 2, which the subject does not have.
     study = bt.read_study(FRAME.assign(block=["1,2"] * 4 + ["3"] * 4))
-    excluded = study.exclude("a", "1,2")
-    assert answers_by_subject(changed(study, exclude=["a:1,2"])) == answers_by_subject(excluded)
+    expected = study.exclude("a", "1,2")
+    assert answers_by_subject(changed(study, exclude=["a:1,2"])) == answers_by_subject(expected)
 
 
 def test_a_subject_is_excluded_in_all_conditions():
-    # A unit is a subject in a condition, such as a@left. It can also be excluded alone.
+    # A unit is a subject in a condition, such as a@left. A single unit can be excluded, too.
     frame = FRAME.assign(hand=["left", "left", "right"] * 2 + ["left", "right"])
     units = bt.read_study(frame, bt.ReadOptions(condition="hand"))
     assert changed(units, exclude=["a"]).names == ("b:1@left", "b:1@right")
     assert changed(units, exclude=["a@left"]).names == ("a@right", "b:1@left", "b:1@right")
 
 
-#: Options of every command that reads a study, and what they are refused with.
+#: Options of every command that reads a study, and the message that refuses them.
 REFUSED = """
     --swap x:2 | --swap x:2: no subject 'x'; the subjects are a, b:1
     --exclude a:9 | --exclude a:9: found no block '9', allowed: 1, 2, 3

@@ -63,22 +63,23 @@ def test_units_are_subjects_in_conditions():
         ("b@right", "b", "right"),
     ]
     assert study.conditions == Conditions("condition", ("left", "right"))
-    again = bt.read_study(study.frame())
-    assert again.names == study.names
-    assert again.conditions == study.conditions
+    reread_study = bt.read_study(study.frame())
+    assert reread_study.names == study.names
+    assert reread_study.conditions == study.conditions
     assert read(ROWS, "--reference right").conditions.comparisons == (("left", "right"),)
 
 
 def test_units_have_the_scales_of_their_subject():
-    # The prior is in units of the scales of stimuli. Both conditions have the scales of all trials
-    # of their subject, as a study without conditions has them. Otherwise a difference between
-    # conditions might be one of scales.
-    study, complete = read(ROWS), read(ROWS, "--ignore condition")
+    # The prior is scaled by the stimuli. In each condition it has the scales of all trials of the
+    # subject, as in a study without conditions. Otherwise a difference between conditions might be
+    # a difference of scales.
+    study, without_conditions = read(ROWS), read(ROWS, "--ignore condition")
     for unit in study:  # such as a@left
-        subject = complete[unit.subject_name]
+        subject = without_conditions[unit.subject_name]
         assert unit.shared_scales == common_scales(unit) == pytest.approx(common_scales(subject))
         posterior_of_unit, posterior_of_subject = map(bt.model.paper_posterior, (unit, subject))
         assert posterior_of_unit.sbar == pytest.approx(posterior_of_subject.sbar)
+        # All scales but the last: the spread of first stimuli is that of the unit alone.
         assert unit.scales[:4] == pytest.approx(subject.scales[:4])
     # The scales do not depend on the responses, which are swapped here.
     assert study.swap("a@left")["a@left"].shared_scales == study["a@left"].shared_scales
@@ -94,7 +95,7 @@ def test_intervals_may_be_levels():
 
 
 def test_a_level_that_no_subject_has_is_no_level():
-    # One more row of subject a has the interval 0.5, which then is excluded.
+    # One more row of subject a has the interval 0.5, and then this level is excluded.
     study = read(ROWS + "a,0.0,0.0,equal,right,0.5\n", "--condition isi")
     assert study.conditions.levels == ("0.5", "1", "2")
     remaining = study.exclude("a@0.5")
@@ -138,8 +139,8 @@ def test_levels_that_share_no_pair_are_no_condition_unless_asked_for(levels, n_l
     assert study.conditions is None
     assert "found no pair with one answer at two of its levels" in study.notes[-1]
     assert len(read(text, "--condition condition")) == n_levels
-    with_a_shared_pair = f"{text}\na,0,0.3,equal,other"
-    assert read(with_a_shared_pair).conditions is not None
+    text_with_a_shared_pair = f"{text}\na,0,0.3,equal,other"
+    assert read(text_with_a_shared_pair).conditions is not None
 
 
 def messages_of_check(study):
@@ -193,28 +194,28 @@ def test_tables_have_subject_and_condition(tmp_path):
 
 def test_check_warns_of_conditions_in_order_of_other_stimuli_and_of_missing_levels():
     # Both subjects have all trials at 'right' before those at 'left', whose stimuli are 1 higher.
-    # The standard deviation of the first stimuli is 0.52, so that 1 is 1.9 of them.
+    # The standard deviation of the first stimuli is 0.52, so that 1 is 1.9 standard deviations.
     messages = messages_of_check(read(ROWS))
     assert "by 1.9 standard deviations" in messages["a", "stimuli_by_condition"]
     assert "right, left, for 2 subjects" in messages["", "conditions_in_order"]
     assert ("a", "missing_condition") not in messages
     # Levels of a alternate, and b has no trial at 'left', where its first row is (1, 1).
     rows = A_ROWS.splitlines(keepends=True)
-    alternating = "".join([*rows[::2], *rows[1::2]])
-    other_messages = messages_of_check(read(HEADER + alternating + B_ROWS.partition("b,1.0")[0]))
-    assert ("", "conditions_in_order") not in other_messages
-    assert "No trials in condition left" in other_messages["b", "missing_condition"]
+    rows_of_a = "".join([*rows[::2], *rows[1::2]])
+    messages = messages_of_check(read(HEADER + rows_of_a + B_ROWS.partition("b,1.0")[0]))
+    assert ("", "conditions_in_order") not in messages
+    assert "No trials in condition left" in messages["b", "missing_condition"]
 
 
 def test_all_files_have_the_condition_or_none_has_it():
     # The second file has other subjects, c in the place of a, and the same rows of b.
     frame = pd.read_csv(StringIO(ROWS))
-    other = frame.replace("a", "c")
+    other_frame = frame.replace("a", "c")
     with pytest.raises(bt.InputError, match="found column condition in some files only"):
-        bt.read_study([frame, other.rename(columns={"condition": "hand"})])
-    together = bt.read_study([frame, other])
-    assert together.names == ("a@left", "a@right", "b@left", "b@right", "c@left", "c@right")
-    assert together["b@left"].shared_scales == pytest.approx(together["a@left"].shared_scales)
+        bt.read_study([frame, other_frame.rename(columns={"condition": "hand"})])
+    study = bt.read_study([frame, other_frame])
+    assert study.names == ("a@left", "a@right", "b@left", "b@right", "c@left", "c@right")
+    assert study["b@left"].shared_scales == pytest.approx(study["a@left"].shared_scales)
 
 
 def test_a_condition_that_has_a_level_of_practice_is_a_condition():
@@ -243,12 +244,12 @@ UNITS = ("a@2AFC", "a@same/different", "b@2AFC")
 
 
 def test_tasks_are_conditions_by_a_column():
-    # In CODES the responses are 0 and 1.
     study = read(TASKS, "--condition task")
     assert study.names == UNITS
     assert [part.task for part in study.by_task] == [WHICH_STRONGER, SAME_DIFFERENT]
     assert study["a@2AFC"].shared_scales == study["a@same/different"].shared_scales
     assert study.by_task[0].swap("a@2AFC")["a@2AFC"].scales == study["a@2AFC"].scales
+    # In CODES the responses are 0 and 1.
     assert read(CODES, "--condition task --equal-code 1 --second-code 1").names == UNITS
 
 
@@ -272,9 +273,9 @@ def test_a_file_of_two_tasks_is_refused_with_options_that_read_it():
     with pytest.raises(bt.InputError) as caught:
         read(TASKS)
     names_by_choice = []
-    for chosen, _ in caught.value.choices:
-        typed = [remedy.typed for remedy in chosen]
-        names_by_choice.append(read(TASKS, " ".join(typed)).names)
+    for remedies, _ in caught.value.choices:
+        options = [remedy.typed for remedy in remedies]
+        names_by_choice.append(read(TASKS, " ".join(options)).names)
     assert sorted(names_by_choice) == [("a",), ("a", "b"), UNITS]
 
 

@@ -45,9 +45,11 @@ IN_ORDER = pd.DataFrame(
 INTENDED = bt.read_study(IN_ORDER)
 
 
+#: The stimulus that was chosen in each trial.
 CHOSEN_STIMULI = pd.Series(
     np.where(TRIALS.second_is_chosen == STANDARD_IS_FIRST, "comparison", "standard")
 )
+#: The responses by what they name: the order ('second'), or the stimulus ('comparison').
 RESPONSES = {"second": WORDS, "comparison": CHOSEN_STIMULI}
 
 
@@ -63,7 +65,7 @@ def responses_with_codes(codes):
 def trials_with_order(column, standard_first, comparison_first, response=WORDS):
     """TRIALS with a column that has one cell where the standard came first, and another elsewhere.
 
-    The responses are 'first' or 'second', if no others are given.
+    The responses are 'first' or 'second', unless `response` has other responses.
     """
     order = np.where(STANDARD_IS_FIRST, standard_first, comparison_first)
     table = TRIALS[["subject", "standard", "comparison"]]
@@ -72,8 +74,8 @@ def trials_with_order(column, standard_first, comparison_first, response=WORDS):
 
 @pytest.mark.parametrize("typed", ["", "--equal-code same"])
 def test_the_comparison_may_be_one_of_three_answers(typed):
-    # Every fifth trial is answered 'same', the others by the stimulus that was chosen: 'long' is
-    # the comparison. The study is that of the words 'second', 'first' and 'same'.
+    # Every fifth trial is answered 'same', and other trials by the stimulus that was chosen: 'long'
+    # is the comparison. The study is the same as with the words 'second', 'first' and 'same'.
     is_second = (CHOSEN_STIMULI == "comparison") == STANDARD_IS_FIRST
     words = np.where(is_second, "second", "first")
     words[::5] = "same"
@@ -89,13 +91,13 @@ def result_of_check(folder, table, line=""):
     return run_command(f"check study.csv {line}", cwd=folder)
 
 
-def is_read_as_intended(table, options):
-    """Whether a table is read with typed options as the study INTENDED."""
+def is_read_as_intended(table, options=""):
+    """Whether a table is read, with typed options if there are any, as the study INTENDED."""
     return bt.read_study(table, typed_options(options)).frame().equals(INTENDED.frame())
 
 
-#: Name of the column, its cell where the standard was first, and where the comparison was: the name
-#: and the cells say which of them came first.
+#: Name of a column, its cell where the standard was first, and its cell where the comparison was
+#: first: the name and the cells say which stimulus came first.
 CELLS_OF_ORDER = """
     order | standard_first | comparison_first
     order | Standard first | Test first
@@ -139,15 +141,15 @@ def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(
     # Such as a column order with the cells 'standard_first' and 'comparison_first', or a column
     # std_interval with 1 and 2.
     table = trials_with_order(column, standard_first, comparison_first)
-    assert is_read_as_intended(table, "")
+    assert is_read_as_intended(table)
     _, note, *_ = bt.read_study(table).notes
     # Whole numbers have no decimals.
     cell = standard_first.removesuffix(".0")
     assert note == f"column {column} read as the order: standard first at '{cell}'"
 
 
-#: The same of columns that may say something else, with the codes of responses, and the end of the
-#: options that are proposed first. Keys are in their usual order.
+#: Name and cells, as in CELLS_OF_ORDER, of a column that may say something else; the codes of the
+#: responses; and the end of the options that are proposed first. Keys are in their usual order.
 COLUMNS_ASKED = """
     interval | 1 | 2 | second=second first=first | --standard-interval interval
     interval | 1.0 | 2.0 | second=second first=first | --standard-interval interval
@@ -172,11 +174,12 @@ COLUMNS_ASKED = """
 def test_an_order_that_may_be_another_is_asked_for(
     column, standard_first, comparison_first, codes, options, tmp_path
 ):
-    # Such as a column interval with 1 and 2: it does not say of which stimulus.
+    # Such as a column interval with 1 and 2, which does not say whether the interval is that of the
+    # standard or that of the comparison.
     table = trials_with_order(column, standard_first, comparison_first, responses_with_codes(codes))
-    first, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
-    assert first.endswith(options)
-    assert is_read_as_intended(table, first)
+    advice, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
+    assert advice.endswith(options)
+    assert is_read_as_intended(table, advice)
 
 
 @pytest.mark.parametrize(
@@ -189,29 +192,30 @@ def test_an_order_that_may_be_another_is_asked_for(
     ],
 )
 def test_a_note_says_where_the_sign_depends_on_options(order_cells, codes, options, depends):
-    # Only options say of which stimulus an interval 1 is, and which response f is.
+    # Only options say which stimulus was in interval 1, and which response f means.
     table = trials_with_order("order", *order_cells, responses_with_codes(codes))
     study = bt.read_study(table, bt.ReadOptions(standard_interval="order", **options))
     assert ("opposite sign" in " ".join(study.notes)) == depends
 
 
-@pytest.mark.parametrize("late, is_read", [(1.7, True), (0.51, True), (0.5, False)])
-def test_onsets_of_a_standard_and_a_comparison_are_their_order(late, is_read):
-    # The onset is 0.5 of the stimulus that is first by another column, which is left out. Equal
-    # onsets say no order.
+@pytest.mark.parametrize("second_onset, is_read", [(1.7, True), (0.51, True), (0.5, False)])
+def test_onsets_of_a_standard_and_a_comparison_are_their_order(second_onset, is_read):
+    # The onset of the first stimulus is 0.5. Equal onsets say no order. No other column says which
+    # stimulus came first.
     table = trials_with_order("order", "1", "2")
     is_standard_first = table.pop("order") == "1"
-    table["std.started"] = np.where(is_standard_first, 0.5, late)
-    table["cmp.started"] = np.where(is_standard_first, late, 0.5)
+    table["std.started"] = np.where(is_standard_first, 0.5, second_onset)
+    table["cmp.started"] = np.where(is_standard_first, second_onset, 0.5)
     if is_read:
-        assert is_read_as_intended(table, "")
+        assert is_read_as_intended(table)
         assert "columns std.started, cmp.started read as onsets" in bt.read_study(table).notes
     else:
         with pytest.raises(bt.InputError, match="do not say which stimulus came first"):
             bt.read_study(table)
 
 
-#: The same beside stimuli with other names, of which neither says that it came first.
+#: Name and cells, as in CELLS_OF_ORDER, of a column beside two columns of stimuli, and the names of
+#: these columns, which do not say that a stimulus came first.
 LABELS = """
     presentation_order | 1-2 | 2-1 | stim1 | stim2
     swapped | 0 | 1 | stim1 | stim2
@@ -227,8 +231,8 @@ LABELS = """
 def test_an_order_beside_labels_is_asked_for(
     column, standard_first, comparison_first, name_1, name_2, tmp_path
 ):
-    # The stimuli have two names, such as stim1 and stim2, of which the responses have one. A column
-    # says which came first, such as swapped with 0 and 1: 0 where stim1 came first.
+    # The stimuli have two names, such as stim1 and stim2, and a response is one of these names. A
+    # column says which stimulus came first, such as swapped with 0 and 1: 0 where stim1 came first.
     table = trials_with_order(column, standard_first, comparison_first, CHOSEN_STIMULI)
     table = table.replace({"response": {"standard": name_1, "comparison": name_2}})
     table.columns = ["subject", name_1, name_2, column, "response"]
@@ -242,10 +246,11 @@ def test_an_order_beside_labels_is_asked_for(
 )
 def test_an_order_that_follows_from_the_stimuli_or_the_block_is_none(order):
     # The stimuli s1 and s2 say their order themselves, so that a column order has something else.
-    assert is_read_as_intended(IN_ORDER.assign(order=order), "")
+    assert is_read_as_intended(IN_ORDER.assign(order=order))
 
 
-#: The same of columns that are not proposed either, as they may have something else.
+#: Name and cells, as in CELLS_OF_ORDER, of a column that may have something else than the order, so
+#: that no options are proposed for it.
 NOT_SAID = """
     std_stim | 1 | 2
     std1 | 1 | 0
@@ -269,13 +274,13 @@ def test_a_column_that_may_have_something_else_is_not_read_as_the_order(
 
 
 def test_two_columns_of_the_order_are_read_if_they_agree(tmp_path):
-    # In the second table the column order contradicts the column std_interval.
     table = trials_with_order("std_interval", "1", "2").assign(
         order=np.where(STANDARD_IS_FIRST, "SC", "CS")
     )
-    assert is_read_as_intended(table, "")
-    reversed_order = table.assign(order=np.where(STANDARD_IS_FIRST, "CS", "SC"))
-    assert typed_lines(result_of_check(tmp_path, reversed_order).stderr)
+    assert is_read_as_intended(table)
+    # A column order that contradicts the column std_interval is refused, with options to type.
+    contradicting_table = table.assign(order=np.where(STANDARD_IS_FIRST, "CS", "SC"))
+    assert typed_lines(result_of_check(tmp_path, contradicting_table).stderr)
 
 
 #: Names of a standard and of a comparison in other languages and programs.
@@ -307,14 +312,14 @@ def test_a_standard_beside_an_order_is_not_read_as_the_first_stimulus(columns, t
     table = trials_with_order("ordine", "1", "2").rename(columns={"comparison": "peso"})
     result = result_of_check(tmp_path, table, columns)
     assert "do not say which stimulus came first" in result.stderr
-    first, *_ = typed_lines(result.stderr)
-    assert first == "--standard-interval ordine --columns comparison=NAME"
-    assert is_read_as_intended(table, first.replace("NAME", "peso"))
+    advice, *_ = typed_lines(result.stderr)
+    assert advice == "--standard-interval ordine --columns comparison=NAME"
+    assert is_read_as_intended(table, advice.replace("NAME", "peso"))
 
 
 def test_the_responses_of_e_prime_are_read_without_those_of_practice():
-    # Beside the responses Probe.RESP, E-Prime has their accuracy, the correct response, and the
-    # time.
+    # Beside the responses Probe.RESP, E-Prime has their accuracy, the correct response, the time,
+    # and the responses of practice.
     table = IN_ORDER.rename(columns={"response": "Probe.RESP"})
     other_columns = {
         "Probe.ACC": "1",
@@ -322,11 +327,12 @@ def test_the_responses_of_e_prime_are_read_without_those_of_practice():
         "Probe.RT": 400,
         "PracProbe.RESP": "first",
     }
-    assert is_read_as_intended(table.assign(**other_columns), "")
+    assert is_read_as_intended(table.assign(**other_columns))
 
 
-#: The same with options: a column may hold the interval of the comparison, or the order of blocks.
-#: A name is no proof where cells, a code or both options say more.
+#: Name and cells, as in CELLS_OF_ORDER, of a column, and the options with which it is read. The
+#: column may hold the interval of the comparison, or the order of blocks. A name is no proof where
+#: cells, a code or both options say more.
 READ = """
     block | SC | CS | --standard-interval block
     order | 2 | 1 | --comparison-interval order
@@ -349,7 +355,7 @@ def test_an_interval_is_read_with_options(column, standard_first, comparison_fir
     assert f"first at '{standard_first}'" in bt.read_study(table, typed_options(options)).notes[1]
 
 
-#: Columns, and options that contradict their names.
+#: A column, an option that contradicts its name, and the message that refuses the option.
 CONTRADICTIONS = """
     comparison_interval | --standard-interval | but named as that of the comparison
     target_interval | --standard-interval | but named as that of the comparison
@@ -366,7 +372,8 @@ def test_an_interval_whose_name_says_otherwise_is_asked_for(column, option, mess
         bt.read_study(trials_with_order(column, "1", "2"), typed_options(f"{option} {column}"))
 
 
-#: The same of codes that may mean either, so that there is one question.
+#: Name and cells, as in CELLS_OF_ORDER, of a column whose cells may mean either order. There is one
+#: question, which of the cells means that the standard was first.
 UNCERTAIN = """
     interval | True | False
     order | 0 | 1
@@ -398,13 +405,16 @@ def test_more_codes_than_two_are_refused_by_value():
     # Three of 240 rows have another code than 1 and 2. A frame's rows have the names of its index.
     table = trials_with_order("interval", "1", "2")
     table.loc[[3, 7, 9], "interval"] = ["3", "x", "3"]
-    first, second = problems(bt.read_study, table, bt.ReadOptions(standard_interval="interval"))
-    assert "column interval: found '3' in 2 rows, the first is row 3, allowed: 1 or 2" in first
-    assert "row 7, column interval: found 'x', allowed: 1 or 2, the interval" in second
+    problem_of_3, problem_of_x = problems(
+        bt.read_study, table, bt.ReadOptions(standard_interval="interval")
+    )
+    message = "column interval: found '3' in 2 rows, the first is row 3, allowed: 1 or 2"
+    assert message in problem_of_3
+    assert "row 7, column interval: found 'x', allowed: 1 or 2, the interval" in problem_of_x
 
 
 def test_an_order_that_only_one_file_has_needs_no_other_code():
-    """Blocks of one order: each file has one of the two codes."""
+    """Each file is a block with one order, and has one of the two codes."""
     files = [part for _, part in trials_with_order("order", "A", "B").groupby("order")]
     assert is_read_as_intended(files, "--standard-interval order --standard-first-code A")
 
@@ -429,7 +439,7 @@ def test_one_code_of_the_responses_is_enough_with_a_standard(codes, options):
     assert is_read_as_intended(table, f"--standard-interval standard_interval {options}")
 
 
-#: Codes of the responses, and the first line that is typed.
+#: Codes of the responses, and the first line that is proposed.
 ADVICE = """
     second=j first=f | --second-code j
     comparison=longer standard=shorter | --comparison-code longer
@@ -437,14 +447,14 @@ ADVICE = """
 """
 
 
-@pytest.mark.parametrize("codes, intended", text_table(ADVICE))
-def test_the_first_advice_for_codes_is_accepted(codes, intended, tmp_path):
-    """The first line is the likeliest."""
+@pytest.mark.parametrize("codes, expected", text_table(ADVICE))
+def test_the_first_advice_for_codes_is_accepted(codes, expected, tmp_path):
+    """The first line that is proposed has the likeliest code."""
     table = trials_with_order("standard_interval", "1", "2", responses_with_codes(codes))
     options = "--standard-interval standard_interval"
-    first, *_ = typed_lines(result_of_check(tmp_path, table, options).stderr)
-    assert first == intended
-    assert is_read_as_intended(table, f"{options} {first}")
+    advice, *_ = typed_lines(result_of_check(tmp_path, table, options).stderr)
+    assert advice == expected
+    assert is_read_as_intended(table, f"{options} {advice}")
 
 
 def test_of_several_other_codes_one_is_asked_for(tmp_path):
@@ -512,10 +522,10 @@ def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp
     # answers are reversed.
     table = trials_with_order("order", "1", "2")
     result = result_of_check(tmp_path, table, "--comparison-interval order")
-    first, *_ = typed_lines(result.stderr)
-    assert first == "--standard-interval order"
+    advice, *_ = typed_lines(result.stderr)
+    assert advice == "--standard-interval order"
     assert "if it says the interval of the standard, in place of what" in result.stderr
-    assert is_read_as_intended(table, first)
+    assert is_read_as_intended(table, advice)
 
 
 def test_codes_that_name_the_first_and_the_second_tell_whose_interval_it_is(tmp_path):
@@ -548,16 +558,16 @@ def subjects_with_slope(n_subjects, slope, n=40):
     ],
 )
 def test_a_whole_study_is_reversed_if_all_subjects_are(n_reversed, n_straight, slope, expected):
-    """The direction -1 is a reversed study, 0 one that is not clear, and 1 one as it should be.
+    """The direction of a study is -1 if it is reversed, 1 if it is not, and 0 if it is not clear.
 
-    P(second) falls with s2 - s1 in `n_reversed` subjects, and rises in `n_straight` ones.
+    P(second) falls with s2 - s1 in `n_reversed` subjects, and rises in `n_straight` subjects.
     """
     subjects = subjects_with_slope(n_reversed, -slope) + subjects_with_slope(n_straight, slope)
     assert direction(bt.Study(subjects)) == expected
 
 
 def test_a_file_of_one_reversed_subject_is_read_beside_that_of_another():
-    """By itself it would be refused as a reversed study."""
+    """By itself, the file of the reversed subject would be refused as a reversed study."""
     # Names of subjects are their slopes and numbers.
     files = [bt.Study(subjects_with_slope(1, slope)).frame() for slope in (6.0, -6.0)]
     assert bt.read_study(files).names == ("6.0 0", "-6.0 0")
@@ -575,7 +585,7 @@ def test_subjects_who_guess_are_no_reversed_study(n_subjects):
 
 
 OUTCOME = (IN_ORDER.s2 > IN_ORDER.s1) == TRIALS.second_is_chosen
-#: Columns that look like a condition by name, and whether they are offered as one.
+#: Columns that look like a condition by name, and whether they are offered as a condition.
 CONDITIONS = {
     "right or wrong": (OUTCOME.map({True: "correct", False: "wrong"}), False),
     "side of the answer": (TRIALS.second_is_chosen.map({True: "left", False: "right"}), False),
@@ -588,14 +598,15 @@ CONDITIONS = {
 
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_what_follows_from_stimuli_and_answers_is_offered_as_no_condition(name, tmp_path):
-    # Such as a column of right and wrong answers. A column that follows only in the first half of
-    # the trials is none either, since one of its levels, that of wrong answers, is rare.
+    # Such as a column of right and wrong answers. A column that follows from the answers in the
+    # first half of the trials alone is no condition either, because one of its levels, 'wrong', is
+    # rare.
     column, is_offered = CONDITIONS[name]
     result = result_of_check(tmp_path, IN_ORDER.assign(cue=column))
     assert ("--condition cue" in result.stdout) == is_offered
 
 
-#: Names of columns beside the stimuli, and what is read from them.
+#: Names of columns beside the stimuli, and the columns that are read from them.
 PSYCHOPY = """
     key_resp.keys trials.thisN | response trial
     key_resp.keys practice_trials.thisN trials.thisN | response trial
@@ -618,14 +629,14 @@ def test_columns_of_psychopy_are_read_where_one_is_similar(names, expected):
 
 
 def test_all_that_is_missing_is_asked_at_once(tmp_path):
-    """Columns, order and codes; the first line answers all of them."""
+    """Columns, order and codes are missing. The first line answers all questions."""
     table = trials_with_order(
         "Reihenfolge", "1", "2", responses_with_codes("second=j first=f")
     ).rename(columns={"standard": "amp_std", "comparison": "amp_cmp", "response": "Taste"})
     result = result_of_check(tmp_path, table)
     assert result.stderr.count("error:") == 2
-    first, *other_lines = typed_lines(result.stderr)
-    assert first == "--standard-interval Reihenfolge --second-code j"
-    assert result_of_check(tmp_path, table, first).returncode == 0
-    for line in other_lines:  # it leads to the next question, or to an answer
+    first_line, *other_lines = typed_lines(result.stderr)
+    assert first_line == "--standard-interval Reihenfolge --second-code j"
+    assert result_of_check(tmp_path, table, first_line).returncode == 0
+    for line in other_lines:  # Each line leads to the next question, or to a screen.
         assert "found together" not in result_of_check(tmp_path, table, line).stderr

@@ -21,12 +21,12 @@ ORDERED = "subject,s1,s2,response,block,trial\n"
 FUZZ = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 
 
-def problem_lines(data, typed=""):
+def problem_lines(data, options=""):
     """The problems with which a file is refused, a line each, without the name of the file.
 
     A line has no character that a terminal would obey.
     """
-    lines = problems(read, data, typed)
+    lines = problems(read, data, options)
     assert all(map(str.isprintable, lines))
     assert all(line.startswith(("study.csv: ", "... and ")) for line in lines)
     return [line.removeprefix("study.csv: ") for line in lines]
@@ -46,7 +46,8 @@ def pairs_as_text(study):
 #: A study of one response 'equal', as `pairs_as_text` gives it.
 EQUAL = "a 0.0 0.0 1 1"
 
-#: Rows of trials, options, and what is read: subjects in the order of their first rows.
+#: Rows of trials, options, and the study as `pairs_as_text` gives it. Subjects are in the order of
+#: their first rows.
 READ_TRIALS = """
     b,0.1,0.3,equal b,0.1,0.3,different a,0,0,different |  | b 0.1 0.3 1 2, a 0.0 0.0 0 1
     b,0,0, a,0,0,equal b,0,0,equal |  | b 0.0 0.0 1 1, a 0.0 0.0 1 1
@@ -65,6 +66,7 @@ READ_TRIALS = """
     a,0,1,9 a,0,1,7 a,0,1,0 | --second-code 9 --first-code 7 --missed 0 | a 0.0 1.0 1 2
     a,0,0.3,1 a,0.3,0,-1 | --second-code 1 | a 0.0 0.3 1 1, a 0.3 0.0 0 1
 """
+#: Texts of files, options, and the study as `pairs_as_text` gives it.
 READ_FILES = [
     (COUNTS + "a,0,0.3,1,5\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4", "", "a 0.0 0.3 3 15"),
     (COUNTS + f"a,0,0,{10**12},{10**12}", "", "a 0.0 0.0 1000000000000 1000000000000"),
@@ -74,7 +76,7 @@ READ_FILES = [
     ('x,subject,s1,,x,s2,response,\n\n1,a,0,,"free, text",0,equal,\n  \n,,,,,,,\n,\n', "", EQUAL),
     ("subject;s1;s2;response;a,b,c,d,e,f,g\na;0;0;equal;y\n", "", EQUAL),
     ("subject,s1,s2,response\ra,0,0,equal\r", "", EQUAL),
-    # Two files have logs and intensities: the option chooses. The reference itself becomes 0.
+    # The next two files have logs and intensities: the option chooses. The reference becomes 0.
     ("subject,s1,s2,i1,i2,response\na,0,0,7,8,equal\n", "", EQUAL),
     ("subject,s1,s2,i1,i2,response\na,7,8,0.087,0.087,equal\n", "--intensity 0.087", EQUAL),
     ("subject;s1;s2;response\na;0;0;1,0\na;0;0;0,0\na;0;0;1\n", "--equal-code 1", "a 0.0 0.0 2 3"),
@@ -156,13 +158,14 @@ def test_files_are_read(text, options, expected):
     ],
 )
 def test_notes_say_what_was_detected_and_merged(data, options, notes):
-    # All notes one after the other, whatever the line ends above.
+    # All notes are compared as one text, in which line ends are spaces.
     assert " ".join(read(data, options).notes) == " ".join(notes.split())
 
 
 @pytest.mark.parametrize("text", ["", " ", "NA", "na", "N/A", "n/a", "NaN", "nan", "None"])
 def test_rows_without_a_response_are_dropped_and_counted(text):
-    # One row has a response, three have none, and one has neither stimuli nor a response.
+    # One row has a response, three rows lack a response, and one row has neither stimuli nor a
+    # response.
     study = read(f"{TRIALS}a,0,0,equal\na,,x1,{text}\nb,0,0,{text}\n,,,{text}\na,0,0,{text}\n")
     assert pairs_as_text(study) == EQUAL
     notes = (
@@ -170,7 +173,8 @@ def test_rows_without_a_response_are_dropped_and_counted(text):
         "3 rows without a response dropped: a 2, b 1",
         "1 subject without any response left out: b",
     )
-    # If `text` is blank, the row ',,,' is blank, too, and the first of these notes is missing.
+    # The first note of the study is on the format. If `text` is blank, the row ',,,' is blank, too,
+    # and the first of the three notes is missing.
     assert study.notes[1:] == notes[not text.strip() :]
 
 
@@ -192,13 +196,13 @@ SYNTHETIC = """
 """
 
 
-@pytest.mark.parametrize("marks, synthetic, noted", text_table(SYNTHETIC))
-def test_a_column_marks_synthetic_data(marks, synthetic, noted):
+@pytest.mark.parametrize("marks, is_synthetic, has_note", text_table(SYNTHETIC))
+def test_a_column_marks_synthetic_data(marks, is_synthetic, has_note):
     # The cells of two rows, such as '1 0': then the study is not synthetic, and a note says why.
     rows = "a,0,0,equal,{}\na,0,0,equal,{}\n".format(*marks.replace("NA", "").split(" "))
     study = read("subject,s1,s2,response,synthetic\n" + rows)
-    assert str(study.synthetic) == synthetic
-    assert str("synthetic" in " ".join(study.notes)) == noted
+    assert str(study.synthetic) == is_synthetic
+    assert str("synthetic" in " ".join(study.notes)) == has_note
 
 
 #: Two amplitudes, options, and the amplitudes in units of the reference.
@@ -225,18 +229,18 @@ def test_amplitudes_become_log_intensities(amplitudes, options, expected):
 
 
 def test_amplitudes_do_not_overflow():
-    (extreme,) = read(IN_AMPLITUDES.format("1e308", "1e-308"), "--intensity 1e-300")
-    # Relative to 1e-300, 1e-308 and 1e308 are 1e-8 and 1e608, which no float holds.
-    assert extreme.s1 == pytest.approx(np.array([-8, 608]) * math.log(10))
+    (subject,) = read(IN_AMPLITUDES.format("1e308", "1e-308"), "--intensity 1e-300")
+    # Relative to 1e-300, 1e-308 is 1e-8, and 1e308 is 1e608, which no float holds.
+    assert subject.s1 == pytest.approx(np.array([-8, 608]) * math.log(10))
 
 
-@pytest.mark.parametrize("sign, other, delimiter", [(".", ",", ";"), (",", ".", "\t")])
-def test_a_sign_that_may_group_thousands_is_asked_for(sign, other, delimiter):
+@pytest.mark.parametrize("sign, other_sign, delimiter", [(".", ",", ";"), (",", ".", "\t")])
+def test_a_sign_that_may_group_thousands_is_asked_for(sign, other_sign, delimiter):
     # The amplitude 1.050 beside 850: whether its sign groups thousands depends on the country.
     text = IN_AMPLITUDES.format(850, f"1{sign}050").replace(";", delimiter)
     with pytest.raises(InputError, match=r"can be 1050 or 1\.050"):
         read(text, "--intensity 1000")
-    remedies = [f"--decimal {sign}", f"--decimal {other}"]
+    remedies = [f"--decimal {sign}", f"--decimal {other_sign}"]
     assert typed_remedies(text, "--intensity 1000") == remedies
 
 
@@ -251,12 +255,12 @@ def test_natural_logs_are_never_thousands():
 
 
 def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
-    # The columns of ORDERED: subject, s1, s2, response, block, trial.
+    # The columns are those of ORDERED: subject, s1, s2, response, block, trial.
     rows = "a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n"
     study = read(ORDERED + rows, "--equal-code 1")
     assert pairs_as_text(study) == "a 0.0 0.0 1 2, a 0.0 1.0 1 1, b 0.0 0.0 1 1"
     # The block x is no number, so the blocks are in order of appearance. A trial without an answer
-    # has its place, because it was presented, too. Each text has the block, * where a session
+    # stays in the order, because it was presented, too. Each text has the block, * where a session
     # begins, s1, s2, and 'equal'/trials.
     assert answers_in_order(study["a"]) == [
         "block 10* 0.0 0.0 1/1",
@@ -289,14 +293,16 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
         "trial numbers are missing (a 1); if these were trials and no screens, keep them with an "
         "empty response",
     )
-    first, second = answers_in_order(study.exclude("a", "2")["a"])
-    assert first == "block 1* 0.0 1.0 1/1"
-    assert second == "block 1* 0.0 0.0 1/1"
+    # Without its block 2, each session has one trial.
+    assert answers_in_order(study.exclude("a", "2")["a"]) == [
+        "block 1* 0.0 1.0 1/1",
+        "block 1* 0.0 0.0 1/1",
+    ]
     # Counts that are changed by hand do not fit the answers, whose order is then lost.
     assert replace(study["a"], n_yes=[0, 0, 0]).answers is None
 
 
-def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
+def test_trials_that_tell_no_order_leave_the_order_of_the_file_and_are_noted():
     # In block 1, a has the trial number 1 twice, and the trial number of b is x. The columns are
     # those of ORDERED.
     rows = "a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"
@@ -310,7 +316,7 @@ def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     assert study["a"].answers.n_yes.tolist() == [1, 0]  # 'equal' and 'different', as in the file
 
 
-#: Trials with numbers: columns as in ORDERED, and the same without blocks.
+#: Trials with numbers in the columns of ORDERED, and a trial without a column of blocks.
 NUMBERED = ORDERED + "a,0,1,1,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n"
 WITHOUT_BLOCKS = "subject,s1,s2,response,trial\na,0,1,1,1\n"
 
@@ -329,11 +335,19 @@ WITHOUT_BLOCKS = "subject,s1,s2,response,trial\na,0,1,1,1\n"
         (WITHOUT_BLOCKS + "a,0,0,1,1\n", ""),
         (TRIALS + "a,0,1,1\na,0,1,1\n", ""),
     ],
-    ids=["two", "one", "as it is", "response", "no number", "pair", "no column trial"],
+    ids=[
+        "two repeated rows",
+        "one repeated row",
+        "no repeated row",
+        "another response",
+        "no number",
+        "another pair",
+        "no column trial",
+    ],
 )
 def test_rows_that_repeat_an_earlier_trial_are_doubted(text, expected):
-    # Two rows repeat a trial if they have the same block, trial number, pair and response.
-    # Otherwise there is no doubt.
+    # A row repeats an earlier row if it has the same block, trial number, pair and response.
+    # Otherwise there is no doubt, and `expected` is empty.
     doubts = read(text, "--equal-code 1").reading.doubts
     assert len(doubts) == bool(expected)
     assert expected in "".join(doubts)
@@ -351,13 +365,14 @@ def test_counts_have_answers_where_they_have_blocks():
 
 
 def test_columns_that_nobody_reads_are_told_by_name():
-    # The header has a column without a name, which is not told, and rt twice, which is told once.
+    # The header has a column without a name, which is not listed, and rt twice, which is listed
+    # once.
     reading = read("rt,subject,s1,s2,i1,,response,rt,Notes\n1,a,0,1,5,,same,2,3\n").reading
     assert reading.ignored == ("rt", "i1", "Notes")
     assert reading.read == ("subject", "s1", "s2", "response")
-    # Two columns have the name block. Nobody knows which one is meant, so neither is read.
-    twice = read("subject,s1,s2,response,block,block\na,0,1,same,1,2\n")
-    assert twice.reading.ignored == ("block",)
+    # Two columns have the name block. Nobody knows which column is meant, so neither is read.
+    study = read("subject,s1,s2,response,block,block\na,0,1,same,1,2\n")
+    assert study.reading.ignored == ("block",)
 
 
 # --- Several files --------------------------------------------------------------------------------
@@ -390,10 +405,10 @@ def test_subjects_with_the_same_trials_are_told(tmp_path):
 
 def test_of_several_files_the_first_problems_are_told(tmp_path):
     # The file a has twelve problems, more than are listed. The files b and c share a problem in
-    # three rows, and d has another one.
-    bad, other = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,y,0,equal\n"
-    numerous = TRIALS + "".join(f"a,x{letter},0,equal\n" for letter in "abcdefghijkl")
-    files = write_files(tmp_path, a=numerous, b=bad, c=bad, d=other)
+    # three rows, and d has another problem.
+    three_rows, single_row = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,y,0,equal\n"
+    twelve_rows = TRIALS + "".join(f"a,x{letter},0,equal\n" for letter in "abcdefghijkl")
+    files = write_files(tmp_path, a=twelve_rows, b=three_rows, c=three_rows, d=single_row)
     assert problems(bt.read_study, files)[-1] == "... and more problems"
     assert problems(bt.read_study, files[1:]) == [
         "2 files, such as b.csv: column s1: found 'x' in 3 rows, the first is row 2, allowed: a "
@@ -417,10 +432,10 @@ def test_options_are_refused_all_at_once():
 # --- Files of other labs; tests/data/test_shapes.py has more of them ------------------------------
 
 
-def typed_remedies(data, typed=""):
+def typed_remedies(data, options=""):
     """The options that a refusal of a file proposes to type, such as ['--second-code z']."""
     with pytest.raises(InputError) as caught:
-        read(data, typed)
+        read(data, options)
     return [remedy.typed for remedy in caught.value.remedies]
 
 
@@ -432,7 +447,7 @@ def test_an_empty_column_of_responses_asks_for_another_one():
     assert pairs_as_text(study) == "a 0.0 0.3 1 1, a 0.3 0.0 0 1"
 
 
-#: Rows of trials, options, and what is proposed.
+#: Rows of trials, options, and the beginning of the list of proposed options.
 REMEDIES = """
     a,0,0.3,z a,0.3,0,m a,0,0.3,z a,0.3,0,m a,0,0.3,m |  | --second-code z, --equal-code z
     a,0,1,9 a,1,0,7 a,0,1,0 a,1,0,0 | --first-code 7 --second-code 9 | --equal-code 0
@@ -444,10 +459,10 @@ REMEDIES = """
 
 @pytest.mark.parametrize("rows, options, expected", text_table(REMEDIES))
 def test_codes_and_columns_that_are_not_known_are_asked_for(rows, options, expected):
-    """The code of 'second' is the one that is more frequent where the second stimulus is stronger.
+    """The code of 'second' is the code that is more frequent if the second stimulus is stronger.
 
-    In the rows 'a,0,0.3,z a,0.3,0,m', for example, it is z. A column that has the number 0 has no
-    intensities, so other columns are asked for.
+    In the rows 'a,0,0.3,z a,0.3,0,m', for example, the code of 'second' is z. A column that has the
+    number 0 has no intensities, so other columns are asked for.
     """
     remedies = typed_remedies(TRIALS + rows.replace(" ", "\n"), options)
     assert ", ".join(remedies).startswith(expected)
@@ -513,9 +528,9 @@ def test_a_missed_trial_is_shown_by_any_usual_sign(column, missed, answered):
     assert study["a"].total_trials == 8
     cell = repr(missed) if missed else "empty"
     assert f"4 trials without a response dropped ({cell} in column {column}): a 4" in study.notes
-    # A trial that is scored right has a response, whatever the sign says.
-    right = read(scored_trials(column, missed, answered, scores="11"), "--correct correct")
-    assert right["a"].total_trials == 8 + 4
+    # Trials that are scored right have a response, whatever the sign says.
+    study = read(scored_trials(column, missed, answered, scores="11"), "--correct correct")
+    assert study["a"].total_trials == 8 + 4
 
 
 @pytest.mark.parametrize("column, missed, answered", text_table(NO_SIGNS))
@@ -556,7 +571,7 @@ ALONE = (
     "n_first, n_equal and n_second"
 )
 
-#: What is allowed in a cell.
+#: Rules for the text of a cell, by name.
 RULES = {
     "number": "a finite number",
     "ungrouped": "a finite number, without thousands separators",
@@ -792,25 +807,25 @@ def test_files_that_do_not_fit_the_options_are_refused(text, options, problem):
 
 
 @pytest.mark.parametrize(
-    "n_values, n_lines, last",
+    "n_values, n_lines, last_line",
     [
         (10, 10, "column s1: found 'x9' in 2 rows, the first is row 20, allowed: a finite number"),
         (11, 11, "... and 1 more problem"),
         (45, 11, "... and 35 more problems"),
     ],
 )
-def test_ten_values_are_told_at_most(n_values, n_lines, last):
-    # Each value x0, x1, ... is in two rows, and is one problem.
+def test_ten_values_are_told_at_most(n_values, n_lines, last_line):
+    # Each of the values x0, x1, ... is in two rows, and is one problem.
     rows = "".join(f"a,x{i},0,equal\n" * 2 for i in range(n_values))
     lines = problem_lines(TRIALS + rows)
     assert len(lines) == n_lines
-    assert lines[-1] == last
+    assert lines[-1] == last_line
 
 
 @pytest.mark.parametrize("name", ["missing\n.csv", "file.txt/x.csv", "nul\0l.csv", "x" * 300])
 def test_a_path_that_cannot_be_read_is_refused_in_one_line(name, tmp_path):
-    # A file that is missing, one below a file that is no folder, a name that no system allows, and
-    # a name that is too long.
+    # A file that is missing, a path below a file that is no folder, a name that no system allows,
+    # and a name that is too long.
     (tmp_path / "file.txt").write_text("x")
     (problem,) = problems(bt.read_study, tmp_path / name)
     assert "cannot be read" in problem
@@ -842,8 +857,8 @@ def test_any_dialect_gives_the_same_study(trials, delimiter, decimal, codec, end
     frame = pd.DataFrame(trials, columns=["subject", "s1", "s2", "response"])
     if delimiter == ",":
         decimal = "."
-    in_another_order = frame.assign(extra="x;y,z\t")[["response", "s2", "extra", "subject", "s1"]]
-    text = in_another_order.to_csv(
+    reordered_frame = frame.assign(extra="x;y,z\t")[["response", "s2", "extra", "subject", "s1"]]
+    text = reordered_frame.to_csv(
         index=False, sep=delimiter, decimal=decimal, lineterminator=end, quoting=quoting
     )
     assert read(text.encode(codec)).frame().equals(bt.read_study(frame).frame())
@@ -878,9 +893,9 @@ PERCENTAGES = "subject,s1,s2,percent,n_trials\n"
 def test_only_the_share_that_is_wrong_is_refused():
     # 33.3 % of 3 trials is 1, and 66.7 % is 2. Row 4 has no share, and row 5 no number of trials.
     rows = "a,0,1,33.3,3\na,1,0,66.7,3\na,0,2,x,3\na,2,0,100,?\na,2,1,0,3\n"
-    of_share, of_trials = problem_lines(PERCENTAGES + rows, "--columns n_second=percent")
-    assert of_share.startswith("row 4, column percent: found 'x'")
-    assert of_trials.startswith("row 5, column n_trials: found '?'")
+    share_problem, trials_problem = problem_lines(PERCENTAGES + rows, "--columns n_second=percent")
+    assert share_problem.startswith("row 4, column percent: found 'x'")
+    assert trials_problem.startswith("row 5, column n_trials: found '?'")
 
 
 def test_shares_with_a_percent_sign_are_percentages():

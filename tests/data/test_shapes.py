@@ -1,6 +1,6 @@
 """Files as labs have them: each is read as it is meant, or refused with what to type.
 
-All files hold the same trials of two subjects, 'which was stronger?', in another shape.
+Most files hold the same trials of two subjects, 'which was stronger?', each in another shape.
 """
 
 import gzip
@@ -77,8 +77,8 @@ BY_LETTER = BY_COMPARISON.set_axis(
 CORRECT_ANSWERS = np.where(TRIALS.w2 > TRIALS.w1, "second", "first")
 IN_PERCENT = PROPORTIONS.assign(n_second=PROPORTIONS.n_second.map("{:.1%}".format))
 
-THREE = IN_LOGS.assign(response=TRIALS.response.where(TRIALS.s1 != TRIALS.s2, "same"))
-THREE_COUNTS = "subject,s1,s2,first,same,second\na,0,0.3,1,2,5\na,0.3,0,4,2,1\n"
+TERNARY = IN_LOGS.assign(response=TRIALS.response.where(TRIALS.s1 != TRIALS.s2, "same"))
+TERNARY_COUNTS = "subject,s1,s2,first,same,second\na,0,0.3,1,2,5\na,0.3,0,4,2,1\n"
 
 FREQUENCIES = IN_LOGS.value_counts(sort=False).reset_index(name="Freq")
 IN_ROOMS = IN_LOGS.assign(room=["A", "B"] * 40).value_counts(sort=False).reset_index(name="n")
@@ -201,7 +201,7 @@ NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 
 
 def with_practice(column, practice, main):
-    """All trials below eight rows of practice of P03; a column has the cell of either."""
+    """All trials below eight rows of practice of P03; `column` has these two cells."""
     rows = with_rows_above(IN_LOGS, [["P03", 0, 0.3, "second"]] * 8)
     return rows.assign(**{column: [practice] * 8 + [main] * 80})
 
@@ -437,7 +437,7 @@ READ = {
     "7.csv --subject-from {}.*": WITHOUT_SUBJECT,
     "more_columns.csv": IN_LOGS.assign(rt=0.5, confidence=3, index=range(80)),
 }
-#: What is read where these are not all trials.
+#: The trials that are read, by the name of the file, where they are not all trials.
 READ_IN_PART = {
     "third_answer.csv": pd.DataFrame(
         [["a", 0, 0.3, 1, 2, 5], ["a", 0.3, 0, 4, 2, 2], ["a", 0, 0, 3, 3, 2]],
@@ -448,7 +448,7 @@ READ_IN_PART = {
     "right_answers.csv": UNEQUAL[IN_LOGS.columns],
     "scored_rats.csv": UNEQUAL[IN_LOGS.columns],
 }
-#: What the notes say of some of these.
+#: The beginning of a note on a file, by the name of the file, for some of the files.
 NOTES = """
     windows.csv | trial rows, comma-separated, Windows-1252 (--encoding NAME if that is wrong), resp
     utf16_without_mark.csv | trial rows, comma-separated, UTF-16, resp
@@ -481,7 +481,8 @@ NOTES = """
 """
 NOTE_BY_NAME = dict(text_table(NOTES))
 
-#: The name of a file with options, its content, and parts of what is said, with what helps.
+#: The name of a file with options, its content, and parts of the refusal: the problem, and what to
+#: type.
 REFUSED = {
     "dots.csv": (
         "subject,n_first,n_second,response\na,18,12,first\na,12,18,second\n",
@@ -948,7 +949,7 @@ ADVISED = {
     ),
 }
 
-#: Tables, and what the screen of `check` warns of.
+#: Parts of warnings of `check`, and the table that each warns of.
 WARNED = {
     "--condition task": (
         "subject,task,s1,s2,response\na,time,0,0.3,first\na,time,0.3,0,second\n"
@@ -992,9 +993,9 @@ def result_of_check(folder, line, content):
 @pytest.mark.parametrize("line", READ)
 def test_a_shape_is_read_as_it_is_meant(line, tmp_path):
     # A key of READ is the name of a file and options, such as 'weights.csv --columns
-    # n_trials=weight', and its value is what the file has. All files are other shapes of the same
-    # trials, IN_LOGS, if READ_IN_PART does not say otherwise. NOTE_BY_NAME has the beginning of a
-    # note.
+    # n_trials=weight', and its value is the content of the file. All files are other shapes of the
+    # same trials, IN_LOGS, unless READ_IN_PART has other trials. NOTE_BY_NAME has the beginning of
+    # a note.
     name, _, options = line.partition(" ")
     write_file(tmp_path / name, READ[line])
     study = bt.read_study(tmp_path / name, typed_options(options))
@@ -1011,7 +1012,8 @@ def test_a_wrong_size_in_a_workbook_is_not_believed(size, tmp_path):
     assert bt.read_study(tmp_path / "size.xlsx").frame().equals(bt.read_study(IN_LOGS).frame())
 
 
-#: Columns that mark practice, catch trials or instructions: texts of these and of other rows.
+#: A column that marks practice, catch trials or instructions: its name, its text in such rows, and
+#: its text in other rows.
 PRACTICE = """
     test_part | practice | test
     phase | practice | main
@@ -1057,8 +1059,8 @@ def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, 
     assert study.frame().equals(bt.read_study(IN_LOGS).frame())
     note = f"8 rows left out as practice or catch trials (column {column}: '{practice}')"
     assert any(line.startswith(note) for line in study.notes), study.notes
-    complete = bt.read_study(table, bt.ReadOptions(ignore="practice"))
-    assert complete["P03"].total_trials == 40 + 8
+    study_with_practice = bt.read_study(table, bt.ReadOptions(ignore="practice"))
+    assert study_with_practice["P03"].total_trials == 40 + 8
 
 
 @pytest.mark.parametrize("line", REFUSED)
@@ -1075,8 +1077,8 @@ def first_advice(source, options=None):
     """The options that a refusal of a table proposes first, as one text."""
     with pytest.raises(bt.InputError) as caught:
         bt.read_study(source, options)
-    chosen, _ = caught.value.choices[0]
-    return " ".join(remedy.typed for remedy in chosen)
+    remedies, _ = caught.value.choices[0]
+    return " ".join(remedy.typed for remedy in remedies)
 
 
 @pytest.mark.parametrize("name", ADVISED)
@@ -1129,17 +1131,17 @@ TAKEN_OUT = """
 """
 
 
-@pytest.mark.parametrize("column, mark, other", text_table(TAKEN_OUT))
-def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(column, mark, other):
-    # Such as a column exclude with 1 in every fifth row, 16 of 80, and 0 in the others.
-    table = IN_LOGS.assign(**{column: [mark, *[other] * 4] * 16})
+@pytest.mark.parametrize("column, mark, other_text", text_table(TAKEN_OUT))
+def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(column, mark, other_text):
+    # Such as a column exclude with 1 in every fifth row, 16 of 80, and 0 in the other rows.
+    table = IN_LOGS.assign(**{column: [mark, *[other_text] * 4] * 16})
     remark = (
         f"study.csv: 16 rows with '{mark}' in column {column} are counted; --where "
-        f"{shlex.quote(f'{column}={other}')} leaves them out"
+        f"{shlex.quote(f'{column}={other_text}')} leaves them out"
     )
     assert read(csv_bytes(table)).reading.doubts == (remark,)
-    counted = bt.read_study(table, bt.ReadOptions(where={column: other}))
-    assert counted.frame()["n_trials"].sum() == 64
+    study = bt.read_study(table, bt.ReadOptions(where={column: other_text}))
+    assert study.frame()["n_trials"].sum() == 64
 
 
 def test_a_remark_that_several_files_share_is_one_line(tmp_path):
@@ -1154,8 +1156,8 @@ def test_a_remark_that_several_files_share_is_one_line(tmp_path):
 
 
 def test_a_file_without_columns_of_trials_is_named(tmp_path):
-    # A session that was stopped has left a file without trials. Alone, the other file is asked
-    # about its own columns; together, the file without trials is named first.
+    # A session that was stopped has left a file without trials. If a.csv is read alone, its own
+    # columns are asked for. If the whole folder is read, the file without trials is named first.
     write_file(tmp_path / "stopped.csv", "subject,date\nP99,1\n")
     for table in (IN_GRAMS, with_responses(IN_GRAMS, "f", "j")):
         result = result_of_check(tmp_path, "a.csv", table)
@@ -1168,7 +1170,7 @@ def test_a_file_without_columns_of_trials_is_named(tmp_path):
 
 
 #: Codes of 'first', 'same' and 'second', the options that are given, and the first advice.
-THREE_ANSWERS = """
+TERNARY_CODES = """
     0 | 1 | 2 | --second-code 2 | --equal-code 1 --second-code 2
     0 | 1 | 2 | --second-code 2 --first-code 0 | --equal-code 1 --second-code 2
     0 | 1 | 2 | --first-code 0 | --equal-code 1 --second-code 2
@@ -1188,15 +1190,21 @@ THREE_ANSWERS = """
 """
 
 
-@pytest.mark.parametrize("first, equal, second, options, advice", text_table(THREE_ANSWERS))
-def test_a_frequent_third_answer_is_no_missed_trial(first, equal, second, options, advice):
-    # In THREE, every pair of equal stimuli is answered 'same'. Here the three answers have other
+@pytest.mark.parametrize(
+    "first_code, same_code, second_code, options, advice", text_table(TERNARY_CODES)
+)
+def test_a_frequent_third_answer_is_no_missed_trial(
+    first_code, same_code, second_code, options, advice
+):
+    # In TERNARY, every pair of equal stimuli is answered 'same'. Here the three answers have other
     # codes, such as 0, 1 and 2. The code of 'same' is frequent, so it is an answer and no sign that
     # a trial was missed.
-    table = THREE.replace({"response": {"first": first, "same": equal, "second": second}})
+    table = TERNARY.replace(
+        {"response": {"first": first_code, "same": same_code, "second": second_code}}
+    )
     assert first_advice(table, typed_options(options)) == advice
     study = bt.read_study(table, typed_options(advice))
-    assert study.frame().equals(bt.read_study(THREE).frame())
+    assert study.frame().equals(bt.read_study(TERNARY).frame())
 
 
 #: Codes of 'first' and of 'second', the codes of other rows, and the first advice.
@@ -1212,13 +1220,15 @@ SEVERAL_CODES = """
 """
 
 
-@pytest.mark.parametrize("first, second, missed, advice", text_table(SEVERAL_CODES))
-def test_an_answer_may_have_several_codes(first, second, missed, advice):
-    # Such as 1 and 2 for 'first', by turns, and 3 and 4 for 'second'. Each code of `missed`, which
-    # may be empty, has three more rows.
-    codes = {"first": first.split(",") * 80, "second": second.split(",") * 80}
+@pytest.mark.parametrize(
+    "first_codes, second_codes, missed_codes, advice", text_table(SEVERAL_CODES)
+)
+def test_an_answer_may_have_several_codes(first_codes, second_codes, missed_codes, advice):
+    # Such as 1 and 2 for 'first', by turns, and 3 and 4 for 'second'. Each code of missed trials,
+    # which may be empty, has three more rows.
+    codes = {"first": first_codes.split(",") * 80, "second": second_codes.split(",") * 80}
     answers = [codes[answer][i] for i, answer in enumerate(IN_LOGS.response)]
-    rows = [["P03", 0, 0.3, code] for code in missed.split(",")] * 3
+    rows = [["P03", 0, 0.3, code] for code in missed_codes.split(",")] * 3
     table = with_rows_above(IN_LOGS.assign(response=answers), rows)
     assert first_advice(table) == advice
     study = bt.read_study(table, typed_options(advice))
@@ -1226,7 +1236,7 @@ def test_an_answer_may_have_several_codes(first, second, missed, advice):
 
 
 def test_one_code_for_two_answers_is_refused():
-    # The code 2 is declared for both answers.
+    # The code 2 is declared for 'first' and for 'second'.
     table = IN_LOGS.assign(response=[1, 2, 3, 4] * 20)
     with pytest.raises(bt.InputError, match="found '2' in 20 rows"):
         bt.read_study(table, bt.ReadOptions(first_code="1,2", second_code="2,3,4"))
@@ -1235,8 +1245,8 @@ def test_one_code_for_two_answers_is_refused():
 @pytest.mark.parametrize("name", ["same", "uncertain", "dont_know"])
 def test_counts_of_three_answers_are_known_by_their_names(name):
     # The table has the columns 'first' and 'second', and one of these names in the place of 'same'.
-    # The counts of 'first' in THREE_COUNTS are 1 and 4.
-    study = bt.read_study(pd.read_csv(io.StringIO(THREE_COUNTS.replace("same", name))))
+    # The counts of 'first' in TERNARY_COUNTS are 1 and 4.
+    study = bt.read_study(pd.read_csv(io.StringIO(TERNARY_COUNTS.replace("same", name))))
     assert study["a"].n_first.tolist() == [1, 4]
 
 
@@ -1260,10 +1270,10 @@ def test_unfilled_rows_are_left_out_of_a_file_that_names_the_subject(tmp_path):
     assert study.notes[1].endswith("(stimuli and response are 0 in the last rows): P12.csv 20")
 
 
-IN_PAIRS = pd.DataFrame({"subject": "P12", "s1": 0, "s2": [1] * 30 + [0] * 30})
+SORTED_TRIALS = pd.DataFrame({"subject": "P12", "s1": 0, "s2": [1] * 30 + [0] * 30})
 #: Trials whose last rows hold zeros, and the number of trials of their subject.
 ZEROS = {
-    "sorted by pair": (IN_PAIRS.assign(response=IN_PAIRS.s2), 60),
+    "sorted by pair": (SORTED_TRIALS.assign(response=SORTED_TRIALS.s2), 60),
     "few zeros": (with_rows_of_zeros(CODED, 3, subject="P12"), 43),
     # A reaction time shows that a row is a trial.
     "with reaction times": (
@@ -1297,14 +1307,15 @@ def test_a_file_with_changed_bytes_is_read_or_refused(name, tmp_path):
 
 
 def write_folder(folder, *names):
+    # Write the trials into a folder 'data', once under each name.
     (folder / "data").mkdir()
     for name in names:
         write_file(folder / "data" / name, csv_bytes(IN_LOGS, sep="\t"))
 
 
 def test_counts_in_notes_are_those_of_all_files(tmp_path):
-    # Each of two files has 36 trials, one trial without a response, and 5 of practice. Only the
-    # file of anna has a row without stimuli.
+    # Each of two files has 36 trials, one trial without a response, and five trials of practice.
+    # Only the file of anna has a row without stimuli.
     answered_rows = "NAME,0,0.3,second,main\nNAME,0.3,0,first,main\n" * 18
     practice = "NAME,0,0.3,second,practice\n" * 5
     header, empty_row = "subject,s1,s2,response,part\n", "NAME,,,,main\n"
@@ -1323,8 +1334,8 @@ def test_counts_in_notes_are_those_of_all_files(tmp_path):
 
 
 def test_a_folder_stands_for_its_tables(tmp_path):
-    # Of six files, two are tables of trials: the others are a lock of Excel, a hidden file, a log,
-    # and the file of a session that was stopped, with nine trials.
+    # Of six files, two are tables of trials. The other files are a lock of Excel, a hidden file, a
+    # log, and the file of a session that was stopped, with nine trials.
     write_folder(tmp_path, "1.csv", "2.CSV", "~$1.csv", ".3.csv", "1.log")
     stopped = "subject,s1,s2,response" + "\nP99,0,0.3," * 9
     write_file(tmp_path / "data/0.csv", stopped)
@@ -1340,7 +1351,7 @@ def test_a_folder_stands_for_its_tables(tmp_path):
     assert "found no response in any of 10 rows" in refusal_of("check data", cwd=tmp_path)
 
 
-#: A column that is 1 in all files, the files, what `check` says, and subjects.
+#: A column that is 1 in all files, the files, a part of the screen of `check`, and the subjects.
 SUBJECTS_BY_NAME = """
     | VP1/data.csv VP2/data.csv | --subject-from '{}/*' if the subjects are VP1, VP2 | VP1 VP2
     | A/s1/d.csv B/s2/d.csv | --subject-from '{}/*/*' if the subjects are A, B | A B
@@ -1370,7 +1381,7 @@ def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjec
     assert " ".join(study.names) == subjects
 
 
-#: Files of a folder, and what is asked.
+#: Files of a folder, and the problem with which the folder is refused.
 SEVERAL_SUFFIXES = """
     A/a.csv B/b.tsv | allowed: tables of one suffix, such as data/*/*.csv
     1.doc | data: found 1 .doc file, allowed: tables of one suffix, such as data/*.doc

@@ -1,6 +1,6 @@
-"""Pairs, designs, populations, covariates.
+"""The small files beside a study: pairs, designs, populations and covariates.
 
-The small files beside a study, all read by the study's strict reader.
+All of them are read by the strict reader of studies.
 """
 
 import re
@@ -58,8 +58,8 @@ def test_a_population_is_read_by_names_which_are_texts(file_of):
     assert parameters_by_observer(file_of(text)) == observers
 
 
-#: A kind of file, its rows, and the first problem. Readers that guess take the first column of a
-#: table with one cell too many for an index, and shift all others in silence.
+#: A kind of file, its rows, and the first problem. If rows have one cell too many, readers that
+#: guess take the first column for an index, and shift all other columns in silence.
 REFUSED = """
     design | s1,s2 / 0,1 / / 0 | row 4: found 1 cell, allowed: 2 cells as in the header
     design | s1,s2 / 0,1,7 | row 2: found 3 cells below 2 names, allowed: a name for each column
@@ -96,13 +96,14 @@ REFUSED = """
 
 @pytest.mark.parametrize("kind, rows, problem", text_table(REFUSED))
 def test_a_small_table_that_cannot_be_used_is_refused(file_of, kind, rows, problem):
-    # Such as the kind 'design' with the rows 's1,s2 / 0,1,7', between which slashes stand for line
-    # ends: the third cell of row 2 has no name.
+    # A slash stands for a line end. In the design 's1,s2 / 0,1,7', the third cell of row 2 has no
+    # name.
     first_problem, *_ = problems(READERS[kind], file_of(re.sub(" ?/ ?", "\n", rows)))
     assert first_problem.startswith(f"file.csv: {problem}")
 
 
-#: Rows of covariates, and what is read: 'NA' is no value, and a name like any other.
+#: Texts of files of covariates, and the covariates that are read: for each covariate, a value by
+#: subject. 'NA' is no value, but a name like any other name.
 COVARIATES = {
     "subject,age\nNA,20\n01,23\n02,NA\n\n03,31.5\n04,40\n": {
         "age": {"NA": 20.0, "01": 23.0, "03": 31.5, "04": 40.0}
@@ -121,6 +122,6 @@ COVARIATES = {
 
 @pytest.mark.parametrize("text", COVARIATES)
 def test_covariates_are_numbers_or_levels_and_missing_ones_are_left_out(file_of, text):
-    # COVARIATES has texts of files and what is read: for each covariate, a value by subject.
-    # Numbers are floats if all are numbers. A subject without a value is not there.
+    # The values of a covariate are floats if all of them are numbers. A subject without a value is
+    # left out.
     assert read_covariates(file_of(text)) == COVARIATES[text]

@@ -79,7 +79,7 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
 def test_cells_that_cannot_be_used_are_refused_by_row_and_column(
     as_source, column, cells, expected
 ):
-    # COUNTS with other cells in a column, of which that in row 1, the second row, cannot be used.
+    # COUNTS with one column replaced, whose second cell (row 1) cannot be used.
     (problem,) = problems(bt.read_study, as_source(COUNTS.assign(**{column: cells})))
     assert problem.endswith(f" DataFrame: row 1, column {column}: found {expected}")
 
@@ -130,8 +130,8 @@ def test_values_of_other_types_are_read_as_what_they_say():
 
 
 def test_whole_numbers_keep_their_digits():
-    # A column of whole numbers with a missing one becomes floats in pandas: 1008.0 is still subject
-    # 1008, by its name as a text or as a number.
+    # A column of whole numbers with a missing number becomes floats in pandas: 1008.0 is still
+    # subject 1008, by its name as a text or as a number.
     codes = bt.ReadOptions(equal_code="1")
     frame = pd.DataFrame({"subject": [1008.0, 1008.0, np.nan], "s1": 0, "s2": [0, 1, 0]})
     study = bt.read_study(frame.assign(response=[1.0, 0.0, None]), codes)
@@ -151,7 +151,7 @@ def test_covariates_are_read_from_a_frame_without_those_that_are_missing():
 # --- Files that are damaged, too large, or none ---------------------------------------------------
 
 
-#: What the process that reads a file does, and what is said.
+#: The program of the process that reads a file, and the beginning of the problem.
 READERS = """
     import os; os.abort() | found a damaged MATLAB file (its reader ended with -
     import time; time.sleep(60) | not read within 0.5 s
@@ -191,7 +191,7 @@ def test_a_table_of_too_many_cells_is_refused_before_they_are_made(
     name, text, tmp_path, monkeypatch
 ):
     # 16,385 columns in one line, or a record of 1,000 keys with 600 trials, which would be rows of
-    # 1,000 cells, 600,000 together. The limit of cells is a hundredth of that of the program.
+    # 1,000 cells, 600,000 together. The limit of cells is a hundredth of the program's limit.
     monkeypatch.setattr("bayes_toe.data.text_table._MOST_CELLS", 500_000)
     (tmp_path / name).write_text(text)
     with pytest.raises(bt.InputError, match="at most 16,384 columns and 500,000 cells"):
@@ -213,7 +213,7 @@ def test_only_columns_that_are_read_must_hold_texts(tmp_path):
 
 
 def test_folders_and_files_that_are_too_large_are_refused(tmp_path):
-    # The file has 4 bytes, which may be the limit, but not one more than it.
+    # The file has 4 bytes, and is read with a limit of 4 bytes, but not with a limit of 3.
     with pytest.raises(IsADirectoryError):
         input_bytes(tmp_path)
     (tmp_path / "file").write_bytes(b"a\n1\n")

@@ -18,9 +18,9 @@ def two_pairs_of(name="S01"):
 
 def test_pairs_are_sorted_together_with_their_counts():
     # Rows of s1, s2, answers 'equal' and trials.
-    three_pairs = made_subject("0.3 0.5 1 4, 0 0.3 2 5, 0.3 0 3 6")
-    assert s1_s2_yes_trials(three_pairs) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 3, 6), (0.3, 0.5, 1, 4)]
-    types = [getattr(three_pairs, column).dtype.name for column in COLUMNS]
+    subject = made_subject("0.3 0.5 1 4, 0 0.3 2 5, 0.3 0 3 6")
+    assert s1_s2_yes_trials(subject) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 3, 6), (0.3, 0.5, 1, 4)]
+    types = [getattr(subject, column).dtype.name for column in COLUMNS]
     assert types == ["float64", "float64", "int64", "int64"]
 
 
@@ -33,7 +33,8 @@ def test_a_subject_has_the_number_of_its_pairs_and_trials_and_the_share_of_equal
 
 
 def test_arrays_are_copies_and_read_only():
-    # A later change of the caller's array does not change the subject, and nobody changes its own.
+    # A later change of the caller's array does not change the subject, and the arrays of the
+    # subject cannot be changed.
     s1 = np.array([0.0, 0.3])
     subject = Subject("S01", s1, [0.0, 0.0], [1, 1], [2, 2])
     s1[0] = 9.0
@@ -45,7 +46,7 @@ def test_arrays_are_copies_and_read_only():
         subject.name = "S02"
 
 
-#: Rows of s1, s2, answers 'equal' and trials, and what is refused.
+#: Rows of s1, s2, answers 'equal' and trials, and the message that refuses them.
 REFUSED_ROWS = r"""
     0.3 0 2 8, nan 0.3 7 10 | s1 and s2 must be finite
     0.3 inf 2 8, 0 0.3 7 10 | s1 and s2 must be finite
@@ -78,7 +79,7 @@ def test_rows_that_are_no_counts_are_refused(rows, message):
     ],
 )
 def test_invalid_subjects_are_refused(name, s1, n_yes, n_trials, message):
-    # A subject with two pairs, s2 of 0 and 0.3, of which one column is wrong.
+    # A subject with two pairs, s2 of 0 and 0.3, and with one wrong column.
     with refused(message):
         Subject(name, s1, [0.0, 0.3], n_yes, n_trials)
 
@@ -89,7 +90,7 @@ def test_a_subject_without_trials_is_refused():
 
 
 def test_counts_are_added_up():
-    # Rows of s1, s2, 'equal' and trials. (0.3, 0) stands there twice, and (1, 1) has no trials.
+    # Rows of s1, s2, 'equal' and trials. Two rows have the pair (0.3, 0), and (1, 1) has no trials.
     subject = Subject.from_counts("S01", *columns("0.3 0 1 5, 0 0.3 2 5, 0.3 0 3 6, 1 1 0 0"))
     assert s1_s2_yes_trials(subject) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 4, 11)]
     # The stimuli of a pair without trials may be nan, and -0 is the same stimulus as 0.
@@ -104,11 +105,11 @@ def test_a_study_is_a_sequence_of_its_subjects():
     assert study.names == ("b", "a", "c")
     assert list(study) == subjects
     assert study["a"] is subjects[1]
-    part = study.select(["c", "b"])
-    assert part.names == ("c", "b")
-    assert part.source == "pilot"
-    assert part.synthetic is True
-    assert part.notes == study.notes == ("n",)
+    selection = study.select(["c", "b"])
+    assert selection.names == ("c", "b")
+    assert selection.source == "pilot"
+    assert selection.synthetic is True
+    assert selection.notes == study.notes == ("n",)
 
 
 def test_unknown_subjects_are_refused_with_those_there_are():
@@ -138,7 +139,7 @@ def test_studies_need_distinct_subjects():
 )
 def test_counts_that_are_too_large_are_refused(rows):
     # Rows of s1, s2, 'equal' and trials. A pair has at most 10^12 trials. The last case has 3,000
-    # rows of one pair with so many.
+    # rows of one pair, each with so many trials.
     with refused(r"no more than 10\^12"):
         Subject.from_counts("S01", *columns(rows))
 

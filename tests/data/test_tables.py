@@ -47,7 +47,7 @@ def test_formulas_get_an_apostrophe_and_our_reader_takes_it_off(tmp_path):
     first_cells = [line.split(",")[0] for line in file.read_text().splitlines()[1:]]
     assert first_cells == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
     assert read_study(file).names == tuple(names)
-    # Without its apostrophe the name '=1+1 would be the other subject =1+1: it keeps it.
+    # If a study has the subjects '=1+1 and =1+1, the first name keeps its apostrophe.
     both_names = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])
     assert "'=1+1" in read_study(write_table(both_names, tmp_path / "both.csv")).names
 
@@ -81,8 +81,8 @@ def test_names_that_are_not_plain_carry_their_hash(name, start):
 
 def test_plain_names_are_their_stems():
     # Names that are only similar to devices, con and nul, and a name of the greatest length, 60.
-    plain = ["S01", "a.b", "x-1_y", "CONtrol", "nul1", "0", "a" * 60]
-    assert file_stems([*plain, "S01"]) == dict(zip(plain, plain, strict=True))
+    names = ["S01", "a.b", "x-1_y", "CONtrol", "nul1", "0", "a" * 60]
+    assert file_stems([*names, "S01"]) == dict(zip(names, names, strict=True))
     # A name with a space has the hash of `printf 'a b' | sha256sum`.
     assert file_stems(["a b"]) == {"a b": "a_b-c8687a08"}
 
@@ -96,8 +96,8 @@ def test_plain_names_are_their_stems():
     )
 )
 def test_stems_are_safe_and_distinct(names):
-    # Also on systems that do not distinguish capitals, and where devices such as aux, with any
-    # ending, are no files. A stem has at most 60 characters.
+    # Stems must be safe on systems that do not distinguish capitals, and on which names of devices,
+    # such as aux with any ending, are no files. A stem has at most 60 characters.
     stems = file_stems(names)
     assert set(stems) == set(names)
     assert len({stem.lower() for stem in stems.values()}) == len(set(names))

@@ -12,9 +12,10 @@ import bayes_toe as bt
 from bayes_toe.checks.answer_checks import check_answers
 from bayes_toe.data.tasks import WHICH_STRONGER
 
+#: Headers of files of trials, of counts, of scores, and of trials with a column of tasks.
 TRIALS, COUNTS = "subject,s1,s2,response", "subject,s1,s2,n_second,n_trials"
 RIGHT, TASK = "subject,s1,s2,acc", "subject,s1,s2,response,task"
-#: What tests/data/test_shapes.py has not: header and rows, options, and the counts that are read.
+#: Header and rows, options, and the counts that are read. tests/data/test_shapes.py has more files.
 READ = f"""
     {TRIALS} a,0,1,second a,0,1,S1 a,1,0,2nd a,1,0,FIRST a,1,0, |  | 0 1 1 2, 1 0 1 2
     {TRIALS} a,0,1,1 a,0,1,0.0 a,1,0,1.0 a,1,0,NA | --second-code 1 | 0 1 1 2, 1 0 1 1
@@ -33,8 +34,8 @@ READ = f"""
 @pytest.mark.parametrize("text, options, expected", text_table(READ))
 def test_answers_second_and_first_are_read(text, options, expected):
     # A text has spaces for line ends. The study is the same when its own table is read again.
-    from_text = read(text.replace(" ", "\n"), options)
-    for study in (from_text, bt.read_study(from_text.frame())):
+    study_of_text = read(text.replace(" ", "\n"), options)
+    for study in (study_of_text, bt.read_study(study_of_text.frame())):
         assert study.task == WHICH_STRONGER
         # Such as '0 1 1 2, 1 0 1 2': s1, s2, answers 'second' and trials.
         assert s1_s2_yes_trials(study["a"]) == s1_s2_yes_trials(made_subject(expected))
@@ -58,23 +59,23 @@ def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for():
     # Two trials of one pair have different delays, an interval that is known by this name, and
     # different blocks.
     text = "subject,s1,s2,Delay,response,block\na,0,1,2,second,1\na,0,1,4,first,2\n"
-    pooled = read(text, "--ignore isi --ignore block")
+    study = read(text, "--ignore isi --ignore block")
     assert bt.ReadOptions(ignore="isi") == bt.ReadOptions(ignore=["isi"])
-    assert s1_s2_yes_trials(pooled["a"]) == [(0.0, 1.0, 1, 2)]
-    assert not any("looks like" in finding.message for finding in check_answers(pooled))
+    assert s1_s2_yes_trials(study["a"]) == [(0.0, 1.0, 1, 2)]
+    assert not any("looks like" in finding.message for finding in check_answers(study))
 
 
 def test_codes_without_an_effect_are_said():
-    # One command may read the files of several subjects, of whom one missed no trial.
+    # One command may read the files of several subjects, of whom some missed no trial.
     study = read("subject,s1,s2,response\na,0,1,second\n", "--missed zzz")
     assert "no effect of 'zzz', which the table lacks" in study.notes
-    counts = read("subject,s1,s2,n_second,n_trials\na,0,1,1,2\n", "--equal-code zz")
-    assert "no effect of 'zz', which the table lacks" in counts.notes
-    keys = read("subject,s1,s2,response\na,0,1,second\na,0,1,k\na,0,1,x\n", "--missed k,x")
-    assert "no effect" not in " ".join(keys.notes)
+    study = read("subject,s1,s2,n_second,n_trials\na,0,1,1,2\n", "--equal-code zz")
+    assert "no effect of 'zz', which the table lacks" in study.notes
+    study = read("subject,s1,s2,response\na,0,1,second\na,0,1,k\na,0,1,x\n", "--missed k,x")
+    assert "no effect" not in " ".join(study.notes)
 
 
-#: Header and rows, options, and what they are refused with.
+#: Header and rows, options, and a part of the refusal.
 REFUSED = f"""
     {TRIALS} a,0,1,1 a,1,0,0 |  | error: study.csv: column response: the codes are '1' (1), '0' (1)
     {TRIALS} a,0,1,2 a,1,0,1 |  | --second-code 2  if 2 is 'the second was stronger' (2AFC)
@@ -108,7 +109,7 @@ def test_a_file_that_cannot_be_read_is_one_line_and_nothing_is_written(
     assert message in refusal_of(f"run study.csv -o out {options}", cwd=tmp_path)
 
 
-#: Options that make no sense in any file, and what they are refused with.
+#: Options that make no sense in any file, and the beginning of the refusal.
 OPTIONS = """
     --different-code 0 --second-code 1 | --different-code, --second-code: found together
     --second-code 1 --first-code 1 | --first-code: found '1' as --second-code, allowed: different
@@ -145,11 +146,11 @@ def test_options_that_make_no_sense_are_refused(tmp_path, options, message):
 
 
 def test_several_files_are_of_one_task():
-    # One file has the word 'same', and the other one has 'second'.
-    first = pd.DataFrame({"subject": ["a"], "s1": 0, "s2": 1, "response": ["same"]})
+    # One file has the word 'same', and the other file has 'second'.
+    frame = pd.DataFrame({"subject": ["a"], "s1": 0, "s2": 1, "response": ["same"]})
     message = r"asked which is stronger, and .* same/different; allowed: files of one task"
     with pytest.raises(bt.InputError, match=message):
-        bt.read_study([first, first.assign(response="second")])
+        bt.read_study([frame, frame.assign(response="second")])
 
 
 @pytest.mark.parametrize(
@@ -161,7 +162,8 @@ def test_several_files_are_of_one_task():
     ],
 )
 def test_real_studies_are_read_as_they_were_asked(file, options, n_trials, real_data):
-    # The auditory study has 18,244 rows, of which 310 have no response; the others lose no row.
+    # The auditory study has 18,244 rows, of which 310 have no response. The other studies lose no
+    # row.
     study = bt.read_study(real_data / file, typed_options(options))
     assert study.task == WHICH_STRONGER
     assert sum(subject.total_trials for subject in study) == n_trials

@@ -72,22 +72,22 @@ def write_whole_folder(path, files, *, overwrite=False, names=NAMES, meanwhile=i
 
 
 def test_the_check_before_the_work_leaves_nothing(tmp_path):
-    # No folder is left of those that it makes to see whether it may.
+    # The check makes folders to see whether it may, and removes them.
     require_writable(tmp_path / "new/deep/fit.nc", overwrite=False)
     require_folder(tmp_path / "new/out", NAMES, overwrite=False)
     assert files_and_texts(tmp_path) == ""
 
 
-@pytest.mark.parametrize("earlier", ["", "new/deep/fit.nc=old"])
-def test_a_file_appears_when_it_is_complete(earlier, tmp_path, monkeypatch):
+@pytest.mark.parametrize("earlier_files", ["", "new/deep/fit.nc=old"])
+def test_a_file_appears_when_it_is_complete(earlier_files, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    create_files(tmp_path, earlier)
+    create_files(tmp_path, earlier_files)
     with whole_file("new/deep/fit.nc", overwrite=True) as temporary:
-        # The work writes another file of the same name, and an earlier one stays until the end.
+        # The work writes another file of the same name, and an earlier file stays until the end.
         assert not temporary.exists()
         assert temporary.name == "fit.nc"
         temporary.write_text("whole")
-        assert earlier in files_and_texts(tmp_path)
+        assert earlier_files in files_and_texts(tmp_path)
     assert files_and_texts(tmp_path) == "new/deep/fit.nc=whole"
 
 
@@ -107,10 +107,11 @@ def test_a_file_that_exists_or_appears_meanwhile_is_kept(tmp_path):
 
 @pytest.mark.parametrize("error", [ValueError(), KeyboardInterrupt()], ids=repr)
 def test_failure_leaves_everything_as_it_was(tmp_path, error):
-    # The work fails or is interrupted when half is written: in the place of a file, in a new
-    # folder, in the place of a folder and in a new one.
-    earlier = "b=old new/theirs=x out/corner/a.png=1 out/table.csv=1"
-    create_files(tmp_path, earlier)
+    # The work fails or is interrupted when half is written. First it writes a file in the place of
+    # another file, and a file in a new folder; then a folder in the place of another folder, and a
+    # new folder.
+    earlier_files = "b=old new/theirs=x out/corner/a.png=1 out/table.csv=1"
+    create_files(tmp_path, earlier_files)
     for name in ("b", "new/deep/a.csv"):
         with pytest.raises(type(error)):
             write_whole(
@@ -124,10 +125,10 @@ def test_failure_leaves_everything_as_it_was(tmp_path, error):
                 overwrite=True,
                 meanwhile=function_that_raises(error),
             )
-    assert files_and_texts(tmp_path) == earlier
+    assert files_and_texts(tmp_path) == earlier_files
 
 
-#: Impossible names of files and of folders, and what is said.
+#: Impossible names of files, and a part of the refusal.
 IMPOSSIBLE_FILES = f"""
     folder | is a folder
     | is a folder
@@ -135,6 +136,7 @@ IMPOSSIBLE_FILES = f"""
     file.txt/deep/x.csv | cannot be written
     folder/{"x" * 5000} | cannot be written
 """
+#: Impossible names of folders, and a part of the refusal.
 IMPOSSIBLE_FOLDERS = """
     file.txt | is a file, choose
     file.txt/x | cannot be written
@@ -154,7 +156,7 @@ def test_an_impossible_file_is_one_line(tmp_path, name, reason):
 
 @pytest.mark.parametrize("name, reason", text_table(IMPOSSIBLE_FOLDERS))
 def test_an_impossible_folder_is_one_line(tmp_path, name, reason):
-    # The name is that of a file, or of something below a file.
+    # The name is the name of a file, or a path below a file.
     create_files(tmp_path, "file.txt=x")
     with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
         write_whole_folder(tmp_path / name, "table.csv=t")
@@ -188,17 +190,17 @@ def test_only_regular_files_are_replaced(name, tmp_path):
 @POSIX
 def test_permissions_of_a_replaced_file_stay(tmp_path):
     # Only its owner may read and write the file: 600.
-    private = tmp_path / "private.csv"
-    private.write_text("old")
-    private.chmod(0o600)
-    write_whole(private, "new", overwrite=True)
-    assert private.read_text() == "new"
-    assert private.stat().st_mode & 0o777 == 0o600
+    path = tmp_path / "private.csv"
+    path.write_text("old")
+    path.chmod(0o600)
+    write_whole(path, "new", overwrite=True)
+    assert path.read_text() == "new"
+    assert path.stat().st_mode & 0o777 == 0o600
 
 
 def test_content_is_on_the_disk_before_a_file_takes_its_name(tmp_path, monkeypatch):
     """First a single file is written, and then a folder of two files."""
-    # Both functions are noted when they are called, and the second one still does its work.
+    # Calls of both functions are noted, and os.replace still does its work.
     steps = []
     replace = os.replace
     monkeypatch.setattr(os, "fsync", lambda _: steps.append("fsync"))
@@ -220,14 +222,14 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
 
     create_files(out, "corner/mine.png=mine")
     write_whole_folder(out, "corner/a.png=b", overwrite=True)
-    assert files_and_texts(out) == "corner/a.png=b corner/mine.png=mine"  # no longer table.csv
+    assert files_and_texts(out) == "corner/a.png=b corner/mine.png=mine"  # table.csv is gone
 
-    # Another command has other names, and leaves what is not among them.
+    # Another command has other names, and leaves files with any other name.
     write_whole_folder(out, "evidence.csv=1", names=["evidence.csv"])
     assert files_and_texts(out) == "corner/a.png=b corner/mine.png=mine evidence.csv=1"
 
 
-#: What exists, and what the refusal says of it.
+#: Earlier files, and how the refusal lists them.
 EXISTING = """
     table.csv= | table.csv
     corner/ | corner
@@ -236,19 +238,19 @@ EXISTING = """
 """
 
 
-@pytest.mark.parametrize("earlier, names", text_table(EXISTING))
-def test_existing_names_are_refused_before_any_work(tmp_path, earlier, names):
-    # Names that this command writes: table.csv, corner, a, b, c and d. At most three are listed.
-    create_files(tmp_path, earlier)
+@pytest.mark.parametrize("earlier_files, names", text_table(EXISTING))
+def test_existing_names_are_refused_before_any_work(tmp_path, earlier_files, names):
+    # The command writes table.csv, corner, a, b, c and d. At most three names are listed.
+    create_files(tmp_path, earlier_files)
     message = f"{tmp_path}: already holds {names}; overwrite=True replaces it"
     with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
         write_whole_folder(tmp_path, "", names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
-    assert files_and_texts(tmp_path) == earlier
+    assert files_and_texts(tmp_path) == earlier_files
 
 
 def test_files_that_are_no_longer_written_go_and_all_others_stay(tmp_path):
     out = tmp_path / "out"
-    names = (  # of which the work writes none
+    names = (  # The work writes none of these files.
         "table.csv",  # goes
         "corner",  # stays, since another file is in this folder
         "corner/a.png",  # goes
@@ -272,20 +274,20 @@ def test_a_subfolder_goes_with_its_last_file(tmp_path):
 
 
 def test_changes_by_others_during_the_work_are_errors_or_stay(tmp_path):
-    # During the work somebody writes a file of the same name, which is an error, or of another
-    # name, which stays, or removes the folder itself.
-    new, theirs = "corner/a.png=new table.csv=new", "table.csv=theirs"
+    # During the work somebody writes a file of the same name, which is an error, or a file of
+    # another name, which stays, or removes the folder itself.
+    files, their_file = "corner/a.png=new table.csv=new", "table.csv=theirs"
     with pytest.raises(OutputError, match=r"table\.csv: exists"):
-        write_whole_folder(tmp_path, new, meanwhile=lambda: create_files(tmp_path, theirs))
-    assert files_and_texts(tmp_path) == theirs
+        write_whole_folder(tmp_path, files, meanwhile=lambda: create_files(tmp_path, their_file))
+    assert files_and_texts(tmp_path) == their_file
 
     out = tmp_path / "out"
     write_whole_folder(out, "table.csv=1", meanwhile=lambda: create_files(out, "mine.txt=m"))
     assert files_and_texts(out) == "mine.txt=m table.csv=1"
 
     no_file = pytest.raises(OutputError, match=r"(out|a\.csv): cannot be written \(No such file")
-    with no_file, whole_folder(out, NAMES, overwrite=True) as new:
-        new.rmdir()
+    with no_file, whole_folder(out, NAMES, overwrite=True) as new_folder:
+        new_folder.rmdir()
     with no_file, whole_file(tmp_path / "a.csv"):
-        pass  # nothing is written
+        pass  # The work writes no file.
     assert files_and_texts(out) == "mine.txt=m table.csv=1"

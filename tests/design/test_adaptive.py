@@ -37,7 +37,7 @@ def answer_pair(session, pair, rng, observer=CONTRACTION):
 
 
 def start_session(draws=512, **options):
-    """A session without answers; so few draws are quick."""
+    """A session without answers, with few draws, because they are quick."""
     return Adaptive(PAIRS, seed=1, draws=draws, **options)
 
 
@@ -54,7 +54,7 @@ def session():
 
 
 def test_the_posterior_is_that_of_the_four_models(session):
-    """Sessions count from the mean of all pairs, evidences from that of pairs that were shown."""
+    """Sbar is the mean of all pairs in a session, and the mean of shown pairs in an evidence."""
     (evidence,) = order_evidence([session.subject], seed=2)
     *_, expected_contraction, expected_both = evidence.probabilities
     assert tuple(session.probabilities) == MODEL_NAMES
@@ -77,7 +77,7 @@ def entropy(p):
 
 @pytest.mark.parametrize("aim, error", [("model", 0.002), ("parameters", 0.01)])
 def test_information_is_the_expected_fall_of_entropy(aim, error):
-    """By the definition, over 8,000 draws of the prior of each model.
+    """The definition is computed from 8,000 draws of the prior of each model.
 
     The errors are Monte Carlo errors: probabilities of models are averages of many draws.
     """
@@ -95,7 +95,7 @@ def test_information_is_the_expected_fall_of_entropy(aim, error):
     informations = [Adaptive(PAIRS, seed=seed, about=aim).information() for seed in range(3)]
     information = np.mean(informations, axis=0)  # of each pair
     assert information == pytest.approx(entropy(mean) - expected_entropy, abs=error)
-    assert information.max() > 0.002  # so that it is not 0 to the error
+    assert information.max() > 0.002  # so that the information differs from 0 by more than `error`
 
 
 def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
@@ -109,14 +109,14 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
     )
     for n_trials in range(1, 7):
         session.answer((0.0, 0.2), n_trials % 2 == 1)
-        copied = copiers[n_trials % 3](session)
-        assert (copied.next(), copied.probabilities) == (session.next(), session.probabilities)
-        copied.answer((0.4, 0.0), True)
-        assert (copied.trials, session.trials) == (n_trials + 1, n_trials)
+        copy = copiers[n_trials % 3](session)
+        assert (copy.next(), copy.probabilities) == (session.next(), session.probabilities)
+        copy.answer((0.4, 0.0), True)
+        assert (copy.trials, session.trials) == (n_trials + 1, n_trials)
 
 
 def test_sessions_of_which_is_stronger_take_true_for_second():
-    """A positive constant error, of which 'second' is the rarer answer, is a positive PSE shift."""
+    """With a positive constant error, 'second' is the rarer answer; the PSE shift is positive."""
     parameters = {"noise": 0.2, "lapse_rate": 0.02, "constant_error": 0.3}
     observer = make_observer("name", "kind", parameters, WHICH_STRONGER)
     session = start_session(task="2afc")
@@ -127,6 +127,7 @@ def test_sessions_of_which_is_stronger_take_true_for_second():
     assert session.subject.task == WHICH_STRONGER
 
 
+#: Calls, and a part of the message that refuses each.
 REFUSED = [
     (lambda: start_session(about="gain"), "about='gain': allowed: model, parameters"),
     (lambda: Adaptive([1.0, 2.0]), "found shape (2,)"),

@@ -23,12 +23,12 @@ PARAMETERS = {
 
 PAPER = paper_study_design()
 PAPER_2AFC = paper_study_design(task="2afc")
-OF_2AFC = assume_observers("both", size=1, seed=1, designs=[PAPER_2AFC])
+OBSERVERS_OF_2AFC = assume_observers("both", size=1, seed=1, designs=[PAPER_2AFC])
 
 
 @BOTH_TASKS
 def test_observers_answer_as_the_model_both_predicts(task):
-    """Trials per pair differ, because the mean first stimulus is weighted by them."""
+    """Numbers of trials differ between pairs, because they weight the mean first stimulus."""
     s1 = [0.0, 0.0, 0.4, 0.4, 0.7]
     s2 = [0.0, 0.4, 0.0, 0.7, 0.4]
     design = StudyDesign(s1, s2, [9, 3, 4, 5, 7], task=task)
@@ -42,10 +42,10 @@ def test_observers_answer_as_the_model_both_predicts(task):
 
 def test_an_observer_is_the_same_whoever_else_there_is():
     """One or three observers of each kind, with parameters in the ranges of the kind."""
-    few = assume_observers(None, size=1, seed=5, designs=[PAPER])
+    observers = assume_observers(None, size=1, seed=5, designs=[PAPER])
     all_observers = assume_observers(None, size=3, seed=5, designs=[PAPER])
-    assert [observer.kind for observer in few] == list(KINDS)
-    for observer in few:
+    assert [observer.kind for observer in observers] == list(KINDS)
+    for observer in observers:
         assert observer in all_observers
     for observer in all_observers:
         assert 0.15 <= observer.parameters["noise"] <= 0.25  # the range of all kinds
@@ -91,7 +91,8 @@ def test_parameters_of_observers_of_the_prior_are_drawn_from_it():
     frame = pd.DataFrame([observer.parameters for observer in observers], index=kinds)
     assert (frame.loc["none", ["contraction", "constant_error"]] == 0).all(axis=None)
     # The prior SD of the contraction is .25, because in PAPER the first stimuli vary as much as all
-    # stimuli. The SD of 300 draws has a standard error of 4 %, and the tolerance is 3.7 of these.
+    # stimuli. The SD of 300 draws has a standard error of 4 %, and the tolerance is 3.7 standard
+    # errors.
     assert frame.loc["contraction", "contraction"].std() == pytest.approx(0.25, rel=0.15)
 
 
@@ -102,11 +103,11 @@ def test_draws_of_an_earlier_study_are_observers(tmp_path):
     observers = assume_observers(path, size=3, seed=1, designs=[PAPER])
     assert [observer.kind for observer in observers] == ["earlier study"] * 3 + ["none"] * 3
     values = draws.values("S01", "contraction").ravel()
-    # Each draw is an observer, and once more without effects, to count false positives.
-    for observer, without_effect in zip(observers[:3], observers[3:], strict=True):
+    # Each draw is an observer, and another observer without effects, to count false positives.
+    for observer, other_observer in zip(observers[:3], observers[3:], strict=True):
         parameters = observer.parameters
         assert np.isclose(values, parameters["contraction"], rtol=1e-9).any()
-        assert without_effect.parameters == {
+        assert other_observer.parameters == {
             **parameters,
             "contraction": 0.0,
             "constant_error": 0.0,
@@ -126,7 +127,7 @@ FAR_APART = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
     [
         ("nobody", 1, PAPER, "found 'nobody', allowed: none, small constant error"),
         (None, 0, PAPER, "data_sets: found 0"),
-        (OF_2AFC, 1, PAPER, "allowed: 'same/different', the task of the design"),
+        (OBSERVERS_OF_2AFC, 1, PAPER, "allowed: 'same/different', the task of the design"),
         (None, 1, FAR_APART, "kind 'none' all practically never answer 'equal'"),
     ],
 )

@@ -28,7 +28,7 @@ from bayes_toe.model.observer import DEFAULT_PRIOR
 WIDE = grid(-0.75, 1.25, 0.25)
 FIXED_PAIRS = StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
 PAIRS = each_once([-0.75, -0.75, 0.25, 1.25, 1.25], [-0.6, -0.3, 0.5, 0.9, 1.25])
-#: Designs do not depend on it much: two observers are quick.
+#: Two observers, because the calculation is quick, and designs hardly depend on their number.
 OBSERVERS = assume_observers("both", size=2, seed=1, designs=[PAIRS])
 
 
@@ -44,30 +44,32 @@ def result():
 
 
 def test_information_is_the_expected_square_of_the_slopes():
-    """Slopes of q = P(equal) by differences, over the root of q; of P(different) likewise.
+    """A row for an answer with probability P holds dP/d parameter / sqrt(P).
 
-    The last two columns are those of c, which counts in D/2, and of p, which counts in 1/4.
+    The slopes are computed by differences. P(different) is 1 - P(equal), and has the opposite
+    slopes. The last two columns of a row are those of c, in units of D/2, and of p, in units of
+    1/4.
     """
     base = {"noise": 0.2, "q0": 0.9, "lapse_rate": 0.04, "constant_error": 0.1, "contraction": 0.2}
     task = PAIRS.task
     sbar = float(PAIRS.s1.mean())
 
-    def p_yes(name, change):
+    def p_equal_with(name, change):
         """P(equal) of each pair where a parameter is larger by `change`."""
-        moved = make_observer("name", "kind", {**base, name: base[name] + change}, task)
-        [p_equal] = moved.p_questions(PAIRS.s1, PAIRS.s2, sbar)  # of the only question
+        changed = make_observer("name", "kind", {**base, name: base[name] + change}, task)
+        [p_equal] = changed.p_questions(PAIRS.s1, PAIRS.s2, sbar)  # of the only question
         return p_equal
 
     observer = make_observer("name", "kind", base, task)
-    # Of the only observer: (pairs, answers, coordinates).
-    [rows] = information_about("order-effect", [observer]).rows
-    [q] = observer.p_questions(PAIRS.s1, PAIRS.s2, sbar)
+    # The rows of the only observer for PAIRS: (pairs, answers, coordinates).
+    [rows] = information_about("order-effect", [observer], PAIRS).rows
+    p_equal = p_equal_with("noise", 0.0)  # of this observer
     units = {"constant_error": PAIRS.unanswered.scales.step / 2, "contraction": 0.25}
-    for (name, unit), by_answer in zip(units.items(), rows[:, :, -2:].T, strict=True):
-        slope = (p_yes(name, 1e-6) - p_yes(name, -1e-6)) / 2e-6 * unit
-        of_equal, of_different = by_answer
-        assert of_equal == pytest.approx(slope / np.sqrt(q), rel=1e-5)
-        assert of_different == pytest.approx(-slope / np.sqrt(1 - q), rel=1e-5)
+    by_parameter = rows[:, :, -2:].T  # (c and p, answers, pairs)
+    for (name, unit), (equal, different) in zip(units.items(), by_parameter, strict=True):
+        slope = (p_equal_with(name, 1e-6) - p_equal_with(name, -1e-6)) / 2e-6 * unit
+        assert equal == pytest.approx(slope / np.sqrt(p_equal), rel=1e-5)
+        assert different == pytest.approx(-slope / np.sqrt(1 - p_equal), rel=1e-5)
 
 
 @pytest.mark.parametrize("task", [SAME_DIFFERENT, THREE_ANSWERS])
@@ -85,13 +87,13 @@ def test_more_trials_of_a_pair_are_worth_what_the_changed_design_is(aim, task):
 def test_brute_force_finds_nothing_better_than_exchange(aim):
     """Five pairs, ten portions of four trials: every way to distribute them."""
     aim_information = information_about(aim)
-    without_other_order = np.arange(5)  # each pair stands for itself
+    turned_index = np.arange(5)  # No pair has its other order: each pair stands for itself.
     n_trials = exchange_trials(
         aim_information,
         trials=40,
         most_pairs=5,
         fixed=np.zeros(5, np.int64),
-        turned=without_other_order,
+        turned=turned_index,
     )
     assert n_trials.sum() == 40
     utilities = []
@@ -114,14 +116,14 @@ def test_an_optimised_design_shows_a_contraction(result):
     n_by_pair = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
     for (s1, s2), n_trials in n_by_pair.items():
         assert n_by_pair[s2, s1] == n_trials
-    assert (result.worth > 0).all()  # of more trials, for every pair
+    assert (result.worth > 0).all()  # More trials of any pair add information.
     assert result.reasons()[0].startswith("Most trials have these first stimuli: -0.75 ln (")
 
 
 def test_pairs_that_cannot_show_a_contraction_are_named():
     levels = grid(0, 0.1, 0.05)  # half of the noise of the observers
-    short = optimal_design(levels, 100, observers="none", data_sets=1, seed=1)
-    assert any("cannot show a contraction" in line for line in short.reasons())
+    result = optimal_design(levels, 100, observers="none", data_sets=1, seed=1)
+    assert any("cannot show a contraction" in line for line in result.reasons())
 
 
 def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
@@ -168,7 +170,7 @@ def test_a_grid_has_both_ends_and_round_numbers():
 
 
 def test_the_command_writes_the_design_and_its_figure(tmp_path):
-    # Five levels, and two pairs that are kept.
+    # The range has five levels, and two pairs are kept.
     FIXED_PAIRS.save(tmp_path / "kept.csv")
     screen = run_ok(
         "design -o d.csv --lowest -0.75 --highest 1.25 --step 0.5 --trials 200 --max-pairs 9 "
@@ -181,8 +183,8 @@ def test_the_command_writes_the_design_and_its_figure(tmp_path):
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
 
 
-#: Options of `design`, and what they are refused with. raw.csv has intensities without a unit, and
-#: given.csv is a design.
+#: Options of `design`, and the message that refuses them. raw.csv has intensities without a unit,
+#: and given.csv is a design.
 REFUSED = """
     --lowest -1 --highest 1 --trials 3 | --trials 3: allowed is at least 4
     --lowest 1 --highest 1 | --lowest 1 --highest 1: allowed are finite numbers
@@ -226,22 +228,22 @@ def test_the_figure_has_the_design_on_the_plane(result):
 def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
     """One option says the unit in design, power, simulate and check."""
     options = "--unit um --seed 1 --overwrite"
-    small = f"{options} --simulated 2 --observers both"
-    run_ok(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {small}", cwd=tmp_path)
+    quick = f"{options} --simulated 2 --observers both"
+    run_ok(f"design -o d.csv --lowest 45 --highest 213 --trials 60 --even {quick}", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "d.csv")
     assert (frame.i1.min(), frame.i1.max()) == (45.0, 213.0)
     # Pairs to keep and a list of trials have the same intensities.
     run_ok(
-        f"design -o kept.csv --keep d.csv --trials 80 --lowest 45 --highest 213 {small}",
+        f"design -o kept.csv --keep d.csv --trials 80 --lowest 45 --highest 213 {quick}",
         cwd=tmp_path,
     )
     run_ok("design kept.csv --list l.csv --unit um", cwd=tmp_path)
     assert pd.read_csv(tmp_path / "l.csv").i1.max() == 213.0
-    # As typed by hand: intensities alone, without their logarithms s1 and s2.
+    # A file that is typed by hand has intensities alone, without their logarithms s1 and s2.
     frame[["i1", "i2", "n_trials"]].to_csv(tmp_path / "raw.csv", index=False)
-    run_ok(f"power raw.csv --trials 60 -o power {small}", cwd=tmp_path)
-    simulated = f"simulate -o s.csv --design raw.csv --subjects 2 --trials 120 {options}"
-    run_ok(f"{simulated} --observers both", cwd=tmp_path)
+    run_ok(f"power raw.csv --trials 60 -o power {quick}", cwd=tmp_path)
+    line = f"simulate -o s.csv --design raw.csv --subjects 2 --trials 120 {options}"
+    run_ok(f"{line} --observers both", cwd=tmp_path)
     screen = run_ok("check s.csv --unit um", cwd=tmp_path)
     assert "2 subjects, 240 trials" in screen
     assert "um" in screen

@@ -25,7 +25,7 @@ from bayes_toe.model.prior import Hyperprior, ParameterHyperprior, Prior
 
 @pytest.fixture(scope="module")
 def designs():
-    """The paper's design, and one whose first stimuli are far apart."""
+    """The paper's design, and a design whose first stimuli are far apart."""
     steps = np.linspace(-0.3, 0.3, 5)
     wide = grid_design(np.linspace(-0.75, 1.25, 5), steps, 650)
     return {"paper": paper_study_design(), "wide": wide}
@@ -41,11 +41,11 @@ def table(designs):
 
 
 def test_a_data_set_is_answered_as_a_subject_is(table, designs):
-    _, data_set, *_ = table.data_sets  # any one of the first design, the paper's pairs
+    _, data_set, *_ = table.data_sets  # a data set of the first design, the paper's pairs
     # Seed 1 is that of the table, so the observer gives the same answers again.
     subject = data_set.observer.answers(designs["paper"], seed=1)
     expected, _ = answer_subject(subject, seed=4)
-    # A data set has fewer draws than a subject, and other ones, so both have Monte Carlo errors.
+    # A data set has fewer draws than a subject, and other draws, so both have Monte Carlo errors.
     assert data_set.answer.probabilities == pytest.approx(expected.probabilities, abs=0.06)
     size = data_set.answer.sizes["contraction_p"]
     assert size.q50 == pytest.approx(expected.sizes["contraction_p"].q50, abs=0.05)
@@ -66,27 +66,28 @@ def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not
 
 def test_power_is_the_share_of_data_sets_with_a_word(table):
     """Five data sets of observers without effects, each with one word for all questions."""
-    base, *_ = table.data_sets
+    data_set, *_ = table.data_sets
     data_sets = []
     for word in ("YES", "PROBABLY", "PROBABLY", "UNDECIDED", "CANNOT_BE_TOLD"):
         words = dict.fromkeys(QUESTIONS, Word[word])
-        data_sets.append(replace(base, answer=replace(base.answer, words=words)))
-    counted = PowerTable.from_data_sets(data_sets, seed=0)
+        data_sets.append(replace(data_set, answer=replace(data_set.answer, words=words)))
+    table_of_five = PowerTable.from_data_sets(data_sets, seed=0)
     shares = {"yes": 0.2, "probably": 0.4, "undecided": 0.2, "no": 0.0, "cannot be told": 0.2}
     shares[DETECTED] = 0.6  # yes or probably
     for word, expected in shares.items():
-        assert counted["paper", 650, "none", "contraction", word].value == pytest.approx(expected)
-    assert counted.sentences() == ["Paper, 650 trials: false positives 60 % [21, 91]."]
+        estimate = table_of_five["paper", 650, "none", "contraction", word]
+        assert estimate.value == pytest.approx(expected)
+    assert table_of_five.sentences() == ["Paper, 650 trials: false positives 60 % [21, 91]."]
     with refused("nothing counted for"):
-        counted["paper", 650, "none", "contraction", "maybe"]
+        table_of_five["paper", 650, "none", "contraction", "maybe"]
 
 
 def test_the_effect_that_is_detected_least_comes_first(table):
-    # [46, 100] is the interval of 3 of 3 observers, and [0, 54] that of 0 of 3.
-    paper, wide = table.sentences()
-    assert paper.endswith(" Contraction: cannot be told.")
+    # [46, 100] is the interval of 3 of 3 observers, and [0, 54] the interval of 0 of 3.
+    paper_sentence, wide_sentence = table.sentences()
+    assert paper_sentence.endswith(" Contraction: cannot be told.")
     assert not group_power(table, [10]).select("paper", 650, "contraction")
-    assert wide == (
+    assert wide_sentence == (
         "Wide, 650 trials: large constant error detected in 100 % [46, 100]; every other effect in "
         "100 %; false positives 0 % [0, 54]."
     )
@@ -97,27 +98,27 @@ def test_groups_find_a_mean_and_rarely_one_that_is_0(designs):
 
     Subjects are drawn from twelve observers, whose effects differ.
     """
-    designs_shown = [designs["wide"]]
-    observers = assume_observers("groups", size=12, seed=1, designs=designs_shown, is_even=True)
+    wide = designs["wide"]
+    observers = assume_observers("groups", size=12, seed=1, designs=[wide], is_even=True)
     kinds = ("mean 0", "contraction 20 %")
-    selected = [observer for observer in observers if observer.kind in kinds]
-    single = power({"wide": designs["wide"]}, [650], selected, seed=1)
-    groups = group_power(single, [10, 20])
+    observers = [observer for observer in observers if observer.kind in kinds]
+    table_of_subjects = power({"wide": wide}, [650], observers, seed=1)
+    groups = group_power(table_of_subjects, [10, 20])
     rows = groups.select("wide", 650, "contraction")
     assert [row.true_mean for row in rows["mean 0"]] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert all(row.power < 0.1 for row in rows["mean 0"])  # false positives
-    of_10, of_20 = rows["contraction 20 %"]
+    row_of_10, row_of_20 = rows["contraction 20 %"]
     # Twelve equidistant values from .03 to .37 have an SD of .098.
-    assert (of_10.true_mean, of_10.true_sd) == pytest.approx((0.2, 0.098), abs=2e-3)
-    assert 0.9 < of_10.power <= of_20.power
-    assert of_10.detected_low < of_10.detected < of_20.detected <= 20
+    assert (row_of_10.true_mean, row_of_10.true_sd) == pytest.approx((0.2, 0.098), abs=2e-3)
+    assert 0.9 < row_of_10.power <= row_of_20.power
+    assert row_of_10.detected_low < row_of_10.detected < row_of_20.detected <= 20
     first_sentence, *_ = groups.sentences()
     assert first_sentence.startswith("Wide, 650 trials: studies detect the mean of 'contraction 20")
     # Under this prior, every mean is about 0.
     near_0 = ParameterHyperprior(mean=0.0, mean_scale=0.001, sd_scale=0.15)
-    strict = Prior(group=Hyperprior(contraction=near_0))
-    *_, of_contraction = group_power(single, [20], strict).rows
-    assert of_contraction.power < 0.1
+    prior = Prior(group=Hyperprior(contraction=near_0))
+    *_, row_of_contraction = group_power(table_of_subjects, [20], prior).rows
+    assert row_of_contraction.power < 0.1
 
 
 def test_the_command_writes_a_table_and_a_figure_and_a_second_table_of_groups(tmp_path):
@@ -136,21 +137,25 @@ def test_the_command_writes_a_table_and_a_figure_and_a_second_table_of_groups(tm
 def test_tasks_are_compared_by_observers_with_the_same_effects(tmp_path):
     """A task has the same numbers whatever else is compared."""
     words = "power --task 2afc,ternary --trials 130 --simulated 2 --observers both --seed 1"
-    screen = run_ok(words, "-o", "both", cwd=tmp_path)
+    screen = run_ok(words, "-o", "out", cwd=tmp_path)
+    # Observers of the kind 'both' have a constant error and a contraction.
     assert "The paper's pairs, three answers, 130 trials: both detected in" in screen
 
     pairs = paper_study_design()
-    two, three = (replace(pairs, task=task) for task in (WHICH_STRONGER, THREE_ANSWERS))
+    two_afc, ternary = (replace(pairs, task=task) for task in (WHICH_STRONGER, THREE_ANSWERS))
     options = {"trials": [130], "observers": "both", "data_sets": 2, "seed": 1, "workers": 1}
-    both_tasks = power({"two": two, "three": three}, **options).data_sets  # two of each design
+    # Two data sets of 2AFC, and then two data sets with three answers.
+    data_sets = power({"2AFC": two_afc, "ternary": ternary}, **options).data_sets
     for effect in ("constant_error", "contraction"):
-        values = [data_set.observer.parameters[effect] for data_set in both_tasks]
+        values = [data_set.observer.parameters[effect] for data_set in data_sets]
         assert values[:2] == values[2:]
-    for alone, compared in zip(power(three, **options).data_sets, both_tasks[2:], strict=True):
-        assert alone.answer.sizes == compared.answer.sizes
+    # Without the comparison, the data sets with three answers are the same.
+    for expected, data_set in zip(power(ternary, **options).data_sets, data_sets[2:], strict=True):
+        assert data_set.answer.sizes == expected.answer.sizes
 
 
-#: Options of `power`, and what they are refused with. Two folders have a design d.csv of 13 pairs.
+#: Options of `power`, and the message that refuses them. Two folders have a design d.csv of 13
+#: pairs.
 REFUSED = """
     --task 2afc,3afc | --task: found '3afc', allowed: same/different, 2afc
     --trials 0 | --trials is '0'. It must be whole numbers from 1

@@ -42,9 +42,9 @@ def test_every_batch_holds_every_pair_once_in_random_order():
 
 
 def test_an_observer_answers_alike_whoever_else_there_is():
-    together = simulated_study("AB")["B"]
-    alone = simulated_study("B")["B"]
-    assert np.array_equal(together.answers.n_yes, alone.answers.n_yes)
+    subject = simulated_study("AB")["B"]
+    expected = simulated_study("B")["B"]
+    assert np.array_equal(subject.answers.n_yes, expected.answers.n_yes)
 
 
 @pytest.mark.parametrize("command", read_study.COMMANDS)
@@ -55,8 +55,8 @@ def test_the_bundled_studies_are_what_their_commands_write(tmp_path, command):
         if name in words:  # the command reads this file
             shutil.copy(data / name, tmp_path)
     run_ok(*words, cwd=tmp_path)
-    for written in tmp_path.iterdir():
-        assert written.read_text() == (data / written.name).read_text()
+    for file in tmp_path.iterdir():
+        assert file.read_text() == (data / file.name).read_text()
 
 
 def test_expectations_of_trials_are_those_of_serial_dependence():
@@ -67,9 +67,9 @@ def test_expectations_of_trials_are_those_of_serial_dependence():
     subject = study["A"]
     history = TrialHistory(OrderModel("both"), has_previous_response=False, has_carry_over=True)
     posterior = TrialHistoryPosterior(subject, history)
-    by_name = {name: np.array([value]) for name, value in parameters["A"].items()}
+    values = {name: np.array([value]) for name, value in parameters["A"].items()}
     # The last coordinate is the probit of the carry-over.
-    x = np.column_stack([posterior.observer.points(by_name), ndtri([0.7])])
+    x = np.column_stack([posterior.observer.points(values), ndtri([0.7])])
     p_second = posterior.trial_probabilities(x)[0]  # (trials,)
     rng = generator(1, "A", "trials")
     rng.uniform(size=(20, subject.n_pairs))  # the order of the pairs in each batch comes first
@@ -77,19 +77,19 @@ def test_expectations_of_trials_are_those_of_serial_dependence():
     assert is_second.tolist() == (subject.answers.n_yes == 1).tolist()
 
 
-def test_conditions_differ_by_what_is_asked():
-    # The contraction of OBSERVER, .3, lies in the middle of both conditions, so the levels lie half
-    # the difference below and above it. A difference of the noise is that of its logarithm.
+def test_conditions_differ_by_the_sizes_asked_for():
+    # The contraction of OBSERVER, .3, lies in the middle of both conditions, which lie half the
+    # difference below and above it. A difference of the noise is a difference of its logarithm.
     sizes = {"contraction": 0.2, "noise": np.log(2.0)}
     study, truth = bt.simulate(
         {"A": OBSERVER}, conditions=("left", "right"), differ=sizes, batches=2, seed=1
     )
     assert study.conditions.levels == ("left", "right")
-    left = truth["A@left"]
-    right = truth["A@right"]
-    assert (left["contraction"], right["contraction"]) == pytest.approx((0.2, 0.4))
-    assert right["noise"] / left["noise"] == pytest.approx(2.0)
-    assert left["constant_error"] == right["constant_error"] == OBSERVER["constant_error"]
+    at_left = truth["A@left"]
+    at_right = truth["A@right"]
+    assert (at_left["contraction"], at_right["contraction"]) == pytest.approx((0.2, 0.4))
+    assert at_right["noise"] / at_left["noise"] == pytest.approx(2.0)
+    assert at_left["constant_error"] == at_right["constant_error"] == OBSERVER["constant_error"]
 
 
 def test_a_named_population_has_contractions_in_its_range():
@@ -106,15 +106,16 @@ def test_a_population_of_a_file_has_the_files_observers(tmp_path):
         (observer,) = draw_population(str(path), 99, seed=1, design=reference_design())
         return observer
 
-    paper = only_observer("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
-    assert (paper.name, paper.parameters["q0"]) == ("x", 0.9)
-    four_models = only_observer("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
-    assert four_models.parameters["contraction"] == 0.25
-    assert four_models.parameters["lapse_rate"] == 0.0  # the file has none
+    # An observer of the paper's model, and then an observer of the four models.
+    observer = only_observer("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
+    assert (observer.name, observer.parameters["q0"]) == ("x", 0.9)
+    observer = only_observer("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
+    assert observer.parameters["contraction"] == 0.25
+    assert observer.parameters["lapse_rate"] == 0.0  # The file has no lapse rate.
 
 
 CONDITIONS = {"conditions": ("a", "b")}
-#: Options of `bt.simulate`, and what they are refused with.
+#: Options of `bt.simulate`, and a part of the refusal.
 REFUSED = [
     ({"population": "negative.csv"}, "sigma_p must be finite and positive"),
     ({"population": "mine"}, "allowed: paper, none, small constant error"),

@@ -73,7 +73,7 @@ def test_equal_pairs_are_spread_over_a_block_evenly():
         n_equal += trials.s1 == trials.s2
     expected = 50 / 130 * 100
     quarters = np.array_split(n_equal, 4)
-    # The SD of a mean of about 32 places is below 0.9: false alarm 1 in 10,000.
+    # The SD of a mean of about 32 places is below 0.9: a false alarm in 10,000 runs.
     assert [quarter.mean() for quarter in quarters] == pytest.approx([expected] * 4, abs=3.6)
 
 
@@ -116,7 +116,7 @@ def test_each_condition_has_all_pairs():
 
 
 @pytest.mark.parametrize(
-    # Numbers of trials of an equal pair and of a different one, options, and what is refused.
+    # Numbers of trials of an equal pair and of a different pair, options, and the refusal.
     "n_trials, options, message",
     [
         ([90, 10], {"blocks": 10}, "block 1, of 10 trials, has 9 equal pairs: more than 3 would"),

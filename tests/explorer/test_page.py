@@ -57,9 +57,9 @@ def rows_of_draws(packed):
 
 
 def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(explorer):
-    # The libraries in its scripts may name addresses, of which the browser test knows more.
-    without_scripts = re.sub(r"<script.*?</script>", "", explorer.html, flags=re.DOTALL)
-    assert re.findall(r"https?://", without_scripts) == []
+    # The libraries in its scripts may name addresses. The browser test sees whether they are used.
+    html_without_scripts = re.sub(r"<script.*?</script>", "", explorer.html, flags=re.DOTALL)
+    assert re.findall(r"https?://", html_without_scripts) == []
     # A notebook shows it in a frame, whose attribute srcdoc is the page.
     frame = explorer._repr_html_()
     assert frame.startswith("<iframe srcdoc=")
@@ -81,8 +81,8 @@ def test_an_entry_holds_draws_and_their_quantiles(entry, analysis):
 
 def test_an_entry_has_the_true_values_of_the_parameters_of_its_model(entry, page_data, truth):
     assert entry["truth"]["sigma_p"] == truth["sigma_p"]
-    # Three subjects have two entries each before it: of the paper's model, and of all four models.
-    # The model without order effects has q0, but no other parameter of which a true value is given.
+    # Before this entry, three subjects have two entries each: of the paper's model, and of all four
+    # models. The model without order effects has q0, but no other parameter with a true value.
     entry_without_effects = page_data["entry-6"]
     assert entry_without_effects["truth"] == {"q0": truth["q0"]}
 
@@ -106,7 +106,8 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     answers = replace(subject.answers, block=block, blocks=tuple("1234"))
     study = bt.Study([replace(subject, answers=answers)]).swap("S01", 2)
     draws = bt.sample(study, model="none", draws=100, seed=1)
-    # Draws have the counts, which do not show it. So an attribute of the file names such subjects.
+    # The draws have counts, which do not show the swap. So an attribute of the file names subjects
+    # that are not interpreted.
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
     [entry] = entries(loaded)
     assert entry.words == (("not interpreted:", "responses look swapped"),)
@@ -145,21 +146,22 @@ def test_subjects_and_truths_that_are_not_there_are_refused(analysis, explore, m
 
 
 def test_a_lone_subject_has_all_its_curves_and_the_most_draws_that_an_entry_can_have():
-    # All 25 pairs of five levels, and 3,000 draws, of which the page takes 2,000.
+    # The subject has all 25 pairs of five levels. The page takes 2,000 of 3,000 draws.
     s1, s2 = np.transpose(list(product(np.arange(5) / 5, repeat=2)))
     subject = bt.Subject("S", s1, s2, [3] * 25, [9] * 25)
-    alone = json_of_page(page_of_made_draws(subject))["entry-0"]
-    # A curve has the pairs with one weaker stimulus, which four of the five levels are.
-    assert len(alone["slices"]) == 4
-    assert alone["undrawn"] == 0
-    assert alone["rows"] == 2000
+    packed = json_of_page(page_of_made_draws(subject))["entry-0"]
+    # A slice has the pairs with one weaker stimulus. Four of the five levels are weaker stimuli.
+    assert len(packed["slices"]) == 4
+    assert packed["undrawn"] == 0
+    assert packed["rows"] == 2000
 
 
 def test_many_posteriors_share_the_rows_of_the_page(small_study, monkeypatch):
-    # The page may have 1,500 rows in all. With its limit of 16,000, three would not share them.
+    # The page may have 1,500 rows in all. With its limit of 16,000, three entries would have all
+    # the rows that they can have.
     monkeypatch.setattr(page_module, "_ROWS", 3 * 500)
-    three = json_of_page(page_of_made_draws(small_study["A"], copies=3))
-    assert [three[f"entry-{i}"]["rows"] for i in range(3)] == [500, 500, 500]
+    data = json_of_page(page_of_made_draws(small_study["A"], copies=3))
+    assert [data[f"entry-{i}"]["rows"] for i in range(3)] == [500, 500, 500]
 
 
 def test_the_command_writes_the_page_and_refuses_to_replace_it(draws_without_effects, tmp_path):
@@ -186,9 +188,10 @@ def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimul
     # P('second') of each draw at each difference x, as whole numbers from 0 to 65535.
     expected = predictor.yes(middle, middle + np.array(panel["x"])).T.ravel()
     assert unpacked_numbers(panel["yes"], "<u2") / 65535 == pytest.approx(expected, abs=1e-5)
-    wording = page(entries(stronger.draws)).html
-    assert "P(second)" in wording
-    assert "'equal'" not in wording.partition('<section id="answers"')[2].partition("</section>")[0]
+    html = page(entries(stronger.draws)).html
+    assert "P(second)" in html
+    # The section on answers does not name an answer of the other task.
+    assert "'equal'" not in html.partition('<section id="answers"')[2].partition("</section>")[0]
 
 
 def test_an_equal_pair_below_all_others_is_in_the_panel_of_the_weakest_stimulus():
@@ -201,7 +204,7 @@ def test_an_equal_pair_below_all_others_is_in_the_panel_of_the_weakest_stimulus(
 
 def test_a_known_unit_is_that_of_all_axes():
     table = bt.example_study().select(["S01"]).frame().drop(columns="synthetic")
-    # The stimuli in grams, of which 100 g is the reference.
+    # The stimuli in grams; the reference is 100 g.
     table[["s1", "s2"]] = 100.0 * np.exp(table[["s1", "s2"]])
     grams = bt.read_study(table, bt.ReadOptions(unit="g"))
     (entry,) = entries(bt.sample(grams, seed=1, model="both"))

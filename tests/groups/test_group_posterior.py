@@ -33,18 +33,18 @@ def log_likelihood(subject, scales, w):
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
     own_scales = scales._replace(sbar=sbar, first_spread=0.0)
     observer = ObserverPosterior(subject, OrderModel("both"), PLAIN_UNITS, own_scales)
-    shared = ["constant_error", "contraction", "noise"]
-    unshared = [name for name in observer.coordinates if name not in shared]
-    by_name = dict(zip(shared + unshared, w, strict=True))
-    return observer.log_likelihood([by_name[name] for name in observer.coordinates])[0]
+    shared_names = ["constant_error", "contraction", "noise"]
+    other_names = [name for name in observer.coordinates if name not in shared_names]
+    values = dict(zip(shared_names + other_names, w, strict=True))
+    return observer.log_likelihood([values[name] for name in observer.coordinates])[0]
 
 
 def log_joint(study, scales, mean, sd, effects, points):
     """Log density at one point: means, scores of SDs, effects and parameters of the subjects.
 
     Coefficients are c/D, p and log noise/D. c has Student's t densities with 3 degrees of freedom,
-    the others normal ones. The numbers are those of the default hyperprior; effects of covariates
-    have the scales of the SDs.
+    and the other coefficients have normal densities. The numbers are those of the default
+    hyperprior; effects of covariates have the scales of the SDs.
     """
     sd_scales = np.array([0.3, 0.15, 0.4])
     total = stats.t.logpdf(mean[0], 3, scale=0.5)
@@ -68,8 +68,8 @@ def log_joint(study, scales, mean, sd, effects, points):
 def log_volume(posterior, theta):
     """Log determinant of the map from coordinates theta to the subjects' coefficients.
 
-    Each coefficient depends on a coordinate of its own and on those that all subjects share, so
-    that the determinant is a product of slopes. These are differences.
+    Each coefficient depends on a coordinate of its own and on the coordinates that all subjects
+    share, so that the determinant is a product of slopes. The slopes are computed by differences.
     """
     rows = posterior.rows
     steps = 1e-6 * np.eye(theta.shape[1])
@@ -78,9 +78,9 @@ def log_volume(posterior, theta):
         for j in range(rows.n_coefficients):
             step = steps[posterior.n_shared + i * rows.n_coordinates + j]
             # Parameters of the subjects come last, (points, subjects, coordinates).
-            *_, above = posterior.points(theta + step)
-            *_, below = posterior.points(theta - step)
-            total += np.log((above - below)[:, i, j] / 2e-6)
+            *_, points_above = posterior.points(theta + step)
+            *_, points_below = posterior.points(theta - step)
+            total += np.log((points_above - points_below)[:, i, j] / 2e-6)
     return total
 
 
@@ -118,7 +118,7 @@ def test_gradient_is_the_derivative(kind, study):
 
 
 def test_roved_first_stimuli_narrow_the_prior_of_the_contraction():
-    """By 4 D over the SD of the first stimuli, where this is below 1: D is .1 and the SD is 2."""
+    """The prior narrows by 4 D over the SD of the first stimuli: here D is .1 and the SD is 2."""
     subject = made_subject("-2 -2.1 1 3, -2 -1.9 2 3, 2 1.9 1 3, 2 2.1 2 3")
     scales = study_scales(bt.Study([subject]))
     assert scales.roving_share == pytest.approx(4.0 * 0.1 / 2.0)

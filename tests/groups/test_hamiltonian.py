@@ -25,10 +25,10 @@ def normal(x):
     return -0.5 * (weighted * (x - CENTRE)).sum(axis=1), -weighted
 
 
-def advanced(sampler, shape):
-    """More draws, (chains, draws, coordinates), and how often a trajectory diverged."""
+def further_draws(sampler, shape):
+    """Further draws, (chains, draws, coordinates), and how often a trajectory diverged."""
     x = np.empty(shape)
-    n_divergent = sampler.advance([x], lambda point: [point])  # fills x with the points themselves
+    n_divergent = sampler.advance([x], lambda point: [point])  # x gets the points themselves
     return x, n_divergent
 
 
@@ -38,10 +38,10 @@ def test_moments_of_a_correlated_normal():
     metric = Metric(n_shared=2, n_blocks=2, block_size=2)
     sampler = Hamiltonian(normal, start, metric, rng)
     sampler.warm_up()
-    x, n_divergent = advanced(sampler, (8, 1500, 6))
+    x, n_divergent = further_draws(sampler, (8, 1500, 6))
     draws = x.reshape(-1, 6)
     sd = np.sqrt(np.diag(COVARIANCE))
-    # Of 12,000 draws; .06 is four standard errors of a mean of 4,400 independent ones.
+    # There are 12,000 draws; .06 is four standard errors of a mean of 4,400 independent draws.
     assert (draws.mean(axis=0) - CENTRE) / sd == pytest.approx(np.zeros(6), abs=0.06)
     assert draws.std(axis=0) / sd == pytest.approx(np.ones(6), abs=0.06)
     correlation = COVARIANCE / np.outer(sd, sd)
@@ -58,7 +58,7 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
     rng = default_rng(2)
     start = np.abs(rng.standard_normal((8, 3)))  # above the cliff
     sampler = Hamiltonian(cliff, start, Metric(n_shared=1, n_blocks=1, block_size=2), rng)
-    x, n_divergent = advanced(sampler, (8, 200, 3))
+    x, n_divergent = further_draws(sampler, (8, 200, 3))
     assert n_divergent > 0
     assert x[..., 0].min() > 0.0
 
@@ -79,7 +79,7 @@ def test_last_bits_do_not_change_the_draws_of_a_group():
         metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
         sampler = Hamiltonian(density, posterior.start(4, rng), metric, rng)
         sampler.warm_up()
-        draws, _ = advanced(sampler, (4, 50, posterior.n_coordinates))
+        draws, _ = further_draws(sampler, (4, 50, posterior.n_coordinates))
         return draws
 
     # Trajectories of 50 draws multiply the error, but no decision of the warm-up turns on it.
@@ -95,12 +95,12 @@ def test_draws_that_are_not_reliable_say_why():
     no_effects = np.empty((4, 300, 0, 2))
     subjects = rng.standard_normal((4, 300, 3, 4))
     assert GroupDraws(mean, sd, no_effects, subjects).shortfall == ""
-    diverged = GroupDraws(mean, sd, no_effects, subjects, n_divergent=2)
-    assert "2 of 1200 trajectories diverged" in diverged.shortfall
-    chains_apart = mean + np.arange(4)[:, None, None]  # each chain 1 above the one before
+    draws = GroupDraws(mean, sd, no_effects, subjects, n_divergent=2)
+    assert "2 of 1200 trajectories diverged" in draws.shortfall
+    chains_apart = mean + np.arange(4)[:, None, None]  # each chain 1 above the chain before
     assert "R-hat" in GroupDraws(chains_apart, sd, no_effects, subjects).shortfall
-    few = GroupDraws(mean[:, :50], sd[:, :50], no_effects[:, :50], subjects[:, :50])
-    assert ", 300 required" in few.shortfall
+    draws = GroupDraws(mean[:, :50], sd[:, :50], no_effects[:, :50], subjects[:, :50])
+    assert ", 300 required" in draws.shortfall
 
 
 def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
@@ -114,9 +114,9 @@ def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     monkeypatch.setattr(group_sampler, "_ROUNDS", (10, 10))
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 9.0)
     monkeypatch.setattr(group_sampler, "MIN_EFFECTIVE_DRAWS", 0)
-    first = sample()
-    assert first.mean.shape == (4, 10, 3)  # 4 chains of 10 draws, 3 coefficients
-    monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)  # which no draws meet
-    longer = sample()
-    assert longer.mean.shape == (4, 20, 3)
-    assert (longer.mean[:, :10] == first.mean).all()  # the first draws are kept
+    expected = sample()
+    assert expected.mean.shape == (4, 10, 3)  # 4 chains of 10 draws, 3 coefficients
+    monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)  # a limit that no draws meet
+    draws = sample()
+    assert draws.mean.shape == (4, 20, 3)
+    assert (draws.mean[:, :10] == expected.mean).all()  # The first draws are the same.

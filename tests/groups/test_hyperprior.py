@@ -20,10 +20,10 @@ def test_scores_of_a_half_normal_reach_far_into_both_tails():
     low, high = np.array([-30.0, -8.0]), np.array([8.0, 30.0])
     middle = np.array([-1.0, 0.0, 1e-9, 3.0])
     # Phi(u) - 1/2 = Phi(score) / 2 is u / sqrt(2 pi) near 0.
-    by_slope = np.sqrt(0.5 * np.pi) * stats.norm.cdf(low)
-    assert from_half_normal_score(low) == pytest.approx(by_slope, rel=1e-12)
-    by_quantile = stats.halfnorm.ppf(stats.norm.cdf(middle))
-    assert from_half_normal_score(middle) == pytest.approx(by_quantile, rel=1e-12)
+    expected = np.sqrt(0.5 * np.pi) * stats.norm.cdf(low)
+    assert from_half_normal_score(low) == pytest.approx(expected, rel=1e-12)
+    expected = stats.halfnorm.ppf(stats.norm.cdf(middle))
+    assert from_half_normal_score(middle) == pytest.approx(expected, rel=1e-12)
     # Far above, 2 (1 - Phi(u)) = 1 - Phi(score).
     u = from_half_normal_score(high)
     assert stats.norm.logsf(u) + np.log(2.0) == pytest.approx(stats.norm.logsf(high))

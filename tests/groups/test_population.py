@@ -31,7 +31,7 @@ def test_the_intervals_of_a_group_hold_the_true_values(result):
     contraction = row("mean", "contraction")
     assert constant_error.q025 < 0.6 < constant_error.q975
     assert contraction.q025 < 0.25 < contraction.q975
-    assert constant_error.q975 - constant_error.q025 < 0.5  # the prior's is about 3
+    assert constant_error.q975 - constant_error.q025 < 0.5  # Under the prior it is about 3.
     assert row("sd", "constant_error").q025 < 0.2 < row("sd", "constant_error").q975
     # Both means differ from 0: a Bayes factor of 0 below 1/e.
     assert constant_error.ln_bf_zero < -1.0
@@ -56,7 +56,8 @@ def test_the_table_of_the_group_has_what_the_draws_say(result):
 
 
 def test_the_table_of_subjects_has_all_their_parameters(result):
-    # Those that the group shares, two that follow from them, and those of the single subject.
+    # The parameters of the group, two quantities that follow from them, and further parameters of a
+    # single subject.
     subjects = result.subject_table
     assert subjects["subject"].unique().tolist() == list(result.subjects)
     parameters = {parameter.name for parameter in task_parameters(WHICH_STRONGER)}
@@ -77,10 +78,10 @@ def test_a_normal_group_is_not_contradicted(result):
 def test_a_subject_of_another_kind_contradicts_a_normal_group():
     """One of 24 subjects responds 'second' in every trial."""
     study = simulated_group(7, n_subjects=24, n_each=60)
-    first, *remaining = study
-    odd = replace(first, n_yes=first.n_trials, answers=None)
+    subject, *other_subjects = study
+    odd_subject = replace(subject, n_yes=subject.n_trials, answers=None)
     # The draws of the group are those for 24 ordinary subjects.
-    result = replace(made_result(study), study=bt.Study([odd, *remaining]))
+    result = replace(made_result(study), study=bt.Study([odd_subject, *other_subjects]))
     warnings = "\n".join(contradictions(result))
     assert "farthest in its share of 'second'" in warnings
 
@@ -92,7 +93,7 @@ def test_covariates_move_the_means():
     for i, subject in enumerate(simulated_group(2, n_subjects=7, mean_c=0.8)):
         group_b.append(replace(subject, name=f"Q{i}"))
     study = bt.Study([*group_a, *group_b])
-    # Twelve values for thirteen subjects, so that the last one, Q6, gets none.
+    # There are twelve values for thirteen subjects, so that the last subject, Q6, has no value.
     groups = dict(zip(study.names, 6 * ["a"] + 6 * ["b"], strict=False))
     ages = dict(zip(study.names, default_rng(4).normal(30.0, 5.0, 12).tolist(), strict=False))
     covariates = {"group": groups, "age": ages}
@@ -116,7 +117,7 @@ def test_a_group_differs_between_conditions_in_the_constant_error_alone():
     (error,) = result.table.select("difference", "constant_error")
     assert error.level == "right - left"
     assert error.q025 < 0.5 < error.q975
-    assert error.q975 - error.q025 < 0.6  # the prior's is 1
+    assert error.q975 - error.q025 < 0.6  # Under the prior it is 1.
     (contraction,) = result.table.select("difference", "contraction")
     assert contraction.q025 < 0.0 < contraction.q975
     assert error.ln_bf_zero < contraction.ln_bf_zero

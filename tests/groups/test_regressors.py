@@ -23,7 +23,7 @@ SITES = {
 
 
 def test_least_squares_on_the_columns_finds_slopes_and_differences():
-    """Of a y that rises by .3 a year and has a level for each site."""
+    """The regression is that of a y that rises by .3 a year and has a level for each site."""
     result = regressors({"age": AGES, "site": SITES}, NAMES)
     level = {"east": 2.0, "north": -1.0, "west": 4.5}
     y = np.array([0.3 * AGES[name] + level[SITES[name]] for name in NAMES])
@@ -47,14 +47,14 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
         "subject,age,site\nz,90,south\na,23,x\nb,NA,y\nc,40,y\nd,28,x\ne,61,\nf,19,x\ng,,\n",
         encoding="utf-8",
     )
-    # The study has h, which the file lacks, and the file has z. Other subjects lack a cell.
+    # The file lacks h, and the study lacks z. Some other subjects lack a cell.
     result = regressors(read_covariates(path), ["h", "g", "f", "e", "d", "c", "b", "a"])
     assert result.subjects == ("f", "d", "c", "a")
     assert result.x[:, 1].tolist() == [0.0, 0.0, 1.0, 0.0]  # site y against x
-    # Ages are standardised over the subjects who are left.
+    # Ages are standardised over these subjects, whose mean age is 27.5.
     ages = result.x[:, 0]
     assert (ages.mean(), ages.std(ddof=1)) == pytest.approx((0, 1), abs=1e-12)
-    assert result.columns[0].meaning.endswith("about 27.5")  # the mean over those kept
+    assert result.columns[0].meaning.endswith("about 27.5")
     assert result.notes == (
         "covariates of subjects that are not in the study ignored: 'z'",
         "subjects left out: 'h' (no covariates), 'g' (no covariates), 'e' (no site), 'b' (no age)",
@@ -64,18 +64,18 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
 def test_a_covariate_of_numbers_is_one_slope():
     (column,) = regressors({"dose": DOSES}, NAMES).columns
     assert column.label == "dose"
-    assert column.level == "", "a slope has no level"
+    assert column.level == ""  # A slope has no level.
 
 
 def test_numbers_are_levels_where_it_is_asked_for_or_where_one_is_a_text():
-    by_level = regressors({"dose": DOSES}, NAMES, categorical=["dose"])
-    meanings = [column.meaning for column in by_level.columns]
+    expected = regressors({"dose": DOSES}, NAMES, categorical=["dose"])
+    meanings = [column.meaning for column in expected.columns]
     assert meanings == ["dose 2 against 0", "dose 10 against 0"]  # not in the order of texts
-    n_subjects = by_level.x.sum(axis=0)  # with each level
+    n_subjects = expected.x.sum(axis=0)  # with each level
     assert n_subjects.tolist() == [3, 2]
-    with_a_text = regressors({"dose": {**DOSES, "a": "10"}}, NAMES)
-    assert with_a_text.columns == by_level.columns
-    assert with_a_text.x.tolist() == by_level.x.tolist()
+    result = regressors({"dose": {**DOSES, "a": "10"}}, NAMES)
+    assert result.columns == expected.columns
+    assert result.x.tolist() == expected.x.tolist()
 
 
 def test_a_categorical_covariate_that_is_not_there_is_refused():
@@ -84,16 +84,16 @@ def test_a_categorical_covariate_that_is_not_there_is_refused():
 
 
 def test_the_unit_of_a_covariate_changes_nothing():
-    # 1e300, because squares of these numbers are beyond the largest float.
-    moved_ages = {name: (age + 1e3) * 1e300 for name, age in AGES.items()}
-    plain, moved = (regressors({"age": values}, NAMES).x for values in (AGES, moved_ages))
-    assert moved == pytest.approx(plain, abs=1e-10)
+    # The factor is 1e300, because squares of these numbers are beyond the largest float.
+    other_ages = {name: (age + 1e3) * 1e300 for name, age in AGES.items()}
+    expected, x = (regressors({"age": ages}, NAMES).x for ages in (AGES, other_ages))
+    assert x == pytest.approx(expected, abs=1e-10)
 
 
 @pytest.mark.parametrize(
-    # Covariates, and the refusal: one value for all; one value for those who have both covariates;
-    # two covariates that determine each other; too few subjects with both; a level for each
-    # subject.
+    # Covariates, and the refusal: one value for all subjects; one value for all subjects with both
+    # covariates; two covariates that determine each other; too few subjects with both covariates; a
+    # level for each subject.
     "columns, message",
     [
         (

@@ -27,10 +27,10 @@ def known_draws(y, effects=NO_EFFECTS, mean=(0.0, 0.0)):
 
 @pytest.mark.parametrize("centre", [0.0, 0.2, 1.0])
 def test_the_bayes_factor_of_a_mean_is_that_of_integrals(centre):
-    """With a prior of heavy tails for the first coefficient, and a normal one for the second."""
+    """The prior of the first coefficient has heavy tails, and that of the second is normal."""
     y = centre + default_rng(1).normal(0.0, 0.3, (9, 2))
-    heavy = ParameterHyperprior(0.0, 0.5, 1.0, has_heavy_tails=True)
-    numbers = HyperpriorNumbers.from_rows([heavy, ParameterHyperprior(0.0, 0.2, 1.0)])
+    heavy_tailed = ParameterHyperprior(0.0, 0.5, 1.0, has_heavy_tails=True)
+    numbers = HyperpriorNumbers.from_rows([heavy_tailed, ParameterHyperprior(0.0, 0.2, 1.0)])
     priors = stats.t(3, scale=0.5), stats.norm(0.0, 0.2)
     for j, prior in enumerate(priors):
         likelihood = stats.norm(y[:, j].mean(), TAU[j] / 3.0)  # 3 is the root of 9 subjects
@@ -49,7 +49,7 @@ def test_the_bayes_factor_of_an_effect_is_that_of_normal_densities():
     y = 0.3 + 0.4 * x[:, [0]] + rng.normal(0.0, 0.3, (8, 2))
     numbers = HyperpriorNumbers.from_rows([ParameterHyperprior(0.0, 1.0, 0.25)] * 2)
     draws = known_draws(y, [[0.0, 0.0], [0.1, 0.1]], (0.3, 0.3))
-    # Known are the mean .3, the effect .1 of the second column, and the SD of the effect, .25.
+    # The mean, .3, the effect of the second column, .1, and the SD of the effect, .25, are known.
     residual = y[:, 0] - 0.3 - 0.1 * x[:, 1]
     without_effect = stats.norm.logpdf(residual, 0.0, TAU[0]).sum()
     # An effect of the first column makes the residuals of subjects covary.

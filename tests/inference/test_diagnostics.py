@@ -1,6 +1,6 @@
 """Convergence, Monte Carlo errors and weights without a Pareto tail.
 
-Of draws of which the answer is known, and against the ArviZ that users have.
+Numbers are compared with known numbers, and with those of the ArviZ that users have.
 """
 
 import arviz
@@ -33,7 +33,7 @@ DRAWS = {
     "slow": walk(0.99),
     "means apart": walk(0.2) + np.arange(4.0)[:, None],
     "one chain": walk(0.5, (1, 1502)),
-    "a draw that is none": np.where(np.arange(1500) == 7, np.nan, walk(0.3)),
+    "a draw that is NaN": np.where(np.arange(1500) == 7, np.nan, walk(0.3)),
     "two draws": walk(0.5, (4, 2)),
 }
 
@@ -68,14 +68,14 @@ def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
         np.testing.assert_array_equal(convergence_of(chains)[name], expected)
         np.testing.assert_array_equal(errors_of(chains)[name], errors(draws))
     assert np.isnan([*convergence(chains["constant"]), *errors(chains["constant"])]).all()
-    # Chains that differ and have no variance: R-hat is infinite but for rounding.
+    # If chains differ and have no variance, R-hat is infinite but for rounding.
     assert convergence(chains["constant in each chain"]).r_hat > 1e10
 
 
 #: Log weights.
 WITHOUT_TAIL = {
     "too few": RNG.normal(size=12),
-    "a single one": np.zeros(1),
+    "a single weight": np.zeros(1),
     "all the same": np.full(100, -3.0),
     "nearly all zero": np.where(np.arange(900) % 99, -np.inf, RNG.normal(size=900)),
     "apart by rounding": -1e-19 * np.arange(1000),

@@ -1,7 +1,4 @@
-"""Draws of every model that is sampled.
-
-The same container, its summary, what ArviZ finds in it, and whose draws they are.
-"""
+"""Draws of every model that is sampled: their file, their summary, and what ArviZ finds in them."""
 
 import arviz as az
 import numpy as np
@@ -18,19 +15,19 @@ from bayes_toe.inference.subject import SUMMARY_COLUMNS
 from bayes_toe.model.prior import DEFAULT
 
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
-#: All that a summary of the paper's model has.
+#: All quantities in a summary of the paper's model.
 PARAMETERS = (*NATURAL, "gamma", "sigma1", "gain", "width", "pse_shift", "jnd")
 
 
-# --- of any model ---------------------------------------------------------------------------------
+# --- Draws of any model ---------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module", params=["none", "both", "paper"])
 def draws(small_study, request):
-    """Draws of two subjects, one of them without two of the pairs."""
-    fewer = some_pairs(small_study["B"], slice(2, None))
+    """Draws of two subjects; the second subject lacks two of the pairs."""
+    subject_b = some_pairs(small_study["B"], slice(2, None))
     return bt.sample(
-        bt.Study([small_study["A"], fewer]),
+        bt.Study([small_study["A"], subject_b]),
         model=request.param,
         draws=np.int64(500),
         seed=np.int64(2**62),
@@ -52,10 +49,10 @@ def test_points_and_quantities_are_inverse_and_have_the_stored_density(draws):
         # The points, (chains, draws, coordinates), are computed from the stored quantities.
         target = draws.posterior(name)
         x = draws.points(name)
-        stored = draws.group("sample_stats")["lp"].sel(subject=name).values
+        expected = draws.group("sample_stats")["lp"].sel(subject=name).values
         log_density = target.log_density(x.reshape(-1, len(target.coordinates)))
-        # The tolerances are for the rounding of this inverse.
-        np.testing.assert_allclose(log_density, stored.ravel(), rtol=1e-7, atol=1e-5)
+        # The tolerances are for the rounding of the points.
+        np.testing.assert_allclose(log_density, expected.ravel(), rtol=1e-7, atol=1e-5)
         quantities = target.quantities(x)
         for key in target.names.all:
             np.testing.assert_allclose(draws.values(name, key), quantities[key], rtol=1e-9)
@@ -68,7 +65,7 @@ def test_the_summary_has_the_reported_quantities_of_the_model(draws):
 def test_the_deviance_of_the_fit_is_that_of_the_maximum(draws):
     subject = draws.subject("A")
     target = draws.posterior("A")
-    maximum = find_maxima(target).x[:1, target.is_free]  # the highest one, (1, coordinates)
+    maximum = find_maxima(target).x[:1, target.is_free]  # the highest maximum, (1, coordinates)
     counts = subject.n_yes, subject.n_trials
     deviance = binomial_deviance(*counts, *target.log_answers(maximum)).sum()
     fit = draws.fit("A")
@@ -90,7 +87,7 @@ def test_the_command_samples_the_model_that_is_typed(study_csv):
     folder = study_csv.parent
     words = "sample study.csv -o draws.nc --model constant-error --draws 100 --seed 1"
     assert "Draws in draws.nc. Seed 1." in run_ok(words, cwd=folder)
-    # The paper's parameters are not those of this model.
+    # The model 'constant error' does not have the paper's parameters.
     message = "model 'constant error' has no mu1, sigma_p, sigma_l; it has: noise, q0, lapse_rate"
     with refused(message):
         bt.load(folder / "draws.nc").natural("A")
@@ -101,7 +98,7 @@ def test_an_unknown_model_is_refused_with_those_there_are(study_csv):
     assert "model 'biased': no such model; allowed: none, constant-error, contraction" in message
 
 
-# --- of the paper's: contents, summary, ArviZ -----------------------------------------------------
+# --- Draws of the paper's model: contents, summary, ArviZ -----------------------------------------
 
 
 def test_the_summary_of_an_analysis_is_that_of_its_draws(analysis):

@@ -20,7 +20,7 @@ import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws_file import study_tree
 
-AGAIN = "; run `bayes-toe sample` again, or `bayes-toe population` for a group"
+RUN_AGAIN = "; run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +55,8 @@ def test_a_file_stores_natural_parameters_alone_and_comes_back_identical(saved, 
 
 
 def test_a_file_of_draws_has_no_room_for_all_quantities(saved):
-    # It has 1.8 MB: 10,240 draws of four parameters and their density, of each of three subjects.
-    # With all ten quantities it would have 3.8 MB.
+    # The file has 1.8 MB: for each of three subjects, 10,240 draws of four parameters and their
+    # density. With all ten quantities it would have 3.8 MB.
     assert (saved / "posterior.nc").stat().st_size < 3e6
 
 
@@ -77,7 +77,7 @@ GROUPS = {
 
 @pytest.mark.parametrize("kind", GROUPS)
 def test_a_group_is_read_as_it_was_saved(kind, tmp_path):
-    # Arrays to the bit, then records, then tables.
+    # Arrays are equal to the bit; then records and tables are compared.
     result = GROUPS[kind]()
     loaded = bt.load(result.save(tmp_path / "population.nc"))
     for name in ("mean", "sd", "effects", "subjects"):
@@ -175,7 +175,7 @@ DRAWS_FILE, GROUP = "posterior.nc", "population.nc"
 UNREADABLE = "not a file of draws that can be read"
 
 
-#: A file, what is done to it, and what it is refused with.
+#: A file, the function that damages it, and the message that refuses it.
 DAMAGES = [
     (DRAWS_FILE, _delete_format, "not a file of draws of this version"),
     (DRAWS_FILE, _delete("constant_data"), UNREADABLE),
@@ -202,7 +202,7 @@ def test_a_damaged_file_is_refused_in_one_line(saved, tmp_path, name, damage, me
     path = Path(shutil.copy(saved / name, tmp_path))
     with h5py.File(path, "r+") as file:
         damage(file)
-    assert AGAIN in require_refusal(path, message)
+    assert RUN_AGAIN in require_refusal(path, message)
 
 
 def test_changed_bytes_are_refused_in_one_line_or_harmless(saved, tmp_path):
@@ -226,7 +226,7 @@ def test_what_is_no_file_of_draws_is_refused_in_one_line(saved, tmp_path):
     content = (saved / DRAWS_FILE).read_bytes()
     for other in (b"", b"subject", content[:10_000]):
         path.write_bytes(other)
-        require_refusal(path, f"{UNREADABLE}{AGAIN}")
+        require_refusal(path, f"{UNREADABLE}{RUN_AGAIN}")
     rule = "allowed: a posterior.nc or population.nc written by bayes-toe"
     require_refusal(tmp_path, f"not a file; {rule}")
     require_refusal(tmp_path / "none.nc", f"no such file; {rule}")

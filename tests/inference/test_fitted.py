@@ -15,7 +15,7 @@ CASES = hard_cases()
 
 @pytest.mark.parametrize("name", list(CASES))
 def test_mixtures_fit_every_hard_case_under_the_default_prior(name):
-    """Under the paper's prior, reference/test_reference fits them.
+    """Under the paper's prior, reference/test_reference fits the hard cases.
 
     Efficiency is the share of effective draws. If it is .3, the log evidence of 4,000 draws has a
     standard error of about .02.
@@ -33,7 +33,7 @@ def test_mixtures_fit_the_smallest_and_the_largest_of_the_four_models(model):
 
 
 def test_a_fit_survives_sparse_answers():
-    """Five trials a pair, for which Laplace's normal reaches far beyond the posterior.
+    """A pair has five trials, so that Laplace's normal reaches far beyond the posterior.
 
     These counts and this random stream are those of a simulated subject whose fit once failed.
     """

@@ -27,7 +27,7 @@ counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st
 @settings(max_examples=150, deadline=None)
 @given(count=counts, power=st.floats(-12, 0), is_near=st.booleans())
 def test_the_deviance_agrees_with_fifty_digits(count, power, is_near):
-    """To the rounding of the two log likelihoods of which it is the difference.
+    """The tolerance is the rounding of two log likelihoods, whose difference the deviance is.
 
     The probability q is anywhere, or so near to the share k/n that the deviance is almost 0.
     """
@@ -44,9 +44,9 @@ def test_the_deviance_agrees_with_fifty_digits(count, power, is_near):
             if observed:
                 expected += 2 * observed * mpmath.log(observed / mean)
         log_q = float(mpmath.log(p))
-        log_other = float(mpmath.log(1 - p))
-    rounding = 1e-15 * (n - k * log_q - (n - k) * log_other)
-    deviance = float(gof.binomial_deviance(k, n, log_q, log_other))
+        log_complement = float(mpmath.log(1 - p))
+    rounding = 1e-15 * (n - k * log_q - (n - k) * log_complement)
+    deviance = float(gof.binomial_deviance(k, n, log_q, log_complement))
     assert deviance == pytest.approx(float(expected), rel=1e-15, abs=rounding)
 
 
@@ -56,14 +56,14 @@ def test_the_deviance_of_impossible_answers_is_infinite_and_of_all_but_impossibl
     assert float(gof.binomial_deviance(3, 5, -2000.0, -0.0)) == pytest.approx(expected, rel=1e-14)
 
     k = np.array([0, 1, 4, 5])
-    never = gof.binomial_deviance(k, 5, -np.inf, 0)
-    assert never.tolist() == [0.0, np.inf, np.inf, np.inf]
-    always = gof.binomial_deviance(k, 5, 0, -np.inf)
-    assert always.tolist() == [np.inf, np.inf, np.inf, 0.0]
+    deviances_at_0 = gof.binomial_deviance(k, 5, -np.inf, 0)  # q is 0
+    assert deviances_at_0.tolist() == [0.0, np.inf, np.inf, np.inf]
+    deviances_at_1 = gof.binomial_deviance(k, 5, 0, -np.inf)  # q is 1
+    assert deviances_at_1.tolist() == [np.inf, np.inf, np.inf, 0.0]
 
 
 def test_where_all_answers_are_certain_the_p_value_is_0_or_1():
-    # Trials, log q and log (1 - q) of two pairs of which 'equal' is impossible.
+    # Trials, log q and log (1 - q) of two pairs, to which 'equal' is an impossible answer.
     session = [10, 10], np.array([-np.inf, -np.inf]), np.zeros(2)
     assert gof.deviance_p_value(np.inf, 1, *session) == 0.0
     assert gof.deviance_p_value(0.0, 1, *session) == 1.0
@@ -88,10 +88,10 @@ def test_p_values_of_the_deviance_are_right_in_simulated_sessions(n_trials, q, n
     assert (p_values < 0.01).mean() == pytest.approx(0.01, abs=0.005 + error)
 
 
-@pytest.mark.parametrize("is_bent", [False, True])
-def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
+@pytest.mark.parametrize("has_misfit", [False, True])
+def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, has_misfit):
     subject = small_study["A"]
-    if is_bent:  # two pairs with the counts of 'equal' and 'different' exchanged
+    if has_misfit:  # The counts of 'equal' and 'different' are exchanged in two pairs.
         n_yes = subject.n_yes.copy()
         n_yes[[2, 5]] = subject.n_trials[[2, 5]] - n_yes[[2, 5]]
         subject = replace(subject, n_yes=n_yes)
@@ -101,11 +101,11 @@ def test_a_misfit_has_a_small_p_and_names_its_worst_pairs(small_study, is_bent):
     draws = maximum + default_rng(1).normal(0.0, 0.01, (500, 4))  # near the maximum
     fit = gof.summarise_fit(posterior, draws, maximum)
     assert fit.degrees_of_freedom == subject.n_pairs - 4  # four parameters
-    assert (fit.fit_p < 0.001) == is_bent
+    assert (fit.fit_p < 0.001) == has_misfit
 
-    worst, *_ = fit.worst
-    is_worst = (subject.s1 == worst.s1) & (subject.s2 == worst.s2)
-    assert worst.observed == (subject.n_yes / subject.n_trials)[is_worst]
+    worst_pair, *_ = fit.worst
+    is_worst = (subject.s1 == worst_pair.s1) & (subject.s2 == worst_pair.s2)
+    assert worst_pair.observed == (subject.n_yes / subject.n_trials)[is_worst]
 
 
 def test_a_fit_of_no_more_pairs_than_parameters_has_no_p_value():
@@ -117,7 +117,7 @@ def test_a_fit_of_no_more_pairs_than_parameters_has_no_p_value():
 
 @BOTH_TASKS
 def test_sound_observers_are_flagged_as_often_as_the_limit_says(task):
-    """P(more than 10 of 100) is .011 at a rate of .05."""
+    """The rate is .05: more than 10 of 100 observers are flagged with a probability of .011."""
     pairs = neighbouring_pairs(task)
     design = StudyDesign(*pairs.T, [15] * len(pairs), task=task)
     subjects = []
@@ -135,7 +135,7 @@ def test_sound_observers_are_flagged_as_often_as_the_limit_says(task):
         subjects.append(observer.answers(design, seed))
 
     n_flagged = 0
-    coarse = Precision(standard_error=0.2, effective_draws=100.0, most_draws=1000)
-    for evidence in order_evidence(subjects, seed=1, precision=coarse):
+    low_precision = Precision(standard_error=0.2, effective_draws=100.0, most_draws=1000)
+    for evidence in order_evidence(subjects, seed=1, precision=low_precision):
         n_flagged += best_model_fit(evidence, seed=1).fit_p < 0.05
     assert n_flagged <= 10

@@ -16,10 +16,10 @@ def test_laplaces_evidence_is_that_of_the_definition(name):
     posterior = bt.model.paper_posterior(hard_and_ordinary_subjects()[name], bt.Prior())
     maxima = find_maxima(posterior)
     _, log_evidences = laplace(posterior.array, [maxima])
-    best = maxima.x[:1]
-    hessian = definitions.slopes(lambda x: definitions.gradient(posterior, x)[1], best)
+    highest = maxima.x[:1]
+    hessian = definitions.slopes(lambda x: definitions.gradient(posterior, x)[1], highest)
     _, (log_determinant,) = np.linalg.slogdet(-hessian)
-    # Of four coordinates: a normal density has the height (2 pi)^-2 |-H|^(1/2).
-    expected = posterior.log_density(best)[0] + 2 * np.log(2 * np.pi) - 0.5 * log_determinant
+    # A normal density of four coordinates has the height (2 pi)^-2 |-H|^(1/2).
+    expected = posterior.log_density(highest)[0] + 2 * np.log(2 * np.pi) - 0.5 * log_determinant
     # The tolerance is that of the differences in both Hessians.
     assert float(log_evidences[0]) == pytest.approx(expected, abs=0.01)

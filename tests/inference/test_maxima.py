@@ -1,6 +1,6 @@
-"""The batched ascent on surfaces whose maxima are known.
+"""The batched ascent on a surface whose maxima are known, and on posteriors.
 
-Maxima of posteriors against a general optimiser, and several of them.
+The maxima of posteriors are compared with those of a general optimiser.
 """
 
 import definitions
@@ -32,7 +32,8 @@ def saddle(x, index):
 
 
 def test_a_saddle_is_left_uphill():
-    # Two starts next to the ridge between the maxima, where Newton's step leads to the saddle.
+    # Two of the starts are next to the ridge between the maxima, where Newton's step leads to the
+    # saddle.
     result = ascend(saddle, np.array([[1e-6, 0.5], [-1e-6, 0.5], [0.3, 0.5]]))
     assert np.abs(result.x[:, 0]) == pytest.approx([0.5**0.5] * 3, abs=1e-6)
 
@@ -40,7 +41,7 @@ def test_a_saddle_is_left_uphill():
 @pytest.mark.parametrize("name", ["funnel", "maximum on gamma = 1", "400 pairs with 3 trials"])
 def test_scoring_is_never_beaten_by_a_general_optimiser(name):
     posterior = paper_posterior(CASES[name])
-    maxima = find_maxima(posterior)  # the highest one first
+    maxima = find_maxima(posterior)  # the highest maximum first
     highest, *_ = maxima.value
     simplex = {"maxiter": 4000, "xatol": 1e-8, "fatol": 1e-9}
 

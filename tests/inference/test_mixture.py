@@ -18,17 +18,17 @@ def log_density_of(means, scales, df, x):
 
 
 @pytest.mark.parametrize(
-    # Every sum of both is even: `StudentMixture` needs whole powers, and refuses others.
+    # Every sum of both numbers is even: `StudentMixture` needs whole powers, and refuses others.
     "dim, df",
     [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)],
 )
 def test_the_density_of_a_mixture_is_that_of_its_definition(dim, df):
-    """Of three components; x near to their centres and far out."""
+    """The mixture has three components; points x are near to their centres and far out."""
     rng = default_rng([dim, df])
     roots = rng.normal(size=(3, dim, dim))
     means = rng.normal(size=(3, dim))
     scales = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim)  # positive definite matrices
-    # More points than two blocks of 1,024, which is how many are computed at a time.
+    # There are more points than in two blocks; a block of 1,024 points is computed at a time.
     x = rng.normal(size=(2500, dim)) * rng.choice([0.1, 1.0, 100.0], (2500, 1))
     mixture = StudentMixture(np.full(3, 1 / 3), means, scales, df)
     expected = log_density_of(means, scales, df, x)

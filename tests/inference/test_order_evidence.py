@@ -38,17 +38,18 @@ def test_laplaces_evidences_are_near_those_by_sampling(evidence):
 
 @pytest.mark.parametrize("task", ["2afc", "same/different"])
 def test_other_subjects_and_their_order_change_no_bit_of_an_evidence(task):
-    """Thirteen subjects make two batches; two have fewer pairs, which a batch fills up."""
+    """Thirteen subjects make two batches; two subjects have fewer pairs, which a batch fills up."""
     study = list(bt.example_study(task))[:11]
-    first, second = (some_pairs(subject, slice(1, None)) for subject in study[:2])
-    subjects = [*study[:4], first, *study[4:], second]
-    for subject, together in zip(subjects, order_evidence(subjects, seed=3), strict=True):
-        (alone,) = order_evidence([subject], seed=3)
-        assert together.subject is subject
+    # The two subjects with fewer pairs are the fifth and the last subject.
+    fifth_subject, last_subject = (some_pairs(subject, slice(1, None)) for subject in study[:2])
+    subjects = [*study[:4], fifth_subject, *study[4:], last_subject]
+    for subject, evidence in zip(subjects, order_evidence(subjects, seed=3), strict=True):
+        (expected,) = order_evidence([subject], seed=3)  # of the subject alone
+        assert evidence.subject is subject
         for name in ("log_evidence", "standard_error", "laplace", "modes"):
-            assert np.array_equal(getattr(together, name), getattr(alone, name))
-        for draws, draws_alone in zip(together.draws, alone.draws, strict=True):
-            assert np.array_equal(draws.x, draws_alone.x)
+            assert np.array_equal(getattr(evidence, name), getattr(expected, name))
+        for draws, expected_draws in zip(evidence.draws, expected.draws, strict=True):
+            assert np.array_equal(draws.x, expected_draws.x)
 
 
 def test_one_trial_leaves_the_prior_probabilities_as_they_are():
@@ -81,7 +82,7 @@ def test_hard_counts_have_finite_evidences(n_yes, n):
 def test_a_criterion_near_zero_is_no_numerical_failure():
     """Long runs draw logits of q0 far below 0 from the prior, where a plain difference rounds.
 
-    The fast plain forms are compared with those that compute with logs.
+    The fast plain forms are compared with the forms that compute with logs.
     """
     subject = Subject("S", S1, S2, [3, 9, 9, 3, 3, 9, 9, 3], np.full(8, 10))
     batch = ObserverRows.from_subjects([subject])
@@ -89,25 +90,25 @@ def test_a_criterion_near_zero_is_no_numerical_failure():
     u = rng.normal(size=(1, 20_000, 7))  # (subjects, points, coordinates)
     logit_of_q0 = batch.coordinates.index("q0")
     u[..., logit_of_q0] = rng.uniform(-60.0, -25.0, 20_000)
-    plain = batch.plain_log_likelihood(u)
-    assert not np.isnan(plain).any()
-    assert np.allclose(plain, batch.log_likelihood(u), rtol=1e-9)
+    plain_log_likelihood = batch.plain_log_likelihood(u)
+    assert not np.isnan(plain_log_likelihood).any()
+    assert np.allclose(plain_log_likelihood, batch.log_likelihood(u), rtol=1e-9)
 
-    _, slope, _ = batch.scoring(u)
-    _, plain_slope = batch.plain_gradient(u)
-    assert np.allclose(plain_slope, slope, rtol=1e-5, atol=1e-6)
+    _, gradient, _ = batch.scoring(u)
+    _, plain_gradient = batch.plain_gradient(u)
+    assert np.allclose(plain_gradient, gradient, rtol=1e-5, atol=1e-6)
 
 
 def test_draws_by_which_a_mixture_is_changed_do_not_count(evidence, monkeypatch):
     """Every mixture is replaced eight times, after 500 draws each."""
     monkeypatch.setattr("bayes_toe.inference.engine._FEWEST_ASSESSED", 500)
     precision = Precision(largest_share=0.0)  # no draw may have any share of the weight
-    changed = order_evidence([SHIFTED], seed=3, precision=precision)[0]
-    difference = np.abs(changed.log_evidence - evidence.log_evidence)
-    error = np.hypot(evidence.standard_error, changed.standard_error)
+    (other_evidence,) = order_evidence([SHIFTED], seed=3, precision=precision)
+    difference = np.abs(other_evidence.log_evidence - evidence.log_evidence)
+    error = np.hypot(evidence.standard_error, other_evidence.standard_error)
     assert ((difference > 0.0) & (difference < 4.0 * error)).all()
 
-    # The draws of the last mixture alone, which fits well.
-    n_draws = np.array([len(draws.x) for draws in changed.draws])
+    # Only the draws of the last mixture count, which fits well.
+    n_draws = np.array([len(draws.x) for draws in other_evidence.draws])
     assert np.all(n_draws <= 1500)
-    assert np.all(changed.effective_draws > 0.6 * n_draws)
+    assert np.all(other_evidence.effective_draws > 0.6 * n_draws)

@@ -63,9 +63,9 @@ EACH_MODEL = pytest.mark.parametrize("models", MODELS.values(), ids=MODELS)
 def sum_of_log_likelihoods(models, points):
     """The log likelihood as a sum over conditions, each with an observer of its own."""
     total = 0.0
-    # (points, all) @ (conditions, all, of one) -> (conditions, points, coordinates of one)
-    in_conditions = points @ models.loading.swapaxes(1, 2)
-    for unit, coordinates in zip(models.units, in_conditions, strict=True):
+    # (points, all coordinates) @ (conditions, all coordinates, coordinates of one condition)
+    points_of_conditions = points @ models.loading.swapaxes(1, 2)
+    for unit, coordinates in zip(models.units, points_of_conditions, strict=True):
         posterior = OrderModel("both").posterior(unit)
         columns = [models.shared_observer.coordinates.index(name) for name in posterior.coordinates]
         total = total + posterior.log_likelihood(coordinates[:, columns])
@@ -92,7 +92,7 @@ def test_the_gradient_is_the_slope_of_the_likelihood(models):
 
 
 def test_what_does_not_differ_has_no_prior_and_stays_at_0():
-    """Of two models: one in which nothing differs, and one in which the noise does."""
+    """There are two models: one in which nothing differs, and one in which the noise differs."""
     models = THREE_CONDITIONS
     posteriors = models.posteriors([(), (NOISE,)])
     probability = default_rng(1).uniform(size=(2, 50, len(posteriors.names)))
@@ -117,7 +117,7 @@ def test_the_prior_sd_of_the_difference_of_any_two_levels_is_half_a_unit():
     values = models.quantities(posteriors.prior_points(probability)[0])
     step = StimulusScales.from_pairs(S1, S2, np.full(5, 12)).step
     # A unit is D/2 of the constant error, 1/4 of the contraction, and 1 of the log JND. An SD of
-    # 40,000 draws has an error of 0.4 %.
+    # 40,000 draws has an error of 0.4 %. Each pair of the three conditions is compared.
     for i, j in ((0, 1), (0, 2), (1, 2)):
         for key, expected in (("constant_error", step / 4.0), ("contraction", 0.125)):
             assert (values[key][i] - values[key][j]).std() == pytest.approx(expected, rel=0.02)
@@ -134,21 +134,21 @@ def require_means_over_the_prior(evidence, models, posteriors):
         highest = log_likelihood.max()  # subtracted, so that exp does not underflow
         weights = np.exp(log_likelihood - highest)
         expected = highest + np.log(weights.mean())
-        # Of the log of a mean: 1 over the root of the number of effective draws.
+        # The error of the log of a mean is 1 over the root of the number of effective draws.
         error_of_mean = np.sqrt(np.square(weights).sum()) / weights.sum()
         error = np.hypot(error_of_mean, evidence.standard_error[i])
         assert evidence.log_evidence[i] == pytest.approx(expected, abs=4.0 * error)
 
 
 def test_evidences_of_what_differs_are_means_over_the_prior():
-    """The choices are what may differ: each subset of constant error, contraction and noise."""
+    """CHOICES has what may differ: each subset of constant error, contraction and noise."""
     evidence, _ = condition_evidences(TWO_CONDITIONS, seed=1)
     posteriors = TWO_CONDITIONS.posteriors(CHOICES)
     require_means_over_the_prior(evidence, TWO_CONDITIONS, posteriors)
 
 
 def test_evidences_of_one_observer_of_two_tasks_are_means_over_the_prior():
-    # As precise as the mean over 40,000 draws from the prior.
+    # The evidence is as precise as the mean over 40,000 draws from the prior.
     models = models_of_two_tasks()
     posteriors = models.posteriors_without_differences
     precision = Precision(standard_error=0.01, most_draws=40_000)

@@ -22,7 +22,7 @@ def funnel(request):
 
 @given(x=st.tuples(*[st.floats(-40, 40)] * 4))
 def test_the_funnel_is_a_bijection_however_small_the_pull_is(funnel, x):
-    # Of one posterior and one point; `inverse` has the log Jacobian as its second result.
-    points = np.array([[x]])
+    # `inverse` has the log Jacobian as its second result.
+    points = np.array([[x]])  # one point of one posterior
     back, _ = funnel.inverse(funnel.forward(points))
     assert back == pytest.approx(points, rel=1e-6, abs=1e-6)

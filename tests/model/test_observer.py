@@ -48,7 +48,7 @@ def subject(task):
 
 
 def example_subjects(task):
-    """The first three subjects of an example; of three answers, 'different' is split by chance."""
+    """The first three subjects of an example; for three answers, 'different' is split by chance."""
     if task != THREE_ANSWERS:
         return bt.example_study(task).subjects[:3]
     subjects = []
@@ -79,15 +79,15 @@ def prior_draws(posterior, size, seed=1):
 
 @pytest.mark.parametrize("model", ORDER_MODELS)
 def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
-    """Also far from the draws of the prior, where the density is low.
+    """The points are four draws of the prior, and two points far out, where the density is low.
 
-    Slopes by differences of many digits take long: only the last two draws and the two points that
-    are far have them, and the subject has every third pair.
+    Slopes by differences of many digits take long: only the last two draws and the two far points
+    have them, and the subject has every third pair.
     """
     posterior = posterior_of(some_pairs(subject, slice(None, None, 3)), model)
     # Clipped, because a contraction of 4 prior SDs is 1, where the density ends.
-    far = np.clip(4.0 * prior_draws(posterior, 2, seed=5), -3.5, 3.5)
-    x = np.concatenate([prior_draws(posterior, 4), far])
+    far_points = np.clip(4.0 * prior_draws(posterior, 2, seed=5), -3.5, 3.5)
+    x = np.concatenate([prior_draws(posterior, 4), far_points])
     values, gradient = definitions.gradient(posterior, x)
     assert posterior.log_density(x) == pytest.approx(values, rel=1e-12)
 
@@ -103,7 +103,7 @@ def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
 
 @pytest.mark.parametrize("value", FAR_VALUES)
 def test_far_out_the_log_density_is_the_definition_and_never_nan(subject, value):
-    """One coordinate far out and the others near the middle, for every fourth pair of a subject."""
+    """One coordinate is far out, and all others are near the middle. The subject has few pairs."""
     posterior = posterior_of(some_pairs(subject, slice(None, None, 4)))
     for j, name in enumerate(posterior.coordinates):
         point = np.full(len(posterior.coordinates), 0.3)
@@ -132,25 +132,25 @@ def test_all_coordinates_far_out_at_once_give_no_nan(posterior, signs):
 
 def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     """The fast form without logs is exact to rounding where the likelihood is not negligible."""
-    best = find_maxima(posterior).x[0]
+    maximum = find_maxima(posterior).x[0]  # the highest maximum
     rng = default_rng(2)
-    # From next to the maximum to two prior SDs away.
-    scales = rng.choice([0.01, 0.1, 0.5, 1.0, 2.0], size=(3000, 1))
-    points = best + scales * rng.normal(size=(3000, len(best)))
+    # Points from next to the maximum to two prior SDs away from it.
+    distances = rng.choice([0.01, 0.1, 0.5, 1.0, 2.0], size=(3000, 1))
+    points = maximum + distances * rng.normal(size=(3000, len(maximum)))
     log_likelihood = posterior.log_likelihood(points)
-    is_near = log_likelihood > posterior.log_likelihood(best)[0] - 200.0
-    assert is_near.sum() > 1000  # so that the comparison is not of a few points
+    is_near = log_likelihood > posterior.log_likelihood(maximum)[0] - 200.0
+    assert is_near.sum() > 1000  # so that more than a few points are compared
 
-    full = posterior.full_points(points[is_near])  # (1 row, points, coordinates)
-    plain = posterior.rows.plain_log_likelihood(full)[0]  # of the only row
-    assert plain == pytest.approx(log_likelihood[is_near], rel=1e-12)
+    full_points = posterior.full_points(points[is_near])  # (1 row, points, coordinates)
+    plain_log_likelihood = posterior.rows.plain_log_likelihood(full_points)[0]  # of the only row
+    assert plain_log_likelihood == pytest.approx(log_likelihood[is_near], rel=1e-12)
 
-    # Slopes of each answer, and slopes that are summed over the answers of a pair.
-    _, slope, _ = posterior.rows.scoring(full)
-    _, summed_slope = posterior.rows.plain_gradient(full)
+    # The gradient of the log form, and the gradient of the plain form.
+    _, gradient, _ = posterior.rows.scoring(full_points)
+    _, plain_gradient = posterior.rows.plain_gradient(full_points)
     # Slopes cancel: the error is in proportion to the largest slope of a point.
-    scale = 1.0 + np.abs(slope).max(axis=-1, keepdims=True)
-    assert np.abs((summed_slope - slope) / scale).max() < 1e-10
+    tolerance = 1e-10 * (1.0 + np.abs(gradient).max(axis=-1, keepdims=True))
+    assert (np.abs(plain_gradient - gradient) < tolerance).all()
 
 
 # --- Rows and pairs -------------------------------------------------------------------------------
@@ -158,15 +158,16 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
 
 def test_rows_of_several_subjects_are_those_of_each_alone(task):
     """The second subject has fewer pairs: its row is filled with pairs without trials."""
-    first, second, third = example_subjects(task)
-    subjects = [first, some_pairs(second, slice(-2)), third]
+    subject_1, subject_2, subject_3 = example_subjects(task)
+    subjects = [subject_1, some_pairs(subject_2, slice(-2)), subject_3]
     rows = ObserverRows.from_subjects(subjects, PRIOR)
     u = default_rng(6).normal(size=(3, 50, len(rows.coordinates)))  # (rows, points, coordinates)
     values, slopes, _ = rows.scoring(u)
     for i, subject in enumerate(subjects):
-        value, slope, _ = posterior_of(subject).rows.scoring(u[[i]])
-        assert values[i] == pytest.approx(value[0], rel=1e-14)
-        assert slopes[i] == pytest.approx(slope[0], rel=1e-11, abs=1e-11)
+        # The subject alone is a single row.
+        expected_values, expected_slopes, _ = posterior_of(subject).rows.scoring(u[[i]])
+        assert values[i] == pytest.approx(expected_values[0], rel=1e-14)
+        assert slopes[i] == pytest.approx(expected_slopes[0], rel=1e-11, abs=1e-11)
 
 
 # --- What alters nothing --------------------------------------------------------------------------
@@ -185,11 +186,11 @@ def test_rows_of_several_subjects_are_those_of_each_alone(task):
 )
 def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, change, tolerance):
     subject = posterior.subject
-    # Both at once, because a change may depend on the range of all stimuli.
+    # s1 and s2 are changed together, because a change may depend on the range of all stimuli.
     s1, s2 = np.split(change(np.concatenate([subject.s1, subject.s2])), 2)
-    moved = posterior_of(replace(subject, s1=s1, s2=s2))
+    changed = posterior_of(replace(subject, s1=s1, s2=s2))
     x = prior_draws(posterior, 300)
-    assert moved.log_density(x) == pytest.approx(posterior.log_density(x), rel=tolerance)
+    assert changed.log_density(x) == pytest.approx(posterior.log_density(x), rel=tolerance)
 
 
 # --- Prior, quantities ----------------------------------------------------------------------------
@@ -248,11 +249,12 @@ def test_quantiles_are_finite_where_a_share_rounds_to_an_edge(a, b):
 def test_draws_from_the_prior_follow_its_quantiles(posterior):
     """Kolmogorov's test of at most nine quantities at 1e-4: a false alarm in a thousand."""
     values = posterior.quantities(prior_draws(posterior, 4000, seed=7))
-    p = np.linspace(0.02, 0.98, 49)
+    probabilities = np.linspace(0.02, 0.98, 49)
     for name in posterior.names.reported:
-        quantiles = np.array([posterior.prior_quantile(name, share) for share in p])
-        shares = (values[name][:, None] <= quantiles).mean(axis=0)  # of draws below each quantile
-        assert np.abs(shares - p).max() < stats.kstwobign.isf(1e-4) / np.sqrt(4000), name
+        quantiles = np.array([posterior.prior_quantile(name, p) for p in probabilities])
+        shares_below = (values[name][:, None] <= quantiles).mean(axis=0)  # of the draws
+        error = np.abs(shares_below - probabilities).max()
+        assert error < stats.kstwobign.isf(1e-4) / np.sqrt(4000), name
 
 
 def test_a_quantity_that_the_model_lacks_is_refused(posterior):
@@ -283,7 +285,7 @@ def test_quantities_are_those_of_the_definition_and_points_their_inverse(posteri
 
 
 def test_emcee_and_importance_sampling_agree():
-    """Of three answers: the other tasks have references of their own."""
+    """The subject gives three answers: the other tasks have references of their own."""
     subject = example_subjects(THREE_ANSWERS)[0]
     draws = bt.sample(bt.Study([subject]), model="both", draws=2000, seed=3, workers=1)
     assert not draws.not_converged
@@ -292,7 +294,7 @@ def test_emcee_and_importance_sampling_agree():
     weights = np.exp(weighted.log_weights - weighted.log_weights.max())
     weights /= weights.sum()
     n_effective = 1.0 / np.square(weights).sum()
-    assert n_effective > 250  # what the evidences ask for
+    assert n_effective > 250  # as many draws as evidences ask for
 
     posterior = draws.posterior(subject.name)
     values = posterior.quantities(weighted.x)

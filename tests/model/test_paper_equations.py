@@ -42,10 +42,10 @@ def evolve(belief, diffusion):
     return Belief(belief.mean, belief.variance + diffusion**2)
 
 
-def settled(mean, diffusion, noise):
+def stationary_belief(mean, diffusion, noise):
     """The belief whose variance a stimulus and a step of the random walk leave as it is.
 
-    It is the positive root of v^2 = step (v + noise^2), which follows from
+    The variance is the positive root of v^2 = step (v + noise^2), which follows from
     v = v noise^2 / (v + noise^2) + step.
     """
     step = diffusion**2
@@ -79,18 +79,18 @@ def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
     """
     sigma_l = sigma_p * np.sqrt(gamma)
     q0 = 0.93
-    prior = settled(mu1, sigma_p, sigma_l)
-    evolved = evolve(update(prior, s1, sigma_l), sigma_p)
-    sd = np.sqrt(evolved.variance)
+    prior = stationary_belief(mu1, sigma_p, sigma_l)
+    belief = evolve(update(prior, s1, sigma_l), sigma_p)  # before the second stimulus
+    sd = np.sqrt(belief.variance)
 
     rounded_gamma = noise_ratio(sigma_p, sigma_l)  # with the rounding of the root
-    assert evolved_mean(s1, mu1, rounded_gamma) == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)
+    assert evolved_mean(s1, mu1, rounded_gamma) == pytest.approx(belief.mean, rel=1e-14, abs=1e-14)
     assert width(sigma_p, rounded_gamma) == pytest.approx(sd + sigma_l**2 / sd, rel=1e-14)
     weight = prior.variance / (prior.variance + sigma_l**2)
     assert gain(rounded_gamma) == pytest.approx(weight, rel=1e-12)
 
     z = normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
-    expected = shift(evolved, s2, sigma_l)
+    expected = shift(belief, s2, sigma_l)
     # Stimuli have sizes of about 1, so that rounding errors of their differences are 1e-16. The
     # tolerance is a thousand times as large.
     assert z == pytest.approx(expected, rel=1e-9, abs=1e-13 + 1e-13 / sigma_p)
@@ -105,7 +105,7 @@ def test_log_of_a_small_probability_of_different_does_not_round():
 
 
 @pytest.mark.parametrize(
-    # mu1, sigma_p, sigma_l and q0, and what the refusal names.
+    # mu1, sigma_p, sigma_l and q0, and the parameter or rule that the refusal names.
     "parameters, name",
     [
         ((np.nan, 0.2, 0.1, 0.9), "mu1"),

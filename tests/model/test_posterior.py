@@ -57,8 +57,8 @@ def test_value_and_gradient_at_any_point(task, prior, x):
     # are left out, and all others are held to 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
     assert_agrees(target, x)
-    plain = target.rows.plain_log_likelihood(u)[0]
-    assert plain == pytest.approx(target.log_likelihood(x), rel=1e-12)
+    plain_log_likelihood = target.rows.plain_log_likelihood(u)[0]
+    assert plain_log_likelihood == pytest.approx(target.log_likelihood(x), rel=1e-12)
 
 
 MIDDLE_POINT = (0.31, -0.3, 0.4, 1.1)
@@ -82,7 +82,7 @@ FAR_POINTS = """
 @BOTH_TASKS
 @pytest.mark.parametrize("prior, coordinate, value, digits", text_table(FAR_POINTS))
 def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate, value, digits):
-    """The prior of the width changes the second coordinate alone, so that only this is tested.
+    """The prior of the width changes the second coordinate alone: only this coordinate is tested.
 
     Each pair has 50,000 trials.
     """
@@ -96,9 +96,9 @@ def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate
 @pytest.mark.parametrize("prior", PRIORS)
 def test_far_beyond_any_float_nothing_is_nan(task, prior):
     # e^-745 is about the smallest float, and Phi(-40) is 0.
-    far = np.array([-1e4, -745.0, -40.0, 0.0, 40.0, 745.0, 1e4])
-    x = np.stack(np.meshgrid([0.0, 1e-320, 0.5], far, far, far), axis=-1).reshape(-1, 4)
+    values = np.array([-1e4, -745.0, -40.0, 0.0, 40.0, 745.0, 1e4])
+    x = np.stack(np.meshgrid([0.0, 1e-320, 0.5], values, values, values), axis=-1).reshape(-1, 4)
     posterior = paper_posterior(five_pairs(task), PRIORS[prior])
     assert not np.isnan(posterior.log_density(x)).any()
-    # Without a warning, though slopes may be infinite.
+    # There is no warning, though slopes may be infinite.
     assert not np.isnan(posterior.array.likelihood.scoring(x[None])[0]).any()

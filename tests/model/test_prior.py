@@ -18,22 +18,22 @@ ONE_PAIR = made_subject("0 0.3 4 10")
 BACKGROUND = Path(__file__).parents[2] / "docs" / "background.md"
 #: The prior file with every number, which the document shows.
 COMPLETE_FILE = BACKGROUND.read_text(encoding="utf-8").split("```toml")[1].split("```")[0]
-OF_WIDTH = Prior(0.4, 2.5, width_median=0.3, width_sd=0.7, gamma_a=2.0, gamma_b=3.0, q0_a=4.0)
+WIDTH_PRIOR = Prior(0.4, 2.5, width_median=0.3, width_sd=0.7, gamma_a=2.0, gamma_b=3.0, q0_a=4.0)
 
 
 @pytest.mark.parametrize(
-    "prior", [Prior(0.4, 2.5, 0.3), OF_WIDTH], ids=["of sigma_p", "of the width"]
+    "prior", [Prior(0.4, 2.5, 0.3), WIDTH_PRIOR], ids=["of sigma_p", "of the width"]
 )
 def test_quantiles_are_those_of_draws(prior):
     n = 200_000
-    p = np.array([0.05, 0.5, 0.95])
+    probabilities = np.array([0.05, 0.5, 0.95])
     target = bt.model.paper_posterior(ONE_PAIR, prior)
     values = target.quantities(target.sample_prior(default_rng(8), n))
     for name in ("mu1", "sigma_p", "gamma", "q0", "sigma_l", "sigma1", "width", "gain"):
-        limits = np.array([target.prior_quantile(name, share) for share in p])
-        shares = (values[name][:, None] < limits).mean(axis=0)
+        quantiles = np.array([target.prior_quantile(name, p) for p in probabilities])
+        shares_below = (values[name][:, None] < quantiles).mean(axis=0)  # of the draws
         # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests.
-        z = (shares - p) / np.sqrt(p * (1 - p) / n)
+        z = (shares_below - probabilities) / np.sqrt(probabilities * (1 - probabilities) / n)
         assert np.abs(z).max() < 4.5, name
 
 
@@ -61,8 +61,8 @@ def read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    # A file with the section [paper] stands for the paper's prior; others change the default. The
-    # last two have the line ends and the byte order mark of Windows.
+    # A file with the section [paper] stands for the paper's prior. Other files change the default
+    # prior. The last two files have the line ends and the byte order mark of Windows.
     "text, expected",
     [
         ("", DEFAULT),
@@ -96,7 +96,7 @@ def test_the_complete_file_has_every_key():
         assert list(values) == list(sections()[name])
 
 
-#: Files, with " / " for a new line, and what they are refused with.
+#: Files, with " / " for a new line, and a part of the refusal.
 REFUSED = """
     mu1_sd = 2 | mu1_sd: found no such section, allowed: [paper]
     [prior] / mu1_sd = 2 | prior: found no such section, allowed: [noise]
@@ -115,7 +115,7 @@ REFUSED = """
     [q0] / a = 'stimuli' | [q0] a: found 'stimuli', allowed: a number from 0.001 to 1000
     [noise] / sd = 1979-05-27 | sd: found 1979-05-27
 """
-#: Files that are no ordinary text.
+#: Files that are no ordinary text, and a part of the refusal.
 UNREADABLE = [
     ("[noise] / sd = 1" + "0" * 400, "sd: found an integer too large for a number"),
     ("[noise] / sd = 0x1" + "0" * 5000, "sd: found an integer too large for a number"),
@@ -137,10 +137,11 @@ def test_wrong_prior_files_are_refused_with_what_is_allowed(read, text, message)
 
 def test_all_problems_of_a_file_are_reported_at_once(read):
     lines = problems(read, "x = 2\n[paper]\nmu1_sd = 'stimulus'\ngamma_a = 'stimuli'")
-    unknown, of_sd, of_gamma = [line.partition("allowed: ")[2] for line in lines]
-    assert unknown.startswith("[noise], [q0]")
-    assert of_sd.startswith("a number from 1e-100 to 1e+100 or 'stimuli'")
-    assert of_gamma == "a number from 0.05 to 1000"
+    # The rules for x, mu1_sd and gamma_a.
+    section_rule, sd_rule, gamma_rule = [line.partition("allowed: ")[2] for line in lines]
+    assert section_rule.startswith("[noise], [q0]")
+    assert sd_rule.startswith("a number from 1e-100 to 1e+100 or 'stimuli'")
+    assert gamma_rule == "a number from 0.05 to 1000"
 
 
 def test_a_file_that_does_not_exist_and_a_folder_are_refused(tmp_path):

@@ -14,14 +14,14 @@ STUDY = bt.Study([five_pairs(name="A"), five_pairs(name="B")])
 
 
 def test_a_subject_without_different_stimuli_has_no_default_prior():
-    """Subject L has a single pair of equal stimuli. The paper's prior has no scale from them."""
+    """Subject L has a single pair of equal stimuli. The paper's prior needs no scale of stimuli."""
     study = bt.Study([five_pairs(), made_subject("0.4 0.4 1 2", "L")])
     message = "^subject 'L': the prior takes its scale from pairs of different stimuli, found none"
     with refused(f"{message}; .*--prior p"):
         prior_for(study)
 
-    paper = bt.model.paper_posterior(study["L"], prior_for(study, "paper"))
-    assert np.isfinite(paper.log_density([[0.1, 0.0, 0.0, 0.0]])).all()
+    posterior = bt.model.paper_posterior(study["L"], prior_for(study, "paper"))
+    assert np.isfinite(posterior.log_density([[0.1, 0.0, 0.0, 0.0]])).all()
 
     posterior = bt.model.observer_posterior(study["L"], model="constant-error")
     message = "subject 'L': no pair has two different stimuli, so no order effect can be seen"
@@ -32,12 +32,12 @@ def test_a_subject_without_different_stimuli_has_no_default_prior():
 @pytest.mark.parametrize("factor, shift", [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
 @BOTH_TASKS
 def test_the_unit_of_intensity_changes_nothing(task, factor, shift):
-    # Stimuli are multiplied by the factor and moved; the prior is the default, which moves along.
-    plain = bt.model.paper_posterior(five_pairs(task))
-    moved = bt.model.paper_posterior(five_pairs(task, factor=factor, shift=shift))
+    # Stimuli are multiplied by the factor and moved. The prior is the default, which does the same.
+    expected = bt.model.paper_posterior(five_pairs(task))
+    changed = bt.model.paper_posterior(five_pairs(task, factor=factor, shift=shift))
     x = default_rng(5).normal(size=(30, 4)) * 0.5
-    assert moved.log_likelihood(x) == pytest.approx(plain.log_likelihood(x), rel=1e-9)
-    assert moved.log_density(x) == pytest.approx(plain.log_density(x), rel=1e-9)
+    assert changed.log_likelihood(x) == pytest.approx(expected.log_likelihood(x), rel=1e-9)
+    assert changed.log_density(x) == pytest.approx(expected.log_density(x), rel=1e-9)
 
 
 def test_presets_are_named():

@@ -1,4 +1,4 @@
-"""The trial before against a loop over trials that knows the observer without it."""
+"""Effects of the trial before, against a loop over trials by the formulas of the module."""
 
 from dataclasses import replace
 
@@ -30,12 +30,12 @@ def two_sessions(task=WHICH_STRONGER, n_trials=60):
     """Two sessions of random pairs and answers, with five trials without an answer."""
     rng = default_rng(1)
     keys = rng.choice(np.linspace(-0.4, 0.6, 5), (n_trials, 2))
-    answered = np.ones(n_trials, int)
-    answered[rng.choice(n_trials, 5, replace=False)] = 0
-    n_yes = rng.integers(0, 2, n_trials) * answered
+    n_answers = np.ones(n_trials, int)  # of each trial
+    n_answers[rng.choice(n_trials, 5, replace=False)] = 0
+    n_yes = rng.integers(0, 2, n_trials) * n_answers
     # A position that is left out ends the first session after a third of the trials.
     position = np.arange(n_trials) + (np.arange(n_trials) >= n_trials // 3)
-    answers = Answers(keys, n_yes, answered, has_trial_rows=True, place=position)
+    answers = Answers(keys, n_yes, n_answers, has_trial_rows=True, place=position)
     return Subject.from_answers("A", answers, task)
 
 
@@ -64,7 +64,7 @@ def loop_log_likelihood(subject, values, kappa, rho):
     """
     answers = subject.answers
     sbar = float(np.average(subject.s1, weights=subject.n_trials))
-    begins = np.diff(answers.place, prepend=-2) > 1  # a session: a position was left out
+    is_session_start = np.diff(answers.place, prepend=-2) > 1  # a position was left out
     total = mp.mpf(0)
     expectation = mp.mpf(0)
     response = 0
@@ -74,19 +74,19 @@ def loop_log_likelihood(subject, values, kappa, rho):
         bare_k = definitions.criterion(values["q0"]) if "q0" in values else None
         for t, (first, second) in enumerate(answers.keys.tolist()):
             s1, s2 = mp.mpf(first), mp.mpf(second)
-            if begins[t]:
+            if is_session_start[t]:
                 expectation = mp.mpf(0)
                 response = 0
             trial_before = {"expectation": expectation, "response": kappa * response}
             p_responses = definitions.observer_answers(values, bare_k, sbar, s1, s2, **trial_before)
-            is_answered = answers.n_trials[t]  # 0 or 1, as the other one
-            is_yes = answers.n_yes[t]
+            is_answered = answers.n_trials[t]  # 0 or 1
+            is_yes = answers.n_yes[t]  # 0 or 1
             if is_answered:
                 yes, no = p_responses
                 total += mp.log(yes if is_yes else no)
             # The expectation moves to each stimulus in turn by a share 1 - p.
-            moved = (1 - p) * (s2 - sbar) + p * (1 - p) * (s1 - sbar) + p**2 * expectation
-            expectation = rho * moved
+            moved_by_s1 = p * expectation + (1 - p) * (s1 - sbar)
+            expectation = rho * (p * moved_by_s1 + (1 - p) * (s2 - sbar))
             response = int(is_answered * (2 * is_yes - 1))  # 1, -1, or 0 without an answer
     return float(total)
 
@@ -101,9 +101,9 @@ def test_the_likelihood_is_that_of_a_loop_over_trials(task, has_response, has_ca
     values = {"previous_response": np.zeros(3), "carry_over": np.zeros(3)}
     values |= posterior.quantities(x)
     for i, log_likelihood in enumerate(log_likelihood_at(posterior, x)):
-        value = {name: column[i] for name, column in values.items()}
-        kappa, rho = value["previous_response"], value["carry_over"]
-        expected = loop_log_likelihood(subject, value, kappa, rho)
+        point = {name: column[i] for name, column in values.items()}
+        kappa, rho = point["previous_response"], point["carry_over"]
+        expected = loop_log_likelihood(subject, point, kappa, rho)
         assert log_likelihood == pytest.approx(expected, rel=1e-9)
 
 
@@ -111,10 +111,10 @@ def test_large_batches_of_points_are_done_in_parts():
     posterior = make_posterior(two_sessions(n_trials=300))
     x = draw_points(posterior, 900)
     assert len(x) * 300 > 1 << 17  # more points times trials than are computed at once
-    together = log_likelihood_at(posterior, x)
+    log_likelihood = log_likelihood_at(posterior, x)
     for i in range(0, 900, 90):
-        alone = log_likelihood_at(posterior, x[[i]])
-        np.testing.assert_allclose(together[i], alone[0], rtol=1e-12)
+        expected = log_likelihood_at(posterior, x[[i]])  # of a single point
+        np.testing.assert_allclose(log_likelihood[i], expected[0], rtol=1e-12)
 
 
 @BOTH_TASKS
@@ -122,15 +122,16 @@ def test_the_prior_is_that_of_the_documents(task):
     posterior = make_posterior(two_sessions(task))
     x = draw_points(posterior, 4000)
     values = posterior.quantities(x)
-    # Normal with this SD, and uniform from 0 to 1. The tolerances are four errors of 4,000 draws.
+    # The effect of the previous response is normal with this SD, and the carry-over is uniform from
+    # 0 to 1. The tolerances are four errors of 4,000 draws.
     sd = {SAME_DIFFERENT: 0.25, WHICH_STRONGER: 0.5}[task]
     assert values["previous_response"].std() == pytest.approx(sd, rel=0.05)
     quartiles = [0.25, 0.5, 0.75]
     assert np.quantile(values["carry_over"], quartiles) == pytest.approx(quartiles, abs=0.03)
 
-    # The last two coordinates are their scores, which are standard normal.
-    own_prior = posterior.array.log_prior(x[None])[0] - posterior.observer.log_prior(x[:, :-2])
-    assert own_prior == pytest.approx(stats.norm.logpdf(x[:, -2:]).sum(axis=1))
+    # The last two coordinates are the scores of both effects, which are standard normal.
+    log_prior = posterior.array.log_prior(x[None])[0] - posterior.observer.log_prior(x[:, :-2])
+    assert log_prior == pytest.approx(stats.norm.logpdf(x[:, -2:]).sum(axis=1))
 
 
 def test_a_contraction_beyond_1_is_impossible():
@@ -154,6 +155,6 @@ def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     assert not looks_sorted(answers)
 
     # Sorted by the first stimulus and then by the second, upwards and downwards.
-    in_order = keys[np.lexsort(keys.T[::-1])]
-    assert looks_sorted(replace(answers, keys=in_order))
-    assert looks_sorted(replace(answers, keys=in_order[::-1]))
+    sorted_keys = keys[np.lexsort(keys.T[::-1])]
+    assert looks_sorted(replace(answers, keys=sorted_keys))
+    assert looks_sorted(replace(answers, keys=sorted_keys[::-1]))

@@ -16,10 +16,10 @@ PAIRS = Subject("A", S1, S2, [0] * 10, [50] * 10, task=WHICH_STRONGER)
 
 
 def test_answers_are_those_of_a_simulated_belief():
-    """'Second' where a draw of the second percept exceeds one of what memory expects.
+    """The answer is 'second' if a draw of the second percept exceeds a draw of the memory.
 
-    These are N(s2, sigma_l^2) and N(mu_2, sigma_2^2), where mu_2 = s1 + pull (mu1 - s1) and
-    sigma_2^2 = sigma_p^2 G.
+    The percept is N(s2, sigma_l^2), and the memory is N(mu_2, sigma_2^2), where
+    mu_2 = s1 + pull (mu1 - s1) and sigma_2^2 = sigma_p^2 G.
     """
     mu1, sigma_p, sigma_l, n = -0.3, 0.2, 0.15, 400_000
     gamma = (sigma_l / sigma_p) ** 2
@@ -39,6 +39,6 @@ def test_answers_are_those_of_a_simulated_belief():
     memory_noise = sigma_p * np.sqrt(ratio) * rng.standard_normal((n, 1))
     memory = s1 + pull(gamma) * (mu1 - s1) + memory_noise
     simulated = (s2 + sigma_l * rng.standard_normal((n, 1)) > memory).mean(axis=0)
-    largest_standard_error = np.sqrt(0.25 / n)  # that of a share of a half
-    # 4.5 of them: a false alarm in 10,000 runs of ten pairs.
+    largest_standard_error = np.sqrt(0.25 / n)  # the error of a share of a half
+    # 4.5 standard errors: a false alarm in 10,000 runs of ten pairs.
     assert np.abs(p - simulated).max() < 4.5 * largest_standard_error

@@ -51,7 +51,7 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
         quantiles = np.quantile(analysis.draws.values("A", name), [0.025, 0.5, 0.975])
         for x in (*quantiles, value):
             assert np.isclose(x_of_lines, x).any()
-    assert high <= 1.0  # the last one, q0, is a probability
+    assert high <= 1.0  # The last parameter, q0, is a probability.
     assert "prior\ntrue value" in legend_text(figure)
 
 
@@ -80,8 +80,8 @@ def points_with_long_tails(rng, n):
 @pytest.mark.parametrize("n", [800, 20_000])
 @pytest.mark.parametrize("draw", [gaussian_points, points_with_bounds, points_with_long_tails])
 def test_contours_hold_their_shares_of_the_draws(draw, n):
-    # The contours of n points hold 95 and 50 % of them, whatever their distribution: normal, at the
-    # bounds of both axes, or with a narrow peak. Few points are outside of the spans.
+    # The contours hold 95 and 50 % of n points, whatever the distribution of the points: normal, at
+    # the bounds of both axes, or with a narrow peak. Few points are outside of the spans.
     x, y = draw(default_rng(1), n)
     spans = np.quantile([x, y], [0.005, 0.995], axis=1).T.tolist()
     contours = Figure().subplots().contour(*contour_grid(x, y, *spans)).get_paths()
@@ -132,7 +132,7 @@ def test_only_true_values_that_are_known_are_shown(analysis):
     figure = bt.plots.corner(
         analysis.draws, "A", coordinates=["mu1", "gain"], truths={"A": {"mu1": -0.7}}
     )
-    # Two by two panels, of which the first is that of mu1 and the last that of the gain.
+    # Of two by two panels, the first panel is that of mu1, and the last panel that of the gain.
     panel_of_mu1, *_, panel_of_gain = figure.axes
     assert true_values_in(panel_of_mu1) == ([-0.7], [])
     # The gain follows from sigma_p and sigma_l, not from mu1.
@@ -174,7 +174,7 @@ def test_several_subjects_share_their_panels(analysis):
 
 
 #: Another process has just replaced the file in which ArviZ notes the day of its warning. The first
-#: attempt to replace it fails, and the second one succeeds.
+#: attempt to replace the file fails, and the second attempt succeeds.
 _AT_ONCE = """
 import pathlib
 lost, replace = [], pathlib.Path.replace
@@ -191,9 +191,9 @@ print(corner_package().__name__, len(lost) in (0, 2))  # ArviZ 1.x notes nothing
 
 def test_two_processes_may_import_arviz_for_the_first_time_of_a_day(tmp_path):
     # In a new cache, ArviZ notes the day at its import. The script imitates a second process.
-    fresh = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
-    finished = run_python("-c", _AT_ONCE, env=fresh)
-    assert (finished.stdout.split(), finished.stderr) == (["corner", "True"], "")
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
+    result = run_python("-c", _AT_ONCE, env=environment)
+    assert (result.stdout.split(), result.stderr) == (["corner", "True"], "")
 
 
 # --- the four models of the observer --------------------------------------------------------------
@@ -206,7 +206,7 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(small_study):
     labels = [ax.get_xlabel() for ax in figure.axes[-3:]]  # of the lowest row
     assert labels == ["constant error $c$, %", "contraction, %", "JND, %"]
     assert "model 'both'" in legend_text(figure)
-    panel_of_contraction = figure.axes[4]  # the middle one of three by three
+    panel_of_contraction = figure.axes[4]  # in the middle of three by three panels
     assert true_values_in(panel_of_contraction) == ([10.0], [])  # .1 is 10 %
     # All seven parameters of the model: 7 by 7 panels.
     assert len(bt.plots.corner(draws, ["A", "B"], coordinates="identified").axes) == 49
@@ -215,8 +215,8 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(small_study):
 def test_offsets_and_powers_of_ten_stand_beside_the_names_of_axes():
     subject = five_pairs(name="A", factor=4e-5, shift=20.72)
     figure = bt.plots.corner(bt.sample(bt.Study([subject]), draws=300, seed=1), "A")
-    # Stimuli are near 20.72 and differ by 2e-5: ticks of mu1 have an offset, and those of all three
-    # parameters in this unit a power of ten. The last parameter, q0, has no unit.
+    # Stimuli are near 20.72 and differ by 2e-5: ticks of mu1 have an offset, and ticks of all three
+    # parameters in this unit have a power of ten. The last parameter, q0, has no unit.
     mu1, sigma_p, sigma_l = (ax.get_xlabel() for ax in figure.axes[-4:-1])  # of the lowest row
     assert "2.072" in mu1
     for label in (mu1, sigma_p, sigma_l):

@@ -28,7 +28,7 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
     assert ax.get_ylabel() == "proportion 'equal'"
     labels = [container.get_label() for container in ax.containers]
     assert labels == ["weaker first", "stronger first", "equal stimuli", "model, 95 % band"]
-    # The last points of both curves, where one stimulus is the reference 0 and the other one is x.
+    # The last points of both curves, where one stimulus is the reference 0 and the other is x.
     theta = analysis.draws.natural("A")
     curves = drawn_curves(ax)
     for colour, weights in ((WEAKER_FIRST, (0, 1)), (STRONGER_FIRST, (1, 0))):
@@ -40,18 +40,19 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
 def test_designs_without_a_reference_have_panels_by_weaker_or_by_first_stimulus():
     s1, s2 = np.log(list(product([1.0, 1.2, 1.5], repeat=2))).T
     # All nine pairs of three levels, and 400 pairs, too many for a panel by each weaker stimulus.
-    three_levels = bt.Subject("three", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
+    few_pairs = bt.Subject("few", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
     many_pairs = hard_cases()["400 pairs with 3 trials"]
-    study = bt.Study([three_levels, many_pairs])
+    study = bt.Study([few_pairs, many_pairs])
     draws = bt.sample(study, draws=100, seed=1)
     figures = [bt.plots.curves(draws, name) for name in draws.names]
     for figure in figures:
         require_legible(figure)
-    by_weaker, by_first = (figure.axes for figure in figures)
+    weaker_panels, first_panels = (figure.axes for figure in figures)
     # The geometric mean of 1, 1.2 and 1.5 is 1.216: 1/1.216 = .82, and 1.2/1.216 = .99.
-    assert titles_of(by_weaker) == ["weaker stimulus 82 % of mean", "weaker stimulus 99 % of mean"]
-    assert re.fullmatch(r"first stimulus \d+ to \d+ % of mean", titles_of(by_first)[0])
-    assert [len(curves_of(ax, POINTS)) for ax in by_first] == [1] * MOST_PANELS
+    titles = ["weaker stimulus 82 % of mean", "weaker stimulus 99 % of mean"]
+    assert titles_of(weaker_panels) == titles
+    assert re.fullmatch(r"first stimulus \d+ to \d+ % of mean", titles_of(first_panels)[0])
+    assert [len(curves_of(ax, POINTS)) for ax in first_panels] == [1] * MOST_PANELS
 
 
 def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
@@ -79,7 +80,7 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
     correct_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
     assert ax.get_ylabel() == "proportion correct"
     weaker_first, stronger_first, *_ = marks_of(ax, "None")
-    # The stronger stimulus is twice the middle of the pair, because the weaker one is 0.
+    # The stronger stimulus is twice the middle of the pair, because the weaker stimulus is 0.
     middle, share = weaker_first.get_data()
     assert share == pytest.approx(0.5 + 2.0 * middle)  # P('second'), with s2 = 2 middle
     middle, share = stronger_first.get_data()
@@ -87,11 +88,9 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
-    # Pairs (0, .1), (0, .3) and (.1, .3): 0 is the weaker stimulus of two. Of equal pairs alone,
-    # the lowest is taken.
-    # Rows of s1, s2, 'equal' and trials.
-    shared = made_subject("0 0.1 1 2, 0 0.3 1 2, 0.1 0.3 1 2")
-    assert main_weaker(shared) == 0.0
+    # Rows of s1, s2, 'equal' and trials: 0 is the weaker stimulus of two of three pairs.
+    assert main_weaker(made_subject("0 0.1 1 2, 0 0.3 1 2, 0.1 0.3 1 2")) == 0.0
+    # If all pairs have equal stimuli, the lowest stimulus is taken.
     assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) == 0.0
 
 
@@ -107,8 +106,8 @@ def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(
     # A panel for each first stimulus. With the offset c, the contraction p and the mean sbar of the
     # first stimuli, second - first = c - p (first - sbar) where both seem equal.
     offset, pull = (draws.values("pulled", name).mean() for name in ("offset", "pull"))
-    firsts = np.unique(stronger.study["pulled"].s1)
-    shifts = offset - pull * (firsts - draws.posterior("pulled").sbar)
+    first_stimuli = np.unique(stronger.study["pulled"].s1)
+    shifts = offset - pull * (first_stimuli - draws.posterior("pulled").sbar)
     for shift, ax in zip(shifts, panels, strict=True):
         [curve] = curves_of(ax, POINTS)
         assert np.interp(shift, *curve.get_data()) == pytest.approx(0.5, abs=0.04)

@@ -21,19 +21,19 @@ def row_with_answer(row, **values):
 
 def medians(ax):
     """The x of the squares and diamonds of a forest in the order of its rows: the medians."""
-    by_row = {}
+    median_by_row = {}
     for line in [*marks_of(ax, "s"), *marks_of(ax, "D")]:
-        by_row |= zip(line.get_ydata(), line.get_xdata(), strict=True)
-    return [by_row[row] for row in sorted(by_row)]
+        median_by_row |= zip(line.get_ydata(), line.get_xdata(), strict=True)
+    return [median_by_row[row] for row in sorted(median_by_row)]
 
 
 def intervals(ax):
     """The left and right ends of the lines of a forest in the order of its rows."""
-    by_row = {}
+    ends_by_row = {}
     for collection in ax.collections:
         for (low, row), (high, _) in collection.get_segments():
-            by_row[row] = (low, high)
-    return [by_row[row] for row in sorted(by_row)]
+            ends_by_row[row] = (low, high)
+    return [ends_by_row[row] for row in sorted(ends_by_row)]
 
 
 def test_forests_have_sizes_and_words_of_every_subject(analysis):
@@ -42,7 +42,7 @@ def test_forests_have_sizes_and_words_of_every_subject(analysis):
     for ax, question in zip((errors, contractions), QUESTION_STYLES, strict=True):
         lines = [answer.lines[question.name] for answer in analysis.answers]
         assert words_of(ax.texts) == [line.word + line.marks for line in lines]
-        # Subjects of whom an effect cannot be told have a word, but no size.
+        # If an effect of a subject cannot be told, the subject has a word, but no size.
         sizes = []
         for answer in analysis.answers:
             if answer.words[question.name] is not Word.CANNOT_BE_TOLD:
@@ -56,7 +56,7 @@ def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
     _, contractions = bt.plots.order_effect(analysis.evidence, made_result(small_study)).axes
     assert marks_of(contractions, "d") == []
 
-    # As if they did: another result, because a result keeps its table.
+    # Now as if the pairs did. This is another result, because a result keeps its table.
     group = made_result(small_study)
     monkeypatch.setattr(type(group), "identified", {"constant_error", "contraction"})
     errors, contractions = bt.plots.order_effect(analysis.evidence, group).axes
@@ -71,16 +71,15 @@ def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
 
 
 def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
-    first, second, third = analysis.evidence
-    words = dict.fromkeys(second.answer.words, Word.NOT_INTERPRETABLE)
-    rejected = row_with_answer(
-        second, words=words, is_interpretable=False, problems={"swapped blocks": None}
+    row_a, row_b, row_c = analysis.evidence
+    words = dict.fromkeys(row_b.answer.words, Word.NOT_INTERPRETABLE)
+    row_b = row_with_answer(
+        row_b, words=words, is_interpretable=False, problems={"swapped blocks": None}
     )
-    table = EvidenceTable((first, rejected, third))
-    errors, _ = bt.plots.order_effect(table).axes
-    _, second_word, _ = words_of(errors.texts)
-    assert second_word == "not interpreted"
-    assert len(medians(errors)) == 2  # of the first and the third subject
+    errors, _ = bt.plots.order_effect(EvidenceTable((row_a, row_b, row_c))).axes
+    _, word_of_b, _ = words_of(errors.texts)
+    assert word_of_b == "not interpreted"
+    assert len(medians(errors)) == 2  # of A and C
 
 
 @pytest.mark.parametrize("size", [1, 8, 40])
@@ -91,22 +90,23 @@ def test_figures_of_any_study_are_legible(analysis, size):
 
 
 def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
-    figures = [
+    # Up to 60 subjects have their names beside rows. More subjects are sorted, in a figure whose
+    # height does not depend on their number.
+    figure_of_60, figure_of_61, figure_of_500 = (
         bt.plots.order_effect(enlarged_table(analysis.evidence, size)) for size in (60, 61, 500)
-    ]
-    # Up to 60 subjects have their names beside rows; more are sorted in a figure of one height.
-    of_60, of_61, of_500 = figures
-    assert len(of_60.axes[0].get_yticklabels()) == 60
-    assert of_60.get_figheight() > of_61.get_figheight() == of_500.get_figheight()
-    assert not of_500.axes[0].get_yticklabels()
+    )
+    assert len(figure_of_60.axes[0].get_yticklabels()) == 60
+    assert figure_of_60.get_figheight() > figure_of_61.get_figheight()
+    assert figure_of_61.get_figheight() == figure_of_500.get_figheight()
+    assert not figure_of_500.axes[0].get_yticklabels()
 
 
 def test_wide_intervals_do_not_hide_the_others_and_are_counted(analysis):
-    first, second, third = analysis.evidence
+    row, *other_rows = analysis.evidence
     # The interval of the first subject reaches to 10^9 per cent.
-    size = first.answer.sizes["pse_shift_percent"]._replace(q975=1e9)
-    wide = row_with_answer(first, sizes={**first.answer.sizes, "pse_shift_percent": size})
-    errors, _ = bt.plots.order_effect(EvidenceTable((wide, second, third))).axes
+    size = row.answer.sizes["pse_shift_percent"]._replace(q975=1e9)
+    row = row_with_answer(row, sizes={**row.answer.sizes, "pse_shift_percent": size})
+    errors, _ = bt.plots.order_effect(EvidenceTable((row, *other_rows))).axes
     _, right_end = errors.get_xlim()
     assert right_end < 1e6
     assert "1 interval beyond the panel" in words_of(errors.texts)

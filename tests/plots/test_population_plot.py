@@ -18,7 +18,7 @@ def group_of_four():
 
 
 def forests_of(figure):
-    """The three forests of the figure by their labels; means with their priors are below."""
+    """The three forests of the figure by their labels. Panels of the means follow the forests."""
     return {ax.get_xlabel(): ax for ax in figure.axes[:3]}
 
 
@@ -49,15 +49,15 @@ def test_the_title_says_if_the_draws_are_not_reliable(group_of_four):
     title = bt.plots.population(group_of_four).get_suptitle()
     assert title == "Group of 4 subjects (synthetic data)"
     # With three divergent trajectories, the result is not reliable.
-    diverged = made_result(group_of_four.study, n_divergent=3)
-    assert bt.plots.population(diverged).get_suptitle().startswith("NOT RELIABLE")
+    result = made_result(group_of_four.study, n_divergent=3)
+    assert bt.plots.population(result).get_suptitle().startswith("NOT RELIABLE")
 
 
 def test_the_mean_of_the_group_is_shown_with_its_prior(group_of_four):
     contraction_panel = 4  # after three forests, and the mean constant error
     ax = bt.plots.population(group_of_four).axes[contraction_panel]
-    [prior] = [line for line in ax.lines if line.get_label() == "its prior"]
-    x, density = prior.get_data()
+    [prior_line] = [line for line in ax.lines if line.get_label() == "its prior"]
+    x, density = prior_line.get_data()
     hyperprior = group_of_four.settings.hyperprior.contraction
     expected = stats.norm(hyperprior.mean, hyperprior.mean_scale).pdf(x)
     assert density == pytest.approx(expected, rel=1e-6)
@@ -75,7 +75,7 @@ def test_the_figure_is_legible_and_fits_a_page(n_subjects):
 
 
 def test_many_subjects_are_sorted_and_have_no_names():
-    # One subject more than can have names in a forest.
+    # The group has one subject more than can have names in a forest.
     result = made_result(simulated_group(2, n_subjects=MAX_NAMES_IN_GROUP + 1, n_each=4))
     ax = new_figure(3.0, 3.0).subplots()
     forest(ax, result, "constant_error")

@@ -13,7 +13,7 @@ from bayes_toe.plots.predictive import predictive_interval
 
 
 def enlarged_analysis(analysis, size):
-    """An analysis with `size` subjects: those of an analysis again and again, renamed."""
+    """An analysis with `size` subjects: the subjects of an analysis by turns, with new names."""
     evidence = enlarged_table(analysis.evidence, size, "participant number {}")
     subjects = []
     curves = []
@@ -50,7 +50,7 @@ def test_figures_are_legible_and_as_wide_as_a_column_or_a_page(analysis, stronge
 
 
 def test_too_many_subjects_and_unknown_ones_are_refused(analysis):
-    # More subjects than a figure has panels, and a subject that is not there.
+    # More subjects than a figure has panels, and a subject that the analysis does not have.
     with refused("found 41, allowed: 1 to 40"):
         bt.plots.posterior_predictive(enlarged_analysis(analysis, 41))
     with refused("Z"):

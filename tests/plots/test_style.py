@@ -15,10 +15,10 @@ from bayes_toe.plots.style import grid_panels, label_outer, new_figure, plain
 
 def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
     # The draws as if their study were synthetic, which their attribute says in JSON.
-    synthetic = bt.Draws(analysis.draws.tree.copy())
-    record = json.loads(synthetic.tree.attrs["study"])
-    synthetic.tree.attrs["study"] = json.dumps(record | {"synthetic": True})
-    for figure in (bt.plots.corner(synthetic, "A"), bt.plots.curves(synthetic, "A")):
+    draws = bt.Draws(analysis.draws.tree.copy())
+    record = json.loads(draws.tree.attrs["study"])
+    draws.tree.attrs["study"] = json.dumps(record | {"synthetic": True})
+    for figure in (bt.plots.corner(draws, "A"), bt.plots.curves(draws, "A")):
         assert "synthetic" in " ".join(words_of(figure.findobj(Text)))
     figure = bt.plots.order_effect(analysis.evidence, synthetic=True)
     assert "synthetic" in figure.get_suptitle()
@@ -29,23 +29,23 @@ def test_names_are_shortened_to_what_tells_them_apart():
     names = [f"participant_of_the_study_{i:03d}" for i in range(40)]
     # The names differ in their last three characters, which stay also in ten characters.
     for limit in (10, 16, 24):
-        short = {plain(name, limit) for name in names}
-        assert len(short) == len(names)
-        assert {len(name) for name in short} == {limit}
+        short_names = {plain(name, limit) for name in names}
+        assert len(short_names) == len(names)
+        assert {len(name) for name in short_names} == {limit}
 
 
 def test_figures_of_a_subject_say_that_its_draws_did_not_converge(analysis):
-    # The draws as if those of A, the first subject, had not converged.
+    # The draws are marked as if those of A, the first subject, had not converged.
     tree = analysis.draws.tree.copy(deep=True)
     tree["sample_stats"]["converged"][0] = 0
     tree["sample_stats"]["shortfall"][0] = "too few"
-    doubtful = bt.Draws(tree)
-    assert "NOT CONVERGED" in bt.plots.curves(doubtful, "A").get_suptitle()
-    assert "NOT CONVERGED" not in bt.plots.curves(doubtful, "B").get_suptitle()
+    draws = bt.Draws(tree)
+    assert "NOT CONVERGED" in bt.plots.curves(draws, "A").get_suptitle()
+    assert "NOT CONVERGED" not in bt.plots.curves(draws, "B").get_suptitle()
 
 
 def test_the_last_panel_of_each_column_has_numbers():
-    # Three panels in two columns: the second one has none below it.
+    # Three panels in two columns: the second panel has no panel below it.
     panels = grid_panels(new_figure(5.0, 3.0), n_panels=3, n_columns=2, sharex=True)
     label_outer(panels, n_columns=2)
     has_numbers = [panel.xaxis.get_tick_params()["labelbottom"] for panel in panels]

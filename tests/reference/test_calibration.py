@@ -14,7 +14,7 @@ from bayes_toe.model.posterior_array import PosteriorArray
 
 
 def ranks_under(prior, n_studies=8):
-    """By quantity, whether ranks are uniform: observers of the paper's prior, analysed under this.
+    """Whether ranks are uniform, by quantity, if observers of the paper's prior get this prior.
 
     A rank is the share of posterior draws below the true value.
     """
@@ -32,14 +32,14 @@ def test_the_right_density_passes():
 
 @pytest.mark.slow
 def test_a_density_with_a_wrong_jacobian_is_caught(monkeypatch):
-    right = PosteriorArray.densities
+    right_densities = PosteriorArray.densities
 
     def with_jacobian(self, u):
         """Densities with a wrong factor 2 sigma_p^3.
 
-        It is the Jacobian that changes (sigma_p, gamma) into (sigma_p^2, sigma_l^2).
+        The factor is the Jacobian that changes (sigma_p, gamma) into (sigma_p^2, sigma_l^2).
         """
-        (log_prior, log_posterior) = right(self, u)
+        (log_prior, log_posterior) = right_densities(self, u)
         rows = self.likelihood.rows
         if not hasattr(rows, "log_width"):  # a model that the responses are checked with
             return log_prior, log_posterior

@@ -35,20 +35,27 @@ from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.parameters import ObserverPrior
 
-#: References for the paper's model, and for the four models.
-STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))
+#: References for the paper's model.
+PAPER_REFERENCES = json.loads(
+    (Path(__file__).with_name("reference.json")).read_text(encoding="utf-8")
+)
 SUBJECTS = hard_and_ordinary_subjects()
-ORDER = json.loads((Path(__file__).with_name("order_models.json")).read_text(encoding="utf-8"))
+#: References for the four models.
+ORDER_REFERENCES = json.loads(
+    (Path(__file__).with_name("order_models.json")).read_text(encoding="utf-8")
+)
 ORDER_CASES = order_cases()
 
 
 def test_stored_cases_belong_to_todays_counts_prior_and_method():
     """A case has a hash of the counts and a description of the prior, which `belongs` computes."""
-    for name, case in STORED["cases"].items():
+    for name, case in PAPER_REFERENCES["cases"].items():
         assert belongs(SUBJECTS[name], model=None).items() <= case.items()  # the paper's model
-        assert case["log_evidence_error"] <= 1.01e-4  # 1e-4 is what the integration aims at
-    assert set(ORDER["cases"]) == {f"{name}: {model}" for name in ORDER_CASES for model in MODELS}
-    for key, case in ORDER["cases"].items():
+        assert case["log_evidence_error"] <= 1.01e-4  # The integration aims at 1e-4.
+    assert set(ORDER_REFERENCES["cases"]) == {
+        f"{name}: {model}" for name in ORDER_CASES for model in MODELS
+    }
+    for key, case in ORDER_REFERENCES["cases"].items():
         name, model = key.rsplit(": ", 1)
         assert belongs(ORDER_CASES[name], model).items() <= case.items()
         assert case["method"] == METHOD
@@ -68,13 +75,13 @@ def test_tempering_confirms_the_integration(name):
     scores = PaperScores(SUBJECTS[name])
     points, log_weights = tempered_points(scores, k=4, runs=4, particles=2000, size=4000)
     value, error = tempered_evidence(log_weights)
-    case = STORED["cases"][name]
+    case = PAPER_REFERENCES["cases"][name]
     assert value == pytest.approx(case["log_evidence"], abs=4 * error)
     assert error < 0.03  # so that the comparison says something
 
     theta = scores.natural(points.reshape(-1, 4))  # an array for each parameter
     weights = np.exp(log_weights - log_weights.max()).ravel()
-    # The stored means go on with that of the gain.
+    # The stored means continue with the mean of the gain, which is not compared.
     for values, expected, sd in zip(theta, case["means"], case["sds"], strict=False):
         mean = np.average(values, weights=weights)
         assert mean == pytest.approx(expected, abs=0.1 * sd)
@@ -82,15 +89,16 @@ def test_tempering_confirms_the_integration(name):
 
 @pytest.fixture(
     scope="module",
-    # Hard cases that have a reference, and every fourth ordinary subject, because these are alike.
-    params=sorted({*hard_cases(), "S01", "S05", "S09", "S13"} & set(STORED["cases"])),
+    # Hard cases that have a reference, and every fourth ordinary subject, because ordinary subjects
+    # are alike.
+    params=sorted({*hard_cases(), "S01", "S05", "S09", "S13"} & set(PAPER_REFERENCES["cases"])),
 )
 def fit(request):
     """A stored case, the mixture that is fitted to its posterior, and fresh draws of it."""
     posterior = bt.model.paper_posterior(SUBJECTS[request.param], bt.Prior())
     rng = default_rng(1)
     fitted = fit_posterior(posterior, rng)
-    return STORED["cases"][request.param], fitted, fitted.fresh(rng, 20_000)
+    return PAPER_REFERENCES["cases"][request.param], fitted, fitted.fresh(rng, 20_000)
 
 
 def test_the_evidence_is_the_stored_one_or_is_withheld_with_a_reason(fit):
@@ -112,11 +120,11 @@ def test_quantiles_are_the_stored_ones_or_the_draws_are_said_not_to_have_converg
     # The share of draws below each stored quantile, at 5 standard errors of 4,000 effective draws:
     # 21 cases, 5 quantities and 3 levels make 300 comparisons. 0.003 is for the stored quantiles.
     quantities = fitted.target.quantities(chains.x)
-    for key, quantiles in zip(STORED["quantities"], case["quantiles"], strict=True):
-        for level, quantile in zip(STORED["levels"], quantiles, strict=True):
-            below = (quantities[key] < quantile).mean()
+    for key, quantiles in zip(PAPER_REFERENCES["quantities"], case["quantiles"], strict=True):
+        for level, quantile in zip(PAPER_REFERENCES["levels"], quantiles, strict=True):
+            share_below = (quantities[key] < quantile).mean()
             tolerance = 5 * np.sqrt(level * (1 - level) / 4000) + 0.003
-            assert below == pytest.approx(level, abs=tolerance)
+            assert share_below == pytest.approx(level, abs=tolerance)
 
 
 # --- The four models of the observer --------------------------------------------------------------
@@ -138,19 +146,20 @@ def test_the_references_have_the_default_prior():
     )
 
 
-#: Its evidences scatter twice as far as their standard errors (docs/error_bars_order.md).
+#: A case whose evidences scatter twice as far as their standard errors
+#: (docs/error_bars_order.md).
 PERFECT = "same/different, perfect"
 
 
 def order_errors(names, seeds):
-    """Evidences minus references, and combined standard errors, of models near the best ones."""
+    """Evidences minus references, and combined standard errors, of models near the best model."""
     errors, sds = [], []
     for name, seed in product(names, seeds):
         (evidence,) = order_evidence([ORDER_CASES[name]], seed)
-        cases = [ORDER["cases"][f"{name}: {model}"] for model in MODEL_NAMES]
+        cases = [ORDER_REFERENCES["cases"][f"{name}: {model}"] for model in MODEL_NAMES]
         reference = np.array([case["log_evidence"] for case in cases])
         reference_error = np.array([case["log_evidence_error"] for case in cases])
-        # A model far below the best one gets few draws: its error is stated, and large.
+        # A model far below the best model gets few draws: its error is stated, and large.
         is_near = reference > reference.max() - 6.0
         errors += (evidence.log_evidence - reference)[is_near].tolist()
         sds += np.hypot(evidence.standard_error, reference_error)[is_near].tolist()
@@ -159,7 +168,7 @@ def order_errors(names, seeds):
 
 @pytest.fixture(scope="module")
 def errors_and_sds():
-    """Of all cases but one, with two seeds."""
+    """Errors and their standard errors in all cases but PERFECT, with two seeds."""
     names = [name for name in ORDER_CASES if name != PERFECT]
     return order_errors(names, seeds=(1, 2))
 
@@ -168,7 +177,8 @@ def test_evidences_of_the_four_models_agree_with_tempering(errors_and_sds):
     errors, sds = errors_and_sds
     z = np.abs(errors / sds)
     assert len(errors) >= 80
-    # Of 80 one beyond 3 is no surprise; errors of few draws have tails of their own.
+    # Among 80 errors, one beyond 3 standard errors is no surprise. Errors of few draws have longer
+    # tails.
     assert (z > 3.0).sum() <= 2
     assert z.max() < 4.5
     assert np.median(sds) < 0.05  # nats; the evidences aim at .03
