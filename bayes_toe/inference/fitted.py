@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
 
@@ -16,6 +16,7 @@ from bayes_toe.arrays import AnyRng, FloatArray, Rng
 from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.engine import (
     SHARP,
+    Precision,
     PriorMixture,
     fitted_draws,
     fresh_draws,
@@ -94,12 +95,8 @@ def is_trusted(k: float, efficiency: float) -> bool:
     return k < 0.7 and efficiency > 0.02
 
 
-def fit_posterior(
-    target: SubjectPosterior, rng: Rng, judging_draws: int = SHARP.most_draws
-) -> Fitted:
-    """Fit a mixture to a posterior, precise enough for a sampler.
-
-    `judging_draws` is how many draws decide whether the mixture is good enough.
+def fit_posterior(target: SubjectPosterior, rng: Rng, precision: Precision = SHARP) -> Fitted:
+    """Fit a mixture to a posterior, by default precise enough for a sampler.
 
     Examples
     --------
@@ -124,7 +121,6 @@ def fit_posterior(
 
     # `ends` keep the coordinates of the posterior. They only decide the weights of the clouds.
     first_mixture = mixture_of_clouds(clouds, ends, array, rng)
-    precision = replace(SHARP, most_draws=judging_draws)
     (mixture,), (draws,) = fitted_draws(array, [first_mixture], [rng], precision)
     return Fitted(target, _maxima_from(target, ends), array, mixture, draws)
 
