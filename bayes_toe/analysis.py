@@ -29,6 +29,7 @@ from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws, require_fitting
 from bayes_toe.inference.draws_file import subjects_tree
+from bayes_toe.inference.engine import FOR_EVIDENCE, SHARP, Precision
 from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, unchecked_evidence
 from bayes_toe.inference.prediction import Predictor
@@ -68,9 +69,9 @@ class Analysis:
     curves : tuple of Predictor
         Some draws of every subject, averaged over the four models, in the coordinates of 'both'.
     contrast : ContrastTable or None
-        What differs between conditions within subjects, where the study has conditions.
+        The differences between conditions within subjects, if the study has conditions.
     group : PopulationResult or None
-        The group of the interpretable subjects, where there are at least six.
+        The group of the interpretable subjects, if there are at least six.
     """
 
     study: Study
@@ -105,7 +106,7 @@ class Analysis:
         return self.curves[self.study.names.index(name)]
 
     def summary(self) -> pd.DataFrame:
-        """The same as :meth:`bayes_toe.inference.draws.Draws.summary`."""
+        """The table of :meth:`bayes_toe.inference.draws.Draws.summary`."""
         import pandas as pd
 
         return pd.DataFrame(self.summary_rows, columns=SUMMARY_COLUMNS)
@@ -131,7 +132,7 @@ def run(
     seed : int, optional
         Root seed; without one, fresh entropy that is stored with the results.
     prior : Prior or str, optional
-        Or a preset, "default" or "paper", or a TOML file, see :mod:`bayes_toe.model.prior`.
+        A prior, a preset, "default" or "paper", or a TOML file, see :mod:`bayes_toe.model.prior`.
     workers : int or distributed.Client, optional
         Processes, by default one per processor; or a client of a Dask cluster, whose workers take
         their place. The numbers do not depend on it.
@@ -144,7 +145,8 @@ def run(
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
     require_fitting(study, settings)
-    # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
+    # Faults of all subjects, also of those that fail below: limits of alarms depend on the number
+    # of subjects.
     faults = not_interpreted(study)
 
     results = _analyse_study(
@@ -167,7 +169,6 @@ def run(
         differences = contrast(
             study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep
         )
-    group = _group(study, table.answers, settings)
     return Analysis(
         study,
         Draws(tree),
@@ -176,7 +177,7 @@ def run(
         curves=tuple(curves),
         summary_rows=tuple(summary),
         contrast=differences,
-        group=group,
+        group=_group(study, table.answers, settings),
     )
 
 
@@ -249,7 +250,8 @@ def sample(
 
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
     require_fitting(study, settings)
-    # Of all subjects, before those that fail are left out: limits of alarms depend on their number.
+    # Faults of all subjects, also of those that fail below: limits of alarms depend on the number
+    # of subjects.
     faults = not_interpreted(study)
 
     results = run_stored(
@@ -264,7 +266,7 @@ def sample(
     study, finished, failed = _survivors(study, results)
     all_draws = Draws(subjects_tree(study, finished, settings, failed, faults))
 
-    # What stands in a warning between a subject and its reason, and the reasons by subject.
+    # The words of a warning between a subject and the reason, and the reasons by subject.
     for problem, reasons in (
         (" is left out, ", all_draws.failed),
         (" did not converge: ", all_draws.not_converged),
@@ -303,9 +305,13 @@ def evidence(
     True
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
-    compute = partial(_compute_evidence, n_draws=draws)
     results = _analyse_study(
-        study, settings, compute, folder=keep, workers=workers, progress=progress
+        study,
+        settings,
+        partial(_compute_evidence, n_draws=draws),
+        folder=keep,
+        workers=workers,
+        progress=progress,
     )
     rows, failed = without_failed(study.names, results)
     return _table(rows, settings, failed, study.task)
@@ -331,7 +337,7 @@ _FlaggedEvidence: TypeAlias = tuple[OrderEvidence, Sequence[Finding]]
 def _sample_subject(subject: Subject, settings: Settings) -> SubjectDraws:
     """The draws of one subject under the model of the settings."""
     target = model_posterior(settings.model, subject, settings.prior)
-    fitted = fit_subject(target, settings.seed, has_chains=True)
+    fitted = fit_subject(target, settings.seed, SHARP)
     return subject_draws(fitted, settings.sampler, settings.seed)
 
 
@@ -345,21 +351,21 @@ def _analyse_subjects(
     The evidences of all subjects are computed together, which is faster. Each subject comes with
     the findings on its responses, as :func:`run_stored` gives a job one argument.
     """
-    subjects, flags = zip(*flagged_subjects, strict=True)
+    subjects, findings = zip(*flagged_subjects, strict=True)
     evidences = unchecked_evidence(subjects, settings.seed, settings.prior.observer)
-    return try_each(partial(analyse, settings=settings), zip(evidences, flags, strict=True))
+    return try_each(partial(analyse, settings=settings), zip(evidences, findings, strict=True))
 
 
 def _fit_h1(
-    flagged_evidence: _FlaggedEvidence, settings: Settings, n_draws: int, *, has_chains: bool
+    flagged_evidence: _FlaggedEvidence, settings: Settings, n_draws: int, precision: Precision
 ) -> tuple[Fitted, SubjectEvidence]:
     """The mixture of the paper's model (H1) of one subject, and its row of the evidence table."""
-    evidence, flags = flagged_evidence
+    evidence, findings = flagged_evidence
     seed = settings.seed
     # An evidence that is not finite raises an error here, where it costs this subject only.
-    answer = answer_evidence(evidence.checked(), seed, flags)
+    answer = answer_evidence(evidence.checked(), seed, findings)
     target = paper_posterior(evidence.subject, settings.prior)
-    fitted = fit_subject(target, seed, has_chains=has_chains)
+    fitted = fit_subject(target, seed, precision)
     return fitted, subject_evidence(fitted, model_evidence(fitted, seed, n_draws), answer)
 
 
@@ -367,13 +373,13 @@ def _compute_evidence(
     flagged_evidence: _FlaggedEvidence, settings: Settings, n_draws: int
 ) -> SubjectEvidence:
     """The row of one subject in the evidence table, with so many draws behind that of H1."""
-    _, row = _fit_h1(flagged_evidence, settings, n_draws, has_chains=False)
+    _, row = _fit_h1(flagged_evidence, settings, n_draws, FOR_EVIDENCE)
     return row
 
 
 def _sample_h1(flagged_evidence: _FlaggedEvidence, settings: Settings) -> _SampledSubject:
     """The row of one subject in the evidence table, and draws of the paper's model (H1)."""
-    fitted, row = _fit_h1(flagged_evidence, settings, EVIDENCE_DRAWS, has_chains=True)
+    fitted, row = _fit_h1(flagged_evidence, settings, EVIDENCE_DRAWS, SHARP)
     draws = subject_draws(fitted, settings.sampler, settings.seed, summarised=True)
     evidence, _ = flagged_evidence
     # 400 draws suffice for the bands of curves in figures.
@@ -424,9 +430,9 @@ def _analyse_study(
 def _survivors(
     study: Study, results: Sequence[Result | NumericalError]
 ) -> tuple[Study, list[Result], dict[str, str]]:
-    """The subjects that did not fail, their results, and the reasons of the others by name.
+    """The subjects that did not fail, their results, and why other subjects failed, by name.
 
-    A WorkerError is raised if all failed.
+    A WorkerError is raised if all subjects failed.
     """
     finished, failed = without_failed(study.names, results)
     if failed:

@@ -30,12 +30,12 @@ BLOCK = 1 << 16
 
 # The C library of Linux gives memory of more than 128 KiB back to the system as soon as it is free,
 # and fetches it anew, page by page, for the next temporary array, until a larger piece was freed
-# once. This one is never written to, so it costs nothing.
+# once. This array is freed at once. It is never written to, so it costs nothing.
 np.empty(1 << 21)
 
 
 def thinned(points: FloatArray, n_points: float) -> FloatArray:
-    """At most `n_points` of the points, shape (points, ...): every n-th one from the first on."""
+    """At most `n_points` of the points, shape (points, ...): every n-th point from the first on."""
     return points[:: max(1, math.ceil(len(points) / n_points))]
 
 

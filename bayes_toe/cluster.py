@@ -102,15 +102,15 @@ def run_on(client: Client, jobs: Jobs[Result]) -> Outcomes[Result]:
     from dask import config
     from distributed import KilledWorker, as_completed
 
-    # Dask warns of arguments over 10 MB, which should be sent once for all jobs. Those of a job are
-    # used by this job only.
+    # Dask warns of arguments over 10 MB, which should be sent once for all jobs. The
+    # arguments of a job are used by this job only.
     with config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):
         futures = client.map(partial(_run_there, versions()), jobs, pure=False)
     index_of_key = {future.key: index for index, future in enumerate(futures)}
 
     try:
         for future in as_completed(futures, loop=client.loop):
-            if future.cancelled():  # Nobody else cancels one that is waited for.
+            if future.cancelled():  # Nobody else cancels a job that is waited for.
                 raise WorkerError("the connection to the Dask scheduler is lost")
             yield index_of_key[future.key], future.result()
             future.release()
@@ -137,7 +137,7 @@ def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result
                 f"{version}: they have to be the same"
             )
     with _one_at_a_time:
-        threadpool_limits(1)  # It stays: the libraries of one job are those of the next.
+        threadpool_limits(1)  # The limit stays for the next jobs of this worker.
         return job()
 
 
@@ -148,7 +148,7 @@ def versions() -> Mapping[str, str]:
 
 
 def _require_open(client: Client) -> None:
-    """Require a client, and that it is open."""
+    """Refuse what is no client, and a client that is not open."""
     if not hasattr(client, "scheduler_info"):
         raise InputError(
             f"workers={client!r}: allowed is a number of processes from 1, or a distributed.Client"

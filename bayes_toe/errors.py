@@ -1,8 +1,8 @@
 """The exceptions and warnings a user may catch.
 
 Every exception is a :class:`BayesToeError`; the command line turns each into one line per problem
-and exit code 2. `Remedy` is an option that solves a problem. `with_next_questions` adds what is
-asked after the first answers. `require_kind`, `require_number` and
+and exit code 2. `Remedy` is an option that solves a problem. `with_next_questions` adds the
+questions that follow the first answers. `require_kind`, `require_number` and
 `require_share` refuse arguments.
 """
 
@@ -29,12 +29,12 @@ class Remedy(NamedTuple):
     value : str or tuple of (str, str)
         Its value; for `columns` pairs of our names and those of the file.
     meaning : str
-        When it is the right one.
+        When the option is the right one.
     question : int
-        The problem that it solves, of the problems of an error; below 0 the last one. One remedy of
-        each question is enough.
+        The index of the problem that it solves, among the problems of an error; below 0 the last
+        problem. One remedy of each question is enough.
     step : int
-        How many questions had to be answered before this one came up.
+        How many questions had to be answered before this question came up.
     together : tuple of Remedy
         Options that are typed with this one, and with no other answer.
     replaces : str
@@ -69,7 +69,7 @@ class Remedy(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether it can be typed as it is; a value NAME or REF is a blank that the user fills."""
+        """Whether the option can be typed as it is; the user fills a value NAME or REF."""
         texts = {self.value} if isinstance(self.value, str) else set(dict(self.value).values())
         return texts.isdisjoint({"NAME", "REF"})
 
@@ -172,7 +172,7 @@ class InputError(BayesToeError, ValueError):
         for remedy in self.remedies:
             if remedy is first_answers[remedy.question]:
                 continue
-            # The first answers, but this one to its question.
+            # The first answers, but this remedy to its question.
             answers = _without_replaced({**first_answers, remedy.question: remedy}.values())
             chosen = [answer for answer in answers if answer.step <= remedy.step]
             choices.append((chosen, [remedy.meaning]))
@@ -202,7 +202,7 @@ def _without_replaced(answers: Collection[Remedy]) -> list[Remedy]:
 def with_next_questions(
     error: InputError, options: Any, read: Callable[[Any], object]
 ) -> InputError:
-    """The error with what is asked next, if the first remedy of each question is typed.
+    """The error with the questions that follow, if the first remedy of each question is typed.
 
     `read` raised the error with `options`; it is called with these and the first remedies.
     """
@@ -216,7 +216,7 @@ def with_next_questions(
         try:
             options = with_remedies(options, first_choice)
         except InputError:
-            break  # they exclude an option that is given, which only the user can replace
+            break  # the remedies exclude a given option, which only the user can replace
 
         try:
             read(options)
@@ -228,7 +228,7 @@ def with_next_questions(
 
         step += 1
         for remedy in error.remedies:
-            question = len(problems) + remedy.question  # behind those of earlier steps
+            question = len(problems) + remedy.question  # behind the problems of earlier steps
             remedies.append(remedy._replace(question=question, step=step))
         problems += error.problems
     return InputError(problems, remedies)
@@ -238,11 +238,11 @@ def with_remedies(options: Any, remedies: Iterable[Remedy]) -> Any:
     """The options with the values of remedies; mappings and tuples keep their earlier entries."""
     new_values = option_values(remedies)
     for name, value in new_values.items():
-        earlier = getattr(options, name)
-        if isinstance(earlier, Mapping):
-            new_values[name] = {**earlier, **value}
-        elif isinstance(earlier, tuple):
-            new_values[name] = (*earlier, value)
+        earlier_value = getattr(options, name)
+        if isinstance(earlier_value, Mapping):
+            new_values[name] = {**earlier_value, **value}
+        elif isinstance(earlier_value, tuple):
+            new_values[name] = (*earlier_value, value)
     return replace(options, **new_values)
 
 

@@ -23,9 +23,9 @@ def import_without_folder_settings() -> None:
     """Import matplotlib and ArviZ so that they read no settings from the working folder.
 
     Both read files such as matplotlibrc there when they are imported, and a data folder may hold
-    one. Nothing is imported where there is no such file.
+    such a file. Nothing is imported where there is no such file.
     """
     if any(map(os.path.lexists, ("matplotlibrc", "arvizrc"))):
-        with chdir(Path(__file__).parent):  # the folder of this package has none
+        with chdir(Path(__file__).parent):  # the folder of this package has no such file
             import_module("arviz")
             import_module("matplotlib")

@@ -1,4 +1,4 @@
-"""Results of subjects in a folder until all are there, so that a stopped command can resume.
+"""Results of subjects in a folder until all are finished, so that a stopped command can resume.
 
 Each result is a file of its own. Its name, and an entry in it, is the hash of its job: of the
 counts, the settings, the seed and the versions of the libraries. The result of a file that is
@@ -48,7 +48,7 @@ _NUMPY_NAMES = ("_frombuffer", "_reconstruct", "dtype", "ndarray", "scalar")
 
 
 def resumed_seed(seed: int | None, folder: StrPath | None) -> int:
-    """The given seed, else that of the newest result in the folder, else a fresh one.
+    """The given seed, else that of the newest result in the folder, else a fresh seed.
 
     `folder` is None where no results are stored.
     """
@@ -87,7 +87,7 @@ def run_stored(
     seed : int
         The root seed of the jobs, which each file stores.
     folder : path, optional
-        Without one nothing is stored.
+        Without a folder nothing is stored.
     workers, progress
         As in :func:`bayes_toe.workers.run_jobs`.
     batch : int
@@ -104,10 +104,10 @@ def run_stored(
         If the folder cannot be written to.
     """
     results = {}  # by the index of the job
-    files = {}  # by the index of the job; none without a folder
+    files = {}  # by the index of the job; empty without a folder
     if folder is not None:
         path = Path(folder)
-        require_writable(path / SUFFIX, overwrite=True)  # any file there, before the work
+        require_writable(path / SUFFIX, overwrite=True)  # as any file there, before the work
         for index, job in enumerate(jobs):
             job_hash = joblib.hash((versions(), work, job))
             files[index] = path / f"{job_hash}{SUFFIX}"
@@ -118,8 +118,8 @@ def run_stored(
         # If the command is stopped, its message says how many results the folder has.
         under_way[path] = Standing(files.values(), len(results))
 
-    missing = [index for index in range(len(jobs)) if index not in results]
-    batches = in_batches(missing, batch, workers)
+    missing_indices = [index for index in range(len(jobs)) if index not in results]
+    batches = in_batches(missing_indices, batch, workers)
     batch_jobs = []
     for indices in batches:
         batch_jobs.append(partial(work, [jobs[index] for index in indices]))
@@ -128,7 +128,7 @@ def run_stored(
         for position, batch_results in outcomes:
             for index, result in zip(batches[position], batch_results, strict=True):
                 results[index] = result
-                is_error = isinstance(result, NumericalError)  # which is tried again next time
+                is_error = isinstance(result, NumericalError)  # an error is tried again next time
                 if index in files and not is_error:
                     _write(files[index], seed, result)
                 report_progress(progress, [names[index]])
@@ -153,7 +153,7 @@ def versions() -> Texts:
 
 
 def stored_files(folder: Path) -> list[Path]:
-    """The files of results in a folder; none where there is no such folder."""
+    """The files of results in a folder; an empty list without such a folder."""
     # A glob would find nothing, without an error, under a name that no folder can have.
     refuse_impossible(folder)
     with reporting(folder):
@@ -173,7 +173,7 @@ def discard(folder: Path) -> None:
 
 
 def _read(file: Path) -> Record | None:
-    """The seed and the result in a file; None if it is missing, damaged or of another job."""
+    """The seed and the result in a file; None if the file is missing, damaged or of another job."""
     with suppress(Exception):  # A damaged file can raise anything.
         stored = _RecordReader(io.BytesIO(file.read_bytes())).load()
         if stored["job"] == file.stem:

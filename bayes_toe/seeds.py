@@ -1,6 +1,6 @@
 """Random streams keyed by root seed, subject and purpose.
 
-The same numbers in any order and on any number of workers.
+A stream gives the same numbers in any order of the jobs and on any number of workers.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LARGEST_SEED = 2**63 - 1
 
 
 def root_seed(seed: int | None) -> int:
-    """The seed as an integer; None gives a fresh one, which results then report.
+    """The seed as an integer; None gives a fresh seed, which results then report.
 
     An InputError if it is not in 0 to 2**63 - 1.
     """
@@ -29,7 +29,7 @@ def root_seed(seed: int | None) -> int:
 def require_seed(seed: int) -> int:
     """The seed as an integer; an InputError if it is not in 0 to 2**63 - 1."""
     require_number("seed", seed, smallest=0, largest=LARGEST_SEED)
-    return int(seed)  # an integer of NumPy becomes one of Python
+    return int(seed)  # an integer of NumPy becomes an integer of Python
 
 
 def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:

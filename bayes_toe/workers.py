@@ -1,4 +1,4 @@
-"""Independent jobs side by side: by processes of this machine (joblib), or on a Dask cluster.
+"""Independent jobs in parallel: by processes of this machine (joblib), or on a Dask cluster.
 
 `run_in_order` returns all results, and `run_jobs` yields each result when its job is done.
 """
@@ -29,7 +29,7 @@ from bayes_toe.libraries import import_without_folder_settings
 if TYPE_CHECKING:
     from distributed import Client
 
-#: Processes of this machine, by default one per processor; or a client of a Dask cluster.
+#: Processes of this machine, by default a process per processor; or a client of a Dask cluster.
 Workers: TypeAlias = "int | Client | None"
 #: Called with the name of each subject or data set when it is finished.
 Progress = Callable[[str], None]
@@ -65,7 +65,7 @@ def count_processes(workers: Workers) -> int:
 
 
 def in_batches(values: Sequence[Value], largest: int, workers: Workers) -> list[Sequence[Value]]:
-    """Values in batches of at most `largest`, so small that each process gets one if possible.
+    """Values in batches of at most `largest`, so small that each process gets a batch if possible.
 
     Examples
     --------
@@ -137,7 +137,7 @@ def run_in_order(
 def try_each(
     function: Callable[[Value], Result], values: Iterable[Value]
 ) -> list[Result | NumericalError]:
-    """The result of a function for each value, or the NumericalError that it raised."""
+    """The result of a function for each value, or the NumericalError that the function raised."""
     results: list[Result | NumericalError] = []
     for value in values:
         try:
@@ -150,7 +150,7 @@ def try_each(
 def without_failed(
     names: Iterable[str], results: Iterable[Result | NumericalError]
 ) -> tuple[list[Result], dict[str, str]]:
-    """Split results into those of the jobs that did not fail, and the errors of the other jobs.
+    """Split results into results of jobs that did not fail, and the errors of the other jobs.
 
     A job that failed has its error in `results`. The second value has the text of this error by the
     name of the job.
@@ -158,7 +158,7 @@ def without_failed(
     Raises
     ------
     WorkerError
-        If all failed.
+        If all jobs failed.
     """
     finished = []
     failed = {}
@@ -189,7 +189,7 @@ def _run_here(jobs: Jobs[Result]) -> Outcomes[Result]:
 def _run_in_processes(jobs: Jobs[Result], n_processes: int) -> Outcomes[Result]:
     """Run the jobs by joblib, as :func:`run_jobs` does.
 
-    The processes stay when the jobs are done, and wait for those of the next call.
+    The processes stay when the jobs are done, and wait for the jobs of the next call.
     """
     with parallel_config(
         "loky",

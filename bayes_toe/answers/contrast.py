@@ -3,9 +3,9 @@
 All conditions are fitted together (:mod:`bayes_toe.model.condition_model`), once for each of the
 2^3 sets of quantities that may differ. The Bayes factor of a quantity is the mean evidence of the
 sets in which the quantity differs, over the mean evidence of the other sets. The Bayes factor of
-'order effect' compares three cases with none: constant error, contraction or both differ. Each case
-has the weight 1/3. The size of a difference is the average over the sets in which the quantity
-differs, weighted by their evidence.
+'order effect' compares three cases with no difference: constant error, contraction or both differ.
+Each case has the weight 1/3. The size of a difference is the average over the sets in which the
+quantity differs, weighted by their evidence.
 
 The conditions may be tasks. Then one observer does all tasks, and :func:`one_observer` has the
 evidences of all responses of a subject together.
@@ -99,7 +99,7 @@ LEGEND = (
 
 
 def observer_name(quantity: str) -> str:
-    """The name of a quantity among those of the observer: 'JND' -> 'jnd'."""
+    """The name that the observer has for a quantity: 'JND' -> 'jnd'."""
     return quantity.lower().replace(" ", "_")
 
 
@@ -119,7 +119,7 @@ class Difference(NamedTuple):
     p_direction : float or None
         Probability of the more probable sign; None for a size.
     log_bf_differs, log_bf_differs_se : float
-        Natural log of the Bayes factor of a difference, between any levels, against none.
+        Natural log of the Bayes factor of a difference, between any levels, against no difference.
     robust : str
         'yes' if the word stays the same when the lapses may differ too.
     """
@@ -147,7 +147,7 @@ class Difference(NamedTuple):
     @property
     def short_word(self) -> str:
         """The word of screens: 'yes' for 'differs', as in answers."""
-        # Both lists begin with the surest word and end with 'no'.
+        # The first five words of `Word` are in the order of WORDS.
         return str(list(Word)[WORDS.index(self.word)])
 
     def interval(self, unit: StimulusUnit) -> Size:
@@ -159,7 +159,7 @@ class Difference(NamedTuple):
 
     @property
     def factor(self) -> str:
-        """The Bayes factor of a difference against none, in words."""
+        """The Bayes factor of a difference against no difference, in words."""
         return format_bayes_factor(self.log_bf_differs)
 
     def size(self, unit: StimulusUnit) -> str:
@@ -208,15 +208,15 @@ class ContrastTable(Table[Difference]):
     prior : ObserverPrior
     seed : int
     task : Task
-        Of several tasks, one that has a criterion.
+        The task; of several tasks, a task that has a criterion.
     unit : StimulusUnit
         The unit in which differences are shown.
     left_out : dict of str to str
-        Subjects who met no two levels that are compared, and which ones they met.
+        Subjects who met no two levels that are compared, with the levels that they met.
     failed : dict of str to str
         Subjects whose work was lost, and why.
     answers : tuple of OrderEffect
-        Of several tasks, the order effect of each subject, if one observer does all of them.
+        With several tasks, the order effect of each subject, if one observer does all tasks.
     """
 
     conditions: Conditions
@@ -248,8 +248,7 @@ class ContrastTable(Table[Difference]):
         """Sentences on the conditions, and in how many subjects each quantity differs."""
         lines = [f"Condition {self.conditions.about}."]
         for quantity in self.quantities:
-            # All rows of a subject have the same word and Bayes factor. The last row stands for
-            # them.
+            # All rows of a subject have the same word and Bayes factor: the last row suffices.
             row_of_subject = {row.subject: row for row in self.select(quantity)}
             words = [row.short_word for row in row_of_subject.values()]
             counts = count_words(words, f" of {plural(len(row_of_subject), 'subject')}")
@@ -314,10 +313,11 @@ def contrast(
     compared, left_out = _compared_subjects(study, conditions)
     root = resumed_seed(seed, keep)
     observer_prior = prior_for(study, prior).observer
+    contrasts_of_subject = partial(
+        _contrasts, conditions=conditions, prior=observer_prior, seed=root
+    )
     results = run_stored(
-        partial(
-            try_each, partial(_contrasts, conditions=conditions, prior=observer_prior, seed=root)
-        ),
+        partial(try_each, contrasts_of_subject),
         list(compared.values()),
         list(compared),
         seed=root,
@@ -337,7 +337,7 @@ def contrast(
         conditions,
         observer_prior,
         root,
-        # A task with a criterion, if there is one: the description of its prior has all parameters.
+        # A task with a criterion, if the study has it: the description of its prior is complete.
         task=max((unit.task for unit in study), key=lambda task: task.has_criterion),
         unit=study.unit,
         left_out=left_out,
@@ -349,7 +349,7 @@ def contrast(
 def _compared_subjects(
     study: Study, conditions: Conditions
 ) -> tuple[dict[str, tuple[Subject, ...]], dict[str, str]]:
-    """The units of each subject who met two levels that are compared; why others are left out."""
+    """The units of each subject who met two levels that are compared; why a subject is left out."""
     compared = {}
     left_out = {}
     for name, units in units_by_subject(study).items():
@@ -371,7 +371,7 @@ def _compared_subjects(
 # --- One subject ---------------------------------------------------------------------------------
 
 
-#: The differences of one subject, and of several tasks the answer of one observer.
+#: The differences of one subject, and with several tasks the answer of one observer.
 SubjectContrasts: TypeAlias = tuple[list[Difference], OrderEffect | None]
 
 
@@ -382,7 +382,8 @@ def _contrasts(
     answer = None
     if len({unit.task for unit in units}) > 1:
         # What one task can show, one observer of all tasks can show. So the questions are those of
-        # the task that has the fewest reasons why a question cannot be told.
+        # the task that has the fewest reasons why a question cannot be told. The
+        # reasons of one task include the reasons of another task.
         identification = min(map(identify, units), key=lambda design: len(design.reasons))
         answer = order_effect(one_observer(units, prior, seed), identification)
     return subject_contrast(units, conditions, prior, seed), answer
@@ -391,11 +392,11 @@ def _contrasts(
 def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> OrderEvidence:
     """The evidences of a subject's four models, if one observer does the tasks of all units.
 
-    A NumericalError is raised if one is not a finite number.
+    A NumericalError is raised if an evidence is not a finite number.
     """
     # Without columns in the design nothing differs between the units.
     models = ConditionModels(tuple(units), np.zeros((len(units), 0)), prior)
-    (evidence,) = evidences_of(models.without_differences, [models.subject], seed, prior)
+    (evidence,) = evidences_of(models.posteriors_without_differences, [models.subject], seed, prior)
     return evidence.checked()
 
 
@@ -417,15 +418,15 @@ def subject_contrast(
         error = same_lapses.bayes_factor_error(differs)
         is_robust = word_of(log_bf) == word_of(free_lapses.log_bayes_factor(differs))
         robust = "yes" if is_robust else "no"
-        # Draws of equal weight from the models in which it differs.
+        # Draws of equal weight from the models in which the quantity differs.
         draws = same_lapses.averaged(differs).resampled(rng, size=4000)
         values = models.quantities(draws)  # (conditions, draws) each
         for level, reference in conditions.comparisons:
             if level in levels and reference in levels:
                 i = levels.index(level)
                 j = levels.index(reference)
-                changes = {key: array[i] - array[j] for key, array in values.items()}
-                summary = _summary(quantity, changes, models.shared.scales)
+                changes = {key: at_levels[i] - at_levels[j] for key, at_levels in values.items()}
+                summary = _summary(quantity, changes, models.shared_observer.scales)
                 comparison = f"{level} - {reference}"
                 row = (name, quantity, comparison, *summary, log_bf, error, robust)
                 rows.append(Difference._make(row))
@@ -451,32 +452,35 @@ def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tup
 
 
 def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, ModelSet]:
-    """Evidences and draws of the models of :data:`CHOICES`, and of those with other lapses too.
+    """Evidences and draws of the models of :data:`CHOICES`, alone and with lapses that differ too.
 
-    In the latter, lapses also differ: the lapse rate and, in 'same or different', the peak.
+    The lapses are the lapse rate and, in 'same or different', the peak.
     """
-    lapses = [parameter for parameter in (PEAK, LAPSE_RATE) if parameter in models.differing]
-    with_lapses = [(*choice, *lapses) for choice in CHOICES]
-    all_choices = [*CHOICES, *with_lapses]
-    array = models.array(all_choices)
+    lapses = [
+        parameter for parameter in (PEAK, LAPSE_RATE) if parameter in models.differing_parameters
+    ]
+    # A choice has the parameters that differ. First come CHOICES, then the choices with lapses.
+    choices_with_lapses = [(*choice, *lapses) for choice in CHOICES]
+    all_choices = [*CHOICES, *choices_with_lapses]
+    posteriors = models.posteriors(all_choices)
 
-    # All searches start at the maxima of the model in which nothing differs, but not at those that
-    # are 10 nats below the best one, whose weight is below exp(-10).
-    nothing_differs = np.array([CHOICES.index(())])
-    (maxima,) = observer_maxima(array.part(nothing_differs))
+    # All searches start at the maxima of the model in which nothing differs, but not at maxima that
+    # are 10 nats below the best maximum, whose weight is below exp(-10).
+    simplest = np.array([CHOICES.index(())])  # the position of that model
+    (maxima,) = observer_maxima(posteriors.part(simplest))
     starts = maxima.x[maxima.value > maxima.value.max() - 10.0]
-    owners = np.repeat(np.arange(len(array)), len(starts))  # the model of each search
-    searches = ascend_from(array, owners, np.tile(starts, (len(array), 1)))
+    owners = np.repeat(np.arange(len(posteriors)), len(starts))  # the model of each search
+    searches = ascend_from(posteriors, owners, np.tile(starts, (len(posteriors), 1)))
 
     mixtures = []
     generators = []
     for i, choice in enumerate(all_choices):
-        mixtures.append(mixture_of_maxima(searches.part(owners == i), array.is_free[i]))
+        mixtures.append(mixture_of_maxima(searches.part(owners == i), posteriors.is_free[i]))
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
     # More draws than usual, because intervals of differences come from them too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
-    _, draws = fitted_draws(array, mixtures, generators, precision)
+    _, draws = fitted_draws(posteriors, mixtures, generators, precision)
 
     n = len(CHOICES)
     prior_probabilities = np.full(n, 1.0 / n)

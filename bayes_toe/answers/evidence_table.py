@@ -1,8 +1,8 @@
 """The rows of evidence.csv.
 
 `subject_evidence` makes the row of one subject, and `EvidenceTable` has the rows of a study. A row
-has the answer of the subject. It also compares the paper's model (H1) with one free frequency for
-each pair (H0).
+has the answer of the subject. It also compares the paper's model (H1) with one free probability
+for each pair (H0).
 
 All log evidences are natural logs and leave binomial coefficients out, so their differences are log
 Bayes factors. Source of H1 against H0: Appendix C, with the likelihood (not its log) inside the
@@ -49,16 +49,16 @@ EVIDENCE_COLUMNS = (*ANSWER_COLUMNS, *_COMPARISON_COLUMNS, "prior")
 class SubjectEvidence:
     """The answer and log evidences (nats) of one subject.
 
-    None where a value does not exist. The Laplace approximation of H1 does not exist if the
+    A value that does not exist is None. The Laplace approximation of H1 does not exist if the
     Hessian at the maximum is not negative definite.
 
     Attributes
     ----------
     answer : OrderEffect
     fit : GoodnessOfFit or None
-        Goodness of fit of the paper's model (H1), of chains.
+        Goodness of fit of the paper's model (H1), from chains; None without chains.
     notes : tuple of str
-        What is not reported, and why.
+        Values that are not reported, and why.
     """
 
     subject: str
@@ -76,7 +76,7 @@ class SubjectEvidence:
 
     @property
     def cells(self) -> Mapping[str, object]:
-        """The entries of evidence.csv by column, without the prior; None where one is empty."""
+        """The entries of evidence.csv by column, without the prior; an empty entry is None."""
         cells = dict(self.answer.cells)
         for column in _COMPARISON_COLUMNS:
             cells[column] = getattr(self, column)
@@ -109,7 +109,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
     failed : mapping of str to str
         Subjects without a row because their work was lost, with the reason.
     task : Task
-        What the subjects were asked.
+        The task of the subjects.
     """
 
     seed: int | None = None
@@ -153,28 +153,28 @@ def subject_evidence(fitted: Fitted, estimate: Evidence, answer: OrderEffect) ->
     subject = fitted.target.subject
     # H1 predicts only the counted response. To compare with H0, it gets the part of H0 for the
     # other question.
-    of_direction = direction_evidence(subject)
-    # An array of one posterior; NaN where the approximation does not exist.
+    direction_part = direction_evidence(subject)
+    # The array has one posterior; NaN where the approximation does not exist.
     _, laplace_evidence = laplace(fitted.target.array, [fitted.maxima])
-    by_laplace = float(laplace_evidence[0])
+    laplace_h1 = float(laplace_evidence[0])
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
         n_trials=subject.total_trials,
-        log_evidence_h1=None if estimate.value is None else estimate.value + of_direction,
+        log_evidence_h1=None if estimate.value is None else estimate.value + direction_part,
         log_evidence_h1_se=estimate.se,
         log_evidence_h0=frequency_evidence(subject),
-        log_evidence_h1_laplace=None if np.isnan(by_laplace) else by_laplace + of_direction,
+        log_evidence_h1_laplace=None if np.isnan(laplace_h1) else laplace_h1 + direction_part,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         pareto_k=estimate.pareto_k,
         answer=answer,
         fit=None,  # chains are drawn later, if at all
-        notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
+        notes=(f"H1: {estimate.why_withheld}",) if estimate.why_withheld else (),
     )
 
 
 def frequency_evidence(subject: Subject) -> float:
-    """Exact log evidence of H0, nats: one free frequency per pair, with a uniform prior.
+    """Exact log evidence of H0, nats: one free probability per pair, with a uniform prior.
 
     It is the sum of ln B(n_yes + 1, n_no + 1) over the pairs, and over the questions of the task.
     """
@@ -183,7 +183,7 @@ def frequency_evidence(subject: Subject) -> float:
 
 
 def direction_evidence(subject: Subject) -> float:
-    """Exact log evidence of one free frequency of 'second' per pair, where it is not 'equal', nats.
+    """Exact log evidence, nats, of a free probability of 'second' per pair, among unequal answers.
 
     Both H0 and H1 include it, so that they predict all three answers: H1 alone says nothing of
     'first' and 'second'. With two answers it is 0.

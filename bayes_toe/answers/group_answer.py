@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population import PopulationResult
     from bayes_toe.groups.population_table import PopulationRow
 
-#: Parameters between 0 and 1, or -1 and 1; the others are in the unit of differences.
+#: Parameters between 0 and 1, or -1 and 1; other parameters are in the unit of differences.
 _SHARES = (CONTRACTION.name, PEAK.name)
 #: Names of the parameters of a group: in sentences, as rows of its table, and as rows of the tables
 #: of differences.
@@ -63,7 +63,7 @@ def parameter_row(result: PopulationResult, name: str) -> list[str]:
 
 def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") -> str:
     """Median and 95 % interval of a mean, or of a new subject, in the unit of the study."""
-    # The row in the units of screens, if the table has one beside that of the parameter.
+    # The row in the units of screens, if the table has such a row beside the row of the parameter.
     row = result.table.row(quantity, COMPUTED.get(name, name))
     if name in _SHARES:
         return format_share(row.interval)
@@ -87,17 +87,17 @@ def _factor_and_word(log_factor: float) -> list[str]:
 
 
 def _spread(result: PopulationResult, name: str) -> str:
-    """The SD between subjects with its interval; one that may be 0 as 'at most 4 %'."""
+    """The SD between subjects with its interval; an SD that may be 0 is 'at most 4 %'."""
     unit = result.shown_unit(name)
     j = result.index(name)
     mean = result.draws.mean[..., j]
     sd = result.draws.sd[..., j]
     # The unit may be no linear function of the parameter. So, in the unit, the SD is half the
     # difference between subjects one SD above and one SD below the mean.
-    above = result.in_units(name, mean + sd, unit)
-    below = result.in_units(name, mean - sd, unit)
+    one_sd_above = result.in_units(name, mean + sd, unit)
+    one_sd_below = result.in_units(name, mean - sd, unit)
     with np.errstate(invalid="ignore"):  # both may be infinite
-        spread = 0.5 * (above - below)
+        spread = 0.5 * (one_sd_above - one_sd_below)
 
     is_share = name in _SHARES
     if result.table.row("sd", name).q025 < _SMALL_SD.get(name, 0.0):
@@ -152,7 +152,7 @@ def _describe_effect(result: PopulationResult, name: str) -> str:
 
 def _reference(result: PopulationResult) -> str:
     """The values of covariates for which the means hold, as in ' (age mean, sex f)'."""
-    references = {}  # by covariate: one with several levels has several columns
+    references = {}  # by covariate: a covariate with several levels has several columns
     for column in result.regressors.columns:
         # A numeric covariate has no reference level.
         references[column.covariate] = f"{column.covariate} {column.reference or 'mean'}"

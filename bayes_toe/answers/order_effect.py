@@ -111,7 +111,7 @@ ThreeNumbers = Size | FloatArray | list[float]
 
 
 class Line(NamedTuple):
-    """The conclusion on one question, as it is printed; what it does not have is empty.
+    """The conclusion on one question, as it is printed; a text that does not exist is empty.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Line(NamedTuple):
     factor : str
         The Bayes factor.
     reason : str
-        Why the question cannot be told.
+        Why the design cannot answer the question.
     """
 
     question: str
@@ -168,9 +168,10 @@ class OrderEffect:
     is_interpretable : bool
         Whether the responses may be interpreted at all.
     probabilities, log_bayes_factors : mapping of str to float
-        Of each question; the Bayes factors do not depend on the models' prior probabilities.
+        Numbers for each question; the Bayes factors do not depend on the models' prior
+        probabilities.
     sizes : mapping of str to Size
-        Of each of :data:`SIZES` that the task has.
+        The estimate of each of :data:`SIZES` that the task has.
     upper_bounds : mapping of str to float
         The 95 % quantile of each question's size in JND, 0 where the effect is absent.
     best_model : str
@@ -179,15 +180,15 @@ class OrderEffect:
         P-values of the deviance of the best model, of the trial before, and of a criterion that
         wanders.
     log_evidence, standard_error, laplace : mapping of str to float
-        Of each model.
+        Log evidence of each model, its standard error, and Laplace's approximation.
     unit : StimulusUnit
         The unit in which sizes are shown.
     notes : tuple of str
         What the design leaves open for this subject.
     reasons : mapping of str to str
-        Why a question cannot be told, by the name of the question.
+        Why the design cannot answer a question, by the name of the question.
     problems : mapping of str to Problem
-        What stands against the answer or belongs to it, by its flag of a few words.
+        Problems that speak against the answer or belong to it, by a flag of a few words.
     worst_pairs : tuple of PairResidual
         The pairs with the largest residuals.
     n_subjects : int
@@ -218,7 +219,7 @@ class OrderEffect:
 
     @property
     def flags(self) -> Texts:
-        """What stands against the answer or belongs to it, each in a few words."""
+        """Problems that speak against the answer or belong to it, each in a few words."""
         return tuple(self.problems)
 
     @property
@@ -228,7 +229,7 @@ class OrderEffect:
 
     @property
     def fits(self) -> bool | None:
-        """Whether the best model describes the responses; None where that is not testable."""
+        """Whether the best model describes the responses; None where the fit is not testable."""
         return None if self.fit_p is None else self.fit_p >= flag_limit(self.n_subjects)
 
     @property
@@ -270,7 +271,7 @@ class OrderEffect:
         )
         problems = dict(self.problems)
         for flag, p_value, message in tests:
-            problems.pop(flag, None)  # of a study of another size
+            problems.pop(flag, None)  # the flag of a study of another size
             if p_value is not None and p_value < flag_limit(n_subjects):
                 problems[flag] = Problem(message.format(format_limit(p_value, n_subjects)))
         return replace(self, n_subjects=n_subjects, problems=problems)
@@ -346,12 +347,12 @@ class OrderEffect:
 
     @property
     def cells(self) -> Mapping[str, object]:
-        """The entries of :data:`ANSWER_COLUMNS`, in their order; None where one is empty."""
+        """The entries of :data:`ANSWER_COLUMNS`, in their order; an empty entry is None."""
         quantiles = []
         for name in SIZES:
             for quantile in self.sizes.get(name, [np.nan] * 3):  # a task may lack a size
                 quantiles.append(quantile if np.isfinite(quantile) else None)
-        # All numbers of the first model, then those of the next one.
+        # All numbers of the first model, then all numbers of the next model.
         columns = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
         entries = (
             self.subject,
@@ -389,7 +390,7 @@ class OrderEffect:
         if line.probability:
             text += f" (P {line.probability})"
         # 'Yes' and 'probably' have the size of the effect, and other words its upper bound. The
-        # order effect has no size of its own, and so no text for it.
+        # order effect has no size of its own, and so no text for a size.
         bound = self.upper_bounds.get(question, 0.0)
         if self.words[question].is_positive:
             text += _SIZE_TEXTS.get(question, "").format(line.size)
@@ -436,8 +437,8 @@ def format_probability(probability: float) -> str:
 def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -> str:
     """A difference in per cent of intensity, written in a unit with its 95 % interval.
 
-    Beyond what per cents can show, it is in natural logs. `sign` '+' gives positive numbers a sign
-    too.
+    A difference that per cents cannot show is in natural logs. `sign` '+' gives positive numbers a
+    sign too.
 
     Examples
     --------
@@ -453,8 +454,8 @@ def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -
 def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:
     """A size with its unit and 95 % interval, two digits of the largest number.
 
-    There are more digits if the ends would look equal. A number that is not 0 has as many as it
-    needs not to look like 0. `sign` '+' gives positive numbers a sign too.
+    There are more digits if the ends would look equal. A number that is not 0 has as many digits as
+    it needs not to look like 0. `sign` '+' gives positive numbers a sign too.
 
     Examples
     --------
@@ -494,8 +495,8 @@ def _format_value(value: float, decimals: int, sign: str = "") -> str:
     """A number with its decimals, or with one digit if it would look like 0 and is not.
 
     An infinite number is a natural log that was stored as per cent: the text is then a bound in
-    natural logs. Per cents are finite up to a natural log of 700, and above -100 down to one of
-    -30.
+    natural logs. Per cents are finite up to a natural log of 700, and above -100 down to a
+    natural log of -30.
     """
     if np.isinf(value):
         return "> 700" if value > 0.0 else "< -30"
@@ -681,14 +682,14 @@ def order_effect(
         probabilities[question] = evidence.probability(models)
         log_bayes_factors[question] = evidence.log_bayes_factor(models)
 
-    problems = {}  # by their flags; those that forbid an interpretation come first
+    problems = {}  # by flag; problems that forbid an interpretation come first
     for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
         problems[finding.words] = Problem(finding.message, finding.option)
     problems |= _prior_problems(evidence, words, answerable, models_with_effect)
     for flag in (*size_flags, *_error_flags(evidence)):
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
-    # `in_study` adds the flags of p-values, whose limit is here that of a single subject. A table
+    # `in_study` adds the flags of p-values, here with the limit for a single subject. A table
     # of several subjects calls it again.
     return OrderEffect(
         subject=evidence.subject.name,
@@ -743,25 +744,25 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str
     The size of an effect is averaged over the models that have it; JND, zone and upper bounds are
     averaged over all models.
     """
-    all_models = evidence.averaged()
-    with_error = evidence.averaged(HAS_ERROR)
-    with_contraction = evidence.averaged(HAS_CONTRACTION)
-    shift = with_error.quantities["constant_error"]
-    jnd = all_models.quantities["jnd"]
+    all_draws = evidence.averaged()
+    error_draws = evidence.averaged(HAS_ERROR)
+    contraction_draws = evidence.averaged(HAS_CONTRACTION)
+    shift = error_draws.quantities["constant_error"]
+    jnd = all_draws.quantities["jnd"]
     sizes = {
-        "pse_shift_percent": _size(with_error, percent(shift)),
-        "pse_shift_jnd": _size(with_error, shift / with_error.quantities["jnd"]),
-        "contraction_p": _size(with_contraction, with_contraction.quantities["contraction"]),
-        "jnd_percent": _size(all_models, percent(jnd)),
+        "pse_shift_percent": _size(error_draws, percent(shift)),
+        "pse_shift_jnd": _size(error_draws, shift / error_draws.quantities["jnd"]),
+        "contraction_p": _size(contraction_draws, contraction_draws.quantities["contraction"]),
+        "jnd_percent": _size(all_draws, percent(jnd)),
     }
-    if "zone" in all_models.quantities:  # the task has the answer 'equal'
-        zone = all_models.quantities["zone"]
-        sizes["zone_percent"] = _size(all_models, percent(zone))
-        sizes["zone_jnd"] = _size(all_models, zone / jnd)
+    if "zone" in all_draws.quantities:  # the task has the answer 'equal'
+        zone = all_draws.quantities["zone"]
+        sizes["zone_percent"] = _size(all_draws, percent(zone))
+        sizes["zone_jnd"] = _size(all_draws, zone / jnd)
     return (
         sizes,
-        _upper_bounds(evidence, all_models),
-        _size_flags(evidence, with_error, with_contraction),
+        _upper_bounds(evidence, all_draws),
+        _size_flags(evidence, error_draws, contraction_draws),
     )
 
 
@@ -790,19 +791,19 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
 
 
 def _size_flags(
-    evidence: OrderEvidence, with_error: OrderDraws, with_contraction: OrderDraws
+    evidence: OrderEvidence, error_draws: OrderDraws, contraction_draws: OrderDraws
 ) -> list[str]:
     """A flag for each size that rests on the prior: its median lies beyond the pairs shown."""
     flags = []
     subject = evidence.subject
     scales = subject.scales
-    size_of_error = np.abs(with_error.quantities["constant_error"])
+    size_of_error = np.abs(error_draws.quantities["constant_error"])
     largest_difference = np.abs(subject.s2 - subject.s1).max()
-    if _size(with_error, size_of_error).q50 > largest_difference:
+    if _size(error_draws, size_of_error).q50 > largest_difference:
         flags.append("the PSE lies outside the pairs shown, so its size rests on the prior")
     # The stimuli of a pair are about a step apart, so a shift of three steps lies beyond them.
-    roving_shift = np.abs(with_contraction.quantities["contraction"]) * scales.first_spread
-    if _size(with_contraction, roving_shift).q50 > 3.0 * scales.step:
+    roving_shift = np.abs(contraction_draws.quantities["contraction"]) * scales.first_spread
+    if _size(contraction_draws, roving_shift).q50 > 3.0 * scales.step:
         flags.append("the size of the contraction rests on the prior")
     return flags
 
@@ -854,9 +855,9 @@ def _prior_problems(
     questions_by_change = defaultdict(list)
     for question in answerable:
         word = words[question]
-        for prior, rescaled in words_by_prior.items():
-            if not remains(word, rescaled[question]):
-                change = prior, word, rescaled[question]
+        for prior, new_words in words_by_prior.items():
+            if not remains(word, new_words[question]):
+                change = prior, word, new_words[question]
                 questions_by_change[change].append(question.replace("_", " "))
                 break
     if not questions_by_change:
@@ -906,7 +907,7 @@ def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
     is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
-    # Points and modes have all coordinates of the model 'both'. The best model has only some of
-    # these coordinates, those that are free in it. The deviance is averaged over 1000 draws.
+    # Points and modes have all coordinates of the model 'both'. The posterior of the best model has
+    # only the coordinates that are free in the model. The deviance is averaged over 1000 draws.
     points = evidence.averaged(is_best).resampled(rng, size=1000)[:, posterior.is_free]
     return summarise_fit(posterior, points, evidence.modes[best, posterior.is_free])

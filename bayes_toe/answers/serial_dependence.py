@@ -3,9 +3,9 @@
 `serial_dependence` analyses a study, `subject_dependence` one subject.
 
 Four models of a subject are equally probable beforehand: previous response {no, yes} times stimuli
-{static, carry-over}. The models without carry-over have the likeliest of the four models of order,
-those with it the likelier one of 'contraction' and 'both', since without a contraction nothing is
-carried over.
+{static, carry-over}. The models without carry-over have the likeliest of the four models of order.
+The models with carry-over have the likelier one of 'contraction' and 'both', since without a
+contraction nothing is carried over.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ from bayes_toe.workers import Progress, Workers, try_each
 
 #: The four models, in the order of their evidences.
 HISTORIES = ("static", "previous_response", "carry_over", "carry_over_and_previous_response")
-#: The two effects, each with the models that have it.
+#: The two effects, each with the models of :data:`HISTORIES` that have the effect.
 EFFECT_MODELS = {
     "carry_over": np.array([False, False, True, True]),
     "previous_response": np.array([False, True, False, True]),
 }
-_EQUAL = np.full(len(HISTORIES), 1.0 / len(HISTORIES))  # prior probabilities
+_EQUAL_PRIOR = np.full(len(HISTORIES), 1.0 / len(HISTORIES))  # prior probabilities
 _EVIDENCES = tuple(map("log_evidence_{}".format, HISTORIES))
 _SIZES = tuple(map("_".join, product(("rho", "kappa"), QUANTILES)))
 #: Columns of history.csv.
@@ -83,18 +83,18 @@ class SubjectDependence:
     ----------
     subject : str
     order_models : tuple of str
-        The model of order without carry-over, and the one with it.
+        The model of order without carry-over, and the model of order with carry-over.
     log_evidence, standard_error : ndarray, shape (4,)
-        Of :data:`HISTORIES`, nats; NaN where there is none.
+        Log evidence of each of :data:`HISTORIES` and its error, nats; NaN without a result.
     rho, kappa : tuple of float
         Median within the central 95 % interval of the carried-over share and of the effect of the
-        previous response, over the models that have it: quantiles .025, .5, .975.
+        previous response, over the models that have the effect: quantiles .025, .5, .975.
     screen : SerialScreen
         The score tests.
     note : str
         Why there is no result.
     draws : tuple of ndarray
-        Some draws of the model without history, shape (draws, k), and of the best of the four.
+        Some draws of the model without history, (draws, k), and of the best of the four models.
     """
 
     subject: str
@@ -114,27 +114,27 @@ class SubjectDependence:
 
     @property
     def best_history(self) -> str:
-        """The one of the four models that has the highest evidence."""
+        """The name of the model that has the highest evidence; empty without a result."""
         return HISTORIES[np.argmax(self.log_evidence)] if self.has_result else ""
 
     def probability(self, effect: str) -> float:
         """Posterior probability of one of the two effects."""
-        return ModelSet(self.log_evidence, _EQUAL).probability(EFFECT_MODELS[effect])
+        return ModelSet(self.log_evidence, _EQUAL_PRIOR).probability(EFFECT_MODELS[effect])
 
     def log_bayes_factor(self, effect: str) -> float:
-        """Log of the evidence with an effect over that without, nats."""
-        return ModelSet(self.log_evidence, _EQUAL).log_bayes_factor(EFFECT_MODELS[effect])
+        """Log of the evidence with an effect over the evidence without the effect, nats."""
+        return ModelSet(self.log_evidence, _EQUAL_PRIOR).log_bayes_factor(EFFECT_MODELS[effect])
 
     def word(self, effect: str) -> str:
-        """The word for an effect; of the previous response with its direction; '' without a result.
+        """The word for an effect; '' without a result.
 
-        As in 'yes (repetition)'.
+        An effect of the previous response has a direction, as in 'yes (repetition)'.
         """
         if not self.has_result:
             return ""
         word = word_for(self.probability(effect), self.log_bayes_factor(effect))
         if effect == "previous_response" and word.is_positive:
-            # The sign of the median.
+            # The direction is the sign of the median, the second of the three quantiles.
             direction = "repetition" if self.kappa[1] > 0.0 else "alternation"
             return f"{word} ({direction})"
         return str(word)
@@ -154,7 +154,7 @@ class SubjectDependence:
 
     @property
     def cells(self) -> Mapping[str, object]:
-        """The entries of :data:`HISTORY_COLUMNS`, without those that are empty."""
+        """The entries of :data:`HISTORY_COLUMNS`, without empty entries."""
         cells: Record = {
             "subject": self.subject,
             "best_history": self.best_history,
@@ -193,7 +193,7 @@ class SerialDependence(SubjectTable[SubjectDependence]):
         )
 
     def _full_frame(self) -> pd.DataFrame:
-        """The table with the columns of history.csv; natural logs, empty where there is none."""
+        """The table with the columns of history.csv; natural logs, empty without a result."""
         return pd.DataFrame([row.cells for row in self.rows], columns=HISTORY_COLUMNS)
 
 
@@ -257,34 +257,37 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     subject = evidence.subject
     prior = evidence.prior
     screen = subject_screen(evidence.checked())
-    # The likeliest model of order, and the likelier one of those that have a contraction.
+    # The likeliest model of order, and the likeliest model of order that has a contraction.
     log_evidence = dict(zip(MODEL_NAMES, evidence.log_evidence.tolist(), strict=True))
     likeliest = max(MODEL_NAMES, key=log_evidence.__getitem__)
-    with_contraction = max(("contraction", "both"), key=log_evidence.__getitem__)
-    # `row.history` needs the models of order; the evidences follow below.
-    row = SubjectDependence(subject.name, (likeliest, with_contraction), screen=screen)
+    likeliest_with_contraction = max(("contraction", "both"), key=log_evidence.__getitem__)
+    # `dependence.history` needs the models of order; the evidences follow below.
+    dependence = SubjectDependence(
+        subject.name, (likeliest, likeliest_with_contraction), screen=screen
+    )
     # The first of the histories is the model of order itself, whose draws are known.
-    static = evidence.draws[MODEL_NAMES.index(likeliest)]
+    weighted_static_draws = evidence.draws[MODEL_NAMES.index(likeliest)]
     histories = []
-    draws = [static]
+    draws = [weighted_static_draws]
     for name in HISTORIES[1:]:
-        history = TrialHistoryPosterior(subject, row.history(name), prior)
+        history = TrialHistoryPosterior(subject, dependence.history(name), prior)
         histories.append(history)
-        draws.append(_sample(history, evidence, seed))
-        if not np.isfinite(draws[-1].log_evidence):
+        history_draws = _sample(history, evidence, seed)
+        draws.append(history_draws)
+        if not np.isfinite(history_draws.log_evidence):
             note = f"model {history.model.name!r}: its evidence is not a finite number"
             return SubjectDependence(subject.name, screen=screen, note=note)
 
-    models = ModelSet.from_draws(draws, _EQUAL)
+    models = ModelSet.from_draws(draws, _EQUAL_PRIOR)
     rng = generator(seed, subject.name, "history draws")
-    static_draws = static.resampled(rng, _FIGURE_DRAWS)
+    static_draws = weighted_static_draws.resampled(rng, _FIGURE_DRAWS)
     best = np.argmax(models.log_evidence)
     if best == 0:  # the model without history
         best_draws = static_draws
     else:
         best_draws = draws[best].resampled(rng, _FIGURE_DRAWS)
     return replace(
-        row,
+        dependence,
         log_evidence=models.log_evidence,
         standard_error=models.standard_error,
         rho=_quantiles("carry_over", models, histories),
@@ -315,14 +318,14 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
 def _quantiles(
     effect: str, models: ModelSet, histories: Sequence[TrialHistoryPosterior]
 ) -> tuple[float, ...]:
-    """Quantiles of rho or kappa over the models that have it, weighted by their evidence.
+    """Quantiles of rho or kappa over the models that have the effect, weighted by their evidence.
 
-    `histories` are the models but the first one, which has no history.
+    `histories` are the models but the first model, which has no history.
     """
     has_effect = EFFECT_MODELS[effect]
     values = []
     for i in np.flatnonzero(has_effect).tolist():
-        posterior = histories[i - 1]  # of model i, because the first model is not among them
+        posterior = histories[i - 1]  # of model i: the first model has no history
         values.append(posterior.quantities(models.draws[i].x)[effect])
     weights = models.weights(has_effect)
     return tuple(weighted_quantiles(np.concatenate(values), weights, PROBABILITIES))

@@ -33,7 +33,7 @@ def study_lines(
     synthetic: bool = False,
     by_condition: bool = False,
 ) -> list[str]:
-    """The answer of a study: its meaning, then for each question how many subjects have which word.
+    """The answer of a study: its meaning, then for each question how many subjects have each word.
 
     Subjects that are not interpreted do not count.
 
@@ -52,7 +52,7 @@ def study_lines(
     if len(answers) == 1:
         name = answers[0].subject
         lines = [f"{name}: {answers[0].describe()}"]
-        if interpretable:  # the meaning of another answer would only repeat why it is not
+        if interpretable:  # else `describe` already says why the subject is not interpreted
             lines.insert(0, f"{name}: {meaning}")
         return lines + misfit_lines(answers)
     if not interpretable:
@@ -105,7 +105,7 @@ def describe_meaning(
     if not interpretable:
         return f"No {noun} can be interpreted."
     if len(interpretable) == 1:
-        # Among others, the subject is named.
+        # Beside other answers, the subject is named.
         name = f"{interpretable[0].subject}: " if len(answers) > 1 else ""
         return name + _describe_subject(interpretable[0])
 
@@ -136,7 +136,7 @@ def _describe_subject(answer: OrderEffect) -> str:
 
 
 def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
-    """Sentences on the subjects for whom the order matters, and on those for whom it does not.
+    """Sentences on the subjects for whom the order matters, and for whom it does not matter.
 
     If some subjects have an effect, another word has a sentence only if more than half of all
     subjects have it.
@@ -223,8 +223,8 @@ def _direction_sentences(
     probably = "probably " if word is Word.PROBABLY else ""
     sentences = [f"The first stimulus is {probably}{' and '.join(texts)}."]
 
-    # Opposite directions explain a mean near 0 if the rarer one is frequent: at least a sixth of
-    # the subjects have it, and at most twice as many have the other one.
+    # Opposite directions explain a mean near 0 if the rarer direction is frequent: at least a sixth
+    # of the subjects have it, and at most twice as many have the other direction.
     n_fewer, n_more = sorted(counts[direction] for direction in _DIRECTIONS[effect])
     is_mixed = n_fewer >= max(len(answers) / 6, 0.5 * n_more)
     near_0 = _near_0(group, effect)
@@ -251,14 +251,14 @@ def _near_0(group: PopulationResult | None, effect: str) -> str:
 
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
-    """The subjects whom the model does not fit, and how many of the others have each effect.
+    """The subjects whom the model does not fit, and how many other subjects have each effect.
 
-    There are no lines if the model fits all.
+    There are no lines if the model fits all subjects.
     """
     misfits = []
     good_fits = []
     for answer in answers:
-        if answer.fits is False:  # None: not testable, which is no poor fit
+        if answer.fits is False:  # None: the fit is not testable, and not poor
             misfits.append(answer)
         else:
             good_fits.append(answer)
@@ -270,7 +270,7 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
         f"The model does not fit {subjects}: {names}. "
         f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."
     ]
-    # The count without poor fits is of interest where one of them has a positive word.
+    # The count without poor fits is of interest if a subject with a poor fit has a positive word.
     counts = []
     for question in QUESTIONS:
         if good_fits and _count_positive(misfits, question):
@@ -308,18 +308,18 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     >>> count_words(words, " of 4 subjects")
     '3 of 4 subjects yes (2 contraction, 1 repulsion), 1 no'
     """
-    directions = defaultdict(list)  # of each word; '' where it has none
+    directions_by_word = defaultdict(list)  # '' where a word has no direction
     for text in sorted(words):
         # 'yes (repulsion)' -> 'yes' and 'repulsion'
         word, _, direction = text.removesuffix(")").partition(" (")
-        directions[word].append(direction)
+        directions_by_word[word].append(direction)
 
     texts = []
     for word in Word:
-        if word not in directions:
+        if word not in directions_by_word:
             continue
-        text = f"{len(directions[word])}{of_total} {word}"
-        counts = Counter(filter(None, directions[word]))  # without ''
+        text = f"{len(directions_by_word[word])}{of_total} {word}"
+        counts = Counter(filter(None, directions_by_word[word]))  # without ''
         if len(counts) == 1:  # all have this direction, so that no number is needed
             text += f" ({', '.join(counts)})"
         elif counts:

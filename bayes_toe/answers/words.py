@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Word(StrEnum):
-    """The word for a probability and a Bayes factor, as in files; the surest one first."""
+    """The word for a probability and a Bayes factor, as in files; the surest word first."""
 
     YES = "yes"
     PROBABLY = "probably"
@@ -28,7 +28,8 @@ PROBABLY_FROM = 0.75
 PROBABLY_NOT_UP_TO = 0.25
 NO_UP_TO = 0.05
 #: The largest log Bayes factor of 'probably not'. The prior probability of an effect may be 1/3,
-#: and hardly any evidence takes it to 0.25. Only much evidence takes it to 0.05: 'no' needs none.
+#: and hardly any evidence takes it to 0.25. Only much evidence takes it to 0.05, so that 'no' needs
+#: no such limit.
 PROBABLY_NOT_LOG_BAYES_FACTOR = -1.0
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 
-#: Share of sound studies in which a test of every subject flags any.
+#: Share of sound studies in which a test of every subject flags any subject.
 FALSE_ALARM_SHARE = 0.05
-#: The same for an alarm after which a subject is not interpreted.
+#: The same share for an alarm after which a subject is not interpreted.
 REFUSAL_SHARE = 0.02
 
 
@@ -64,12 +64,12 @@ def simulated_p_value(observed: float, simulate: Callable[[int], FloatArray]) ->
     True
     """
     # Statistics that differ by rounding count as equal.
-    least = observed - 1e-9 * abs(observed)
+    smallest_equal = observed - 1e-9 * abs(observed)
     n_larger = n_drawn = 0
     while n_drawn < 20_000 and n_larger < 20:
         # A large p-value needs few draws, so that batches are small at first.
         size = min(max(100, n_drawn), 1000, 20_000 - n_drawn)
-        n_larger += int(np.count_nonzero(simulate(size) >= least))
+        n_larger += int(np.count_nonzero(simulate(size) >= smallest_equal))
         n_drawn += size
     # The observed statistic counts as one of the simulated ones, so that the p-value is above 0.
     return (1 + n_larger) / (1 + n_drawn)

@@ -40,8 +40,8 @@ class Alternatives(NamedTuple):
 def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     """The other explanations of the responses, for subjects who leave a doubt.
 
-    A subject leaves none if the responses clearly change with s2 - s1 as the task expects, if no
-    two stimuli differ, or if all responses are the same. Of three answers, only 'second' and
+    A subject leaves no doubt if the responses clearly change with s2 - s1 as the task expects, if
+    no two stimuli differ, or if all responses are the same. Of three answers, only 'second' and
     'first' count.
 
     Examples
@@ -68,14 +68,16 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     guesses = betaln(n_yes + 1.0, n_trials - n_yes + 1.0)
 
     if study.task in OTHER_TASK:
-        as_other = [replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes]
+        subjects_in_other_task = [
+            replace(subject, task=OTHER_TASK[study.task]) for subject in both_codes
+        ]
         # Which response is which is not known in another task. Both codes have the probability 1/2.
-        first_code, second_code = np.split(_log_evidence(as_other), 2)
-        other = np.logaddexp(first_code, second_code) - math.log(2.0)
+        first_code, second_code = np.split(_log_evidence(subjects_in_other_task), 2)
+        other_task = np.logaddexp(first_code, second_code) - math.log(2.0)
     else:  # no other task has three answers
-        other = np.full(len(subjects), -np.inf)
+        other_task = np.full(len(subjects), -np.inf)
 
-    log_bayes_factors = np.column_stack([guesses, swapped, other]) - same_codes[:, None]
+    log_bayes_factors = np.column_stack([guesses, swapped, other_task]) - same_codes[:, None]
     names = [subject.name for subject in subjects]
     return dict(zip(names, starmap(Alternatives, log_bayes_factors.tolist()), strict=True))
 

@@ -75,7 +75,7 @@ _WINDOW = 16
 #: Share of a response below which a constant error may explain it: if it is large, one response is
 #: rare whatever the pair.
 _RARE_SHARE = 0.15
-#: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
+#: Logits by which a block's answers may differ from other blocks, with Laplace's prior.
 _LOGIT_SHIFTS = np.linspace(-6.0, 6.0, 25)
 #: Scale of further logits that are proportional to s2 - s1, at its largest value.
 _TILT_SCALE = 0.75
@@ -198,19 +198,19 @@ def subject_findings(
     if alternatives is None:
         return
     # Not None: `compare_alternatives` leaves out a subject whose answers are all 'equal'.
-    answered = cast(Subject, subject.two_answers)
-    best = max(alternatives)  # the largest Bayes factor
+    two_answers = cast(Subject, subject.two_answers)
+    largest_factor = max(alternatives)
     # Guesses may look swapped by chance, so that swapped keys must be far more probable. The
     # observer of the four models has the log Bayes factor 0.
-    lead = best - max(0.0, alternatives.guesses)
-    is_sure = lead > evidence_limit(n_subjects, REFUSAL_SHARE)
+    margin = largest_factor - max(0.0, alternatives.guesses)
+    is_sure = margin > evidence_limit(n_subjects, REFUSAL_SHARE)
     # A large constant error makes one answer rare, and is no guessing.
-    neither_is_rare = _RARE_SHARE < answered.fraction_yes < 1.0 - _RARE_SHARE
-    if best == alternatives.swapped and is_sure:
+    neither_is_rare = _RARE_SHARE < two_answers.fraction_yes < 1.0 - _RARE_SHARE
+    if largest_factor == alternatives.swapped and is_sure:
         yield Finding(
             subject.name,
             "reversed_answers",
-            f"Responses look reversed. Check which code means {answered.task.yes!r}.",
+            f"Responses look reversed. Check which code means {two_answers.task.yes!r}.",
             f"--swap {cli_argument(subject.name)}",
         )
     elif alternatives.guesses > guess_limit and not is_sure and neither_is_rare:
@@ -336,8 +336,8 @@ def _guess_limit(alternatives: Mapping[str, Alternatives], n_subjects: int) -> f
 
 def has_other_task(alternatives: Alternatives, task: Task) -> bool:
     """Whether another task explains the responses of a subject best, and beyond its limit."""
-    best = max(alternatives)
-    return best == alternatives.other_task and best > OTHER_TASK_LIMITS[task]
+    largest_factor = max(alternatives)
+    return largest_factor == alternatives.other_task and largest_factor > OTHER_TASK_LIMITS[task]
 
 
 def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[str, list[Finding]]:
@@ -389,7 +389,7 @@ class AnswerTable:
 
     @property
     def excess_yes(self) -> IntArray:
-        """The number of counted answers minus that of the other ones, (pairs, blocks)."""
+        """The number of counted answers minus that of all other answers, (pairs, blocks)."""
         return 2 * self.k - self.n  # k - (n - k)
 
     def of_mixed_pairs(self) -> AnswerTable:
@@ -427,8 +427,8 @@ class AnswerTable:
 
     @property
     def chi_square_ratio(self) -> float:
-        """X^2 over its degrees of freedom, about 1 if blocks differ by chance; 0 without any."""
-        # Without freedom, X^2 is 0: 0/1 in place of 0/0.
+        """X^2 over its degrees of freedom, about 1 if blocks differ by chance; 0 without these."""
+        # Without freedom, X^2 is 0, and 0/1 avoids 0/0.
         return float(self.chi_square(self.k)) / max(1, self.freedom)
 
     def p_value(self, statistic: Callable[[IntArray], FloatArray], name: str) -> float:
@@ -488,7 +488,7 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
         return
 
     is_swapped = _find_swapped(table, two_answers.task, two_answers.s2 - two_answers.s1)
-    # If all blocks are swapped, the keys are, which is another finding.
+    # If all blocks are swapped, the keys of the subject are swapped, which is another finding.
     if not is_swapped.any() or is_swapped.all():
         return
     # The swap must halve the difference between blocks at least. Blocks that differ by chance have
@@ -498,7 +498,7 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
     if remaining_excess >= 0.5 * max(0.0, excess):
         return
 
-    corrected_answers = answers.swapped(is_swapped[answers.block])  # whether, for each row
+    corrected_answers = answers.swapped(is_swapped[answers.block])  # in the rows of these blocks
     corrected = Subject.from_answers(subject.name, corrected_answers, two_answers.task)
     n_tests = n_subjects * len(is_swapped)  # one test for each block of each subject
     if log_bayes_factor(corrected, two_answers) > evidence_limit(n_tests, REFUSAL_SHARE):
@@ -539,10 +539,10 @@ def _swap_blocks(table: AnswerTable, is_swapped: BoolArray) -> AnswerTable:
 
 
 def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> BoolArray:
-    """Whether the answers of each block agree with those of the others only if they are swapped.
+    """Whether the answers of each block agree with the other blocks only if they are swapped.
 
     A block is first swapped if its counted answers are rarer where the task expects them more
-    often. Blocks that disagree with the others are then swapped, or swapped back, until nothing
+    often. Blocks that disagree with other blocks are then swapped, or swapped back, until nothing
     changes. This leaves two camps: swapped blocks and others. The camp with the expected relation
     counts as right. `difference` is s2 - s1 of each pair.
     """
@@ -564,7 +564,7 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
         if not disagrees.any():
             break
         is_swapped = is_swapped ^ disagrees
-    # If all blocks together contradict the task, the other camp is the swapped one.
+    # If all blocks together contradict the task, the other camp is the swapped camp.
     if np.sum(expected_trend @ _swap_blocks(table, is_swapped).excess_yes) < 0:
         is_swapped = ~is_swapped
     return _surely_swapped(table, is_swapped, tilt)
@@ -590,10 +590,10 @@ def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray)
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     """Log evidence of each block as it is, minus the log evidence of its swapped form.
 
-    In both, a block is answered as the others are, but it may prefer one answer more than they do,
-    and its answers may tilt. So a block whose criterion moved does not look swapped. Both are
-    averaged over a grid of shifts of the logits, with weights whose constants cancel. The shape is
-    (blocks,).
+    In both forms, a block is answered as the other blocks are, but it may prefer one answer more
+    than they do, and its answers may tilt. So a block whose criterion moved does not look swapped.
+    Both evidences are averaged over a grid of shifts of the logits, with weights whose constants
+    cancel. The shape is (blocks,).
     """
     logits = table.other_logits()
     # From -1 to 1, shape (pairs, 1). In 2AFC, and without different stimuli, all tilts are 0, and
@@ -603,11 +603,11 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     unswapped = []
     swapped = []
     for preference, slope in product(_LOGIT_SHIFTS.tolist(), slopes.tolist()):
-        moved = logits + preference + slope * relative_tilt
+        shifted_logits = logits + preference + slope * relative_tilt
         # The log density of Laplace's priors of preference and slope.
         log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
-        unswapped.append(log_prior + _log_likelihood(table.n, table.k, moved))
-        swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
+        unswapped.append(log_prior + _log_likelihood(table.n, table.k, shifted_logits))
+        swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, shifted_logits))
     return logsumexp(unswapped, axis=0) - logsumexp(swapped, axis=0)
 
 
@@ -633,12 +633,12 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     stretch = np.arange(n_rows) * n_stretches // n_rows  # of each row
     table = _tabulate(subject, answers, stretch)
     difference = (subject.s2 - subject.s1)[table.is_mixed]
-    table = table.of_mixed_pairs()  # the others cannot drift
+    table = table.of_mixed_pairs()  # other pairs cannot drift
     if table.freedom == 0:
         return
 
-    # What may drift. The counted answer to a pair raises it where the value of the pair is 1, and
-    # lowers it where that is -1.
+    # The kinds of what may drift. The counted answer to a pair raises a kind where the value of the
+    # pair is 1, and lowers it where the value is -1.
     kinds = {
         f"P({subject.task.yes})": np.ones(len(difference)),
         "share of correct responses": subject.task.right(difference),
@@ -646,7 +646,7 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     if subject.task.has_criterion:
         kinds["order effect"] = np.sign(difference)
     time = (np.arange(n_stretches) + 0.5) / n_stretches  # the middle of each stretch
-    # Half a wave, a whole one, and one and a half, from the first trial to the last one.
+    # Half a wave, a whole wave, and one and a half waves, from the first trial to the last.
     waves = np.cos(np.pi * np.outer([1, 2, 3], time))
     weights = _wave_weights(table.n, waves, np.array(list(kinds.values())))
 
@@ -660,8 +660,8 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
 
     # The kind that drifts most, and the range of its fitted course over the trials.
     observed = amplitudes(table.k)  # (kinds, waves)
-    largest = np.square(observed).sum(axis=-1).argmax()  # the kind with the largest power
-    change = np.ptp((observed @ waves)[largest])  # of (kinds, stretches)
+    largest_kind = np.square(observed).sum(axis=-1).argmax()  # the index of its name
+    change = np.ptp((observed @ waves)[largest_kind])  # over the stretches
     if change < 0.2:
         return
     p = table.p_value(largest_power, subject.name)
@@ -669,7 +669,7 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
         yield Finding(
             subject.name,
             "drift",
-            f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest]} changes by "
+            f"Responses drift ({describe_p_value(p)}). The {[*kinds][largest_kind]} changes by "
             f"{change:.2f} over the trials.",
         )
 
@@ -685,5 +685,5 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     centred = waves[:, None, :] - pair_means[:, :, None]  # (waves, pairs, stretches)
     weights = kinds[:, None, :, None] * centred
     squares = (n * np.square(weights)).sum(axis=(2, 3), keepdims=True)
-    # A kind that is 0 for all pairs has no amplitude: 0/1 in place of 0/0.
+    # A kind that is 0 for all pairs has no amplitude, and 0/1 avoids 0/0.
     return weights / np.where(squares > 0.0, squares, 1.0)

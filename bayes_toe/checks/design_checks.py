@@ -28,7 +28,7 @@ from bayes_toe.data.messages import (
     join_words,
     plural,
 )
-from bayes_toe.data.stimulus_unit import StimulusUnit, sign_of_intensities
+from bayes_toe.data.stimulus_unit import StimulusUnit, why_not_logs
 from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number
@@ -103,12 +103,12 @@ def _raw_stimuli(study: Study) -> Findings:
     if study.unit.name or "i1" in study.reading.read:
         return
     pairs = np.concatenate([subject.pairs for subject in study])
-    sign, _ = sign_of_intensities(*pairs.T)  # what makes them look so, in words
-    if sign:
+    reason, _ = why_not_logs(*pairs.T)
+    if reason:
         yield Finding(
             _WHOLE_STUDY,
             "raw_stimuli",
-            f"Stimuli look like raw intensities ({sign}), but are taken as natural logs. Take "
+            f"Stimuli look like raw intensities ({reason}), but are taken as natural logs. Take "
             "their logarithms, or the unit 'ln' if they are logs.",
         )
 
@@ -116,8 +116,9 @@ def _raw_stimuli(study: Study) -> Findings:
 def _two_scales(study: Study) -> Findings:
     """Stimuli in two groups that are far apart, as where some decimal points are missing.
 
-    If the gap is that of two scales, the rows are wrong. If it is only wider than all other gaps
-    together, the smaller group may be a mistake, but only with at most 1 % of the trials.
+    A gap of more than a factor of 100, and of more than twice all other gaps together, is that of
+    two scales: the rows are wrong. If the gap is only wider than all other gaps together, the
+    smaller group may be a mistake, but only with at most 1 % of the trials.
     """
     for subject in study:
         levels = np.unique(subject.stimuli)
@@ -131,8 +132,9 @@ def _two_scales(study: Study) -> Findings:
         below, above = np.split(levels, [widest + 1])
         # A trial with a stimulus in each group counts in both.
         is_below = np.stack([subject.s1, subject.s2]) <= below[-1]  # (2, pairs)
+        is_above = ~is_below
         n_below = subject.n_trials[is_below.any(axis=0)].sum()
-        n_above = subject.n_trials[~is_below.all(axis=0)].sum()
+        n_above = subject.n_trials[is_above.any(axis=0)].sum()
         n_in_smaller_group = min(n_below, n_above)
 
         # The ratio of the stimuli at the gap, with two digits. No float is as large as exp(710).
@@ -172,11 +174,12 @@ def _scales_of_subjects(study: Study) -> Findings:
         for rows in (is_odd, ~is_odd):
             stimuli = np.concatenate([subject.stimuli for subject in compress(study, rows)])
             ranges.append(_range_of(np.sort(stimuli), study.unit, study.reading))
+        odd_range, usual_range = ranges
         names = join_display_names(compress(study.names, is_odd))
         yield Finding(
             _WHOLE_STUDY,
             "two_scales",
-            f"The stimuli of {names} are {ranges[0]}, those of other subjects {ranges[1]}. "
+            f"The stimuli of {names} are {odd_range}, those of other subjects {usual_range}. "
             "Correct them if they are in another unit.",
         )
 
@@ -184,7 +187,7 @@ def _scales_of_subjects(study: Study) -> Findings:
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
     """The weakest and the strongest of some stimuli as the file has them: '0.1 to 0.35 g'."""
     ends = levels[[0, -1]]
-    if "i1" in reading.read or unit.of_stimuli:  # the file has intensities, not logs
+    if "i1" in reading.read or unit.of_stimuli:  # intensities or decibels
         ends = unit.stimuli(ends)
     # Ends with the same four digits are one number.
     text = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
@@ -201,8 +204,11 @@ def _columns(reading: Reading) -> Findings:
             Remedy("condition", name).typed,
         )
     if reading.ignored:
-        names = join_display_names(reading.ignored)
-        yield Finding(_WHOLE_STUDY, "columns_ignored", f"Ignored columns: {names}.")
+        yield Finding(
+            _WHOLE_STUDY,
+            "columns_ignored",
+            f"Ignored columns: {join_display_names(reading.ignored)}.",
+        )
 
 
 # --- Names ---------------------------------------------------------------------------------------
@@ -217,10 +223,10 @@ def _similar_names(names: Iterable[str]) -> Findings:
         value = number(name)
         key = letters if math.isnan(value) else value
         groups[key].append(name)
-    for alike in groups.values():
-        if len(alike) > 1:
+    for alike_names in groups.values():
+        if len(alike_names) > 1:
             # In ASCII, letters that look alike are printed differently.
-            subjects = ", ".join(map(ascii, alike))
+            subjects = ", ".join(map(ascii, alike_names))
             yield Finding(
                 _WHOLE_STUDY,
                 "names_look_alike",
@@ -236,8 +242,9 @@ def identification_findings(study: Study) -> Findings:
     names_by_message = defaultdict(list)
     for subject in study:
         reasons = identify(subject).reasons
-        questions = capitalized(join_words(reasons)).replace("_", " ")
-        for reason in set(reasons.values()):  # one for all questions of a subject, if there is any
+        if reasons:
+            (reason,) = set(reasons.values())  # all questions of a subject have the same reason
+            questions = capitalized(join_words(reasons)).replace("_", " ")
             message = f"{questions} cannot be told, because {reason}."
             names_by_message[message].append(subject.name)
     for message, names in names_by_message.items():
@@ -249,18 +256,18 @@ def identification_findings(study: Study) -> Findings:
 
 def _one_order(subject: Subject) -> Findings:
     """A few pairs in one order among others that were shown in both."""
-    presented = set(subject.pairs)
-    lone = [pair for pair in subject.pairs if pair[::-1] not in presented]
+    presented_pairs = set(subject.pairs)
+    lone_pairs = [pair for pair in subject.pairs if pair[::-1] not in presented_pairs]
     # Where at least half of the pairs have one order, this is the design and no mistake.
-    if not 0 < len(lone) < 0.5 * len(presented):
+    if not 0 < len(lone_pairs) < 0.5 * len(presented_pairs):
         return
     describe = subject.unit.describe
-    pairs = join_names([f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone], max_items=3)
-    verb = "was" if len(lone) == 1 else "were"
+    pairs = join_names([f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone_pairs], max_items=3)
+    verb = "was" if len(lone_pairs) == 1 else "were"
     yield Finding(
         subject.name,
         "one_order",
-        f"{plural(len(lone), 'pair')} {verb} presented in one order only: {pairs}.",
+        f"{plural(len(lone_pairs), 'pair')} {verb} presented in one order only: {pairs}.",
     )
 
 
@@ -275,20 +282,22 @@ def _conditions(study: Study) -> Findings:
     subjects = units_by_subject(study)
     for name, units in subjects.items():
         unit_conditions = {unit.condition for unit in units}
-        missing = [level for level in study.conditions.levels if level not in unit_conditions]
-        if missing:
+        missing_levels = [
+            level for level in study.conditions.levels if level not in unit_conditions
+        ]
+        if missing_levels:
             yield Finding(
                 name,
                 "missing_condition",
-                f"No trials in condition {join_names(missing)}. The subject does not count in this "
-                "comparison, but does in the group.",
+                f"No trials in condition {join_names(missing_levels)}. The subject does not count "
+                "in this comparison, but does in the group.",
             )
         yield from _stimuli_by_condition(name, units)
         order = _order_of_conditions(units)
         if order:
             orders[order] += 1
 
-    # All known orders are the same one, and more than half of the subjects have it.
+    # All known orders are the same order, and more than half of the subjects have it.
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         yield Finding(
             _WHOLE_STUDY,
@@ -302,7 +311,7 @@ def _conditions(study: Study) -> Findings:
 def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
     """Conditions of a subject that differ in their mean stimulus, or share no pair.
 
-    Means differ if it is by more than a quarter of the standard deviation of all stimuli.
+    Means count as different beyond a quarter of the standard deviation of all stimuli.
     """
     means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
@@ -334,7 +343,7 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
             return ""
         spans.append((*unit.answers.span, unit.condition))
     starts, ends, conditions = zip(*sorted(spans), strict=True)
-    # Conditions overlap if one has not ended where the next one starts.
+    # Conditions overlap if a condition has not ended where the next one starts.
     if len(spans) == 1 or np.greater_equal(ends[:-1], starts[1:]).any():
         return ""
     return ", ".join(conditions)

@@ -21,11 +21,11 @@ from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")
-#: Share of the largest difference, or of the extent of all pairs, up to which a difference is one
-#: of rounding.
+#: Share of the largest difference, or of the extent of all pairs, up to which a difference is an
+#: error of rounding.
 ROUNDING = 1e-6
 #: Mean number of trials in blocks of one order from which a shift between blocks looks like an
-#: effect of order. In shorter ones, shifts average out.
+#: effect of order. In shorter blocks, shifts average out.
 _FEWEST_IN_STRETCH = 8
 #: Trials of a typical observer in which pairs must say more about p than its prior says.
 TYPICAL_TRIALS = 300
@@ -80,7 +80,7 @@ def identify(subject: Subject) -> Identification:
     """
     notes = (CRITERION_NOTES[subject.task],) if subject.task in CRITERION_NOTES else ()
 
-    # A reason why the pairs show no order effect at all; empty if they can.
+    # A reason why the design shows no order effect at all; empty if it can show one.
     order = _order_sign(subject.s1, subject.s2)
     if not order.any():
         reason = NO_DIFFERENCE
@@ -113,18 +113,18 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
 def _why_no_contraction(
     task: Task, shared_scales: StimulusScales | None, *columns: tuple[Any, ...]
 ) -> str:
-    """The reason why only a constant error can be identified; empty if a contraction can too.
+    """The reason why only a constant error can be identified; empty if a contraction can be, too.
 
     The columns are s1, s2 and n_trials. The subjects of a study often have the same columns. One
     answer then serves all of them, and the cache holds no subject.
     """
     s1, s2, trials = map(np.array, columns)
     stimuli = np.column_stack([s1, s2])
-    offsets = stimuli - stimuli.mean(axis=0)
-    if np.ptp(s1) <= ROUNDING * np.abs(offsets).max():
+    deviations = stimuli - stimuli.mean(axis=0)
+    if np.ptp(s1) <= ROUNDING * np.abs(deviations).max():
         return ONE_FIRST_STIMULUS
     # The extents of the pairs along and across the line that is nearest to them.
-    largest, smallest = np.linalg.svd(offsets, compute_uv=False)
+    largest, smallest = np.linalg.svd(deviations, compute_uv=False)
     if smallest <= ROUNDING * largest:
         return ONE_LINE
     # Missed trials change no design, so that a share of the largest number is rounded to a power of
@@ -145,7 +145,7 @@ def _order_fills_blocks(answers: Answers) -> bool:
 
     A change between them then looks like an effect of order. Equal stimuli do not count.
     """
-    order_of_row = _order_sign(answers.keys[:, 0], answers.keys[:, 1])
+    order_of_row = _order_sign(*answers.keys.T)
     is_unequal = order_of_row != 0
     order = order_of_row[is_unequal]
     n_trials = answers.n_trials[is_unequal]
@@ -156,7 +156,7 @@ def _order_fills_blocks(answers: Answers) -> bool:
     session = np.cumsum(answers.is_session_start)[is_unequal]
     if _holds_one_order(session, order, n_trials):
         return True
-    # Stretches may begin anywhere. Whether those of one order are long on average.
+    # Stretches may begin anywhere, so that what counts is whether they are long on average.
     return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * len(run_starts(order)))
 
 

@@ -32,8 +32,8 @@ class Answers:
     keys : array, shape (rows, 2)
         The stimuli of each row: s1 and s2 (natural-log intensities).
     n_yes, n_trials : array of int, shape (rows,)
-        The answers that the task counts and all answers, of which a trial has one, or none where
-        nobody answered in time.
+        How many answers the task counts, and how many answers there are: 1 in a trial, and 0 in a
+        trial that nobody answered in time.
     block : array of int, shape (rows,), or None
         The index in `blocks` of each row's block; None without such a column.
     blocks : tuple of str
@@ -45,7 +45,7 @@ class Answers:
     span : tuple of int, or None
         The first and the last row of the file that is one of these trials.
     n_second : array of int, shape (rows,), or None
-        Of three answers: how often 'second' was one of the n_trials - n_yes that are not 'equal'.
+        Of three answers: how many of the n_trials - n_yes that are not 'equal' are 'second'.
     """
 
     keys: FloatArray
@@ -96,7 +96,8 @@ class Answers:
     @property
     def pair(self) -> IndexArray:
         """The pair of each row among the pairs of all rows, sorted by (s1, s2), shape (rows,)."""
-        return np.unique(self.keys, axis=0, return_inverse=True)[1].ravel()
+        _, index = np.unique(self.keys, axis=0, return_inverse=True)
+        return index.ravel()
 
     @property
     def is_session_start(self) -> BoolArray:
@@ -131,8 +132,9 @@ class Answers:
             )
         unknown = [quoted(block) for block in blocks if block not in self.blocks]
         if unknown:
-            names = join_display_names(self.blocks)
-            raise InputError(f"found no block {join_names(unknown)}, allowed: {names}")
+            raise InputError(
+                f"found no block {join_names(unknown)}, allowed: {join_display_names(self.blocks)}"
+            )
         return np.isin(self.block, [self.blocks.index(block) for block in blocks])
 
     def swapped(self, rows: BoolArray) -> Answers:
@@ -144,7 +146,7 @@ class Answers:
         return replace(self, n_second=np.where(rows, n_first, self.n_second))
 
     @property
-    def of_direction(self) -> Answers:
+    def unequal_answers(self) -> Answers:
         """Of three answers, 'second' and 'first' alone; rows with 'equal' are not answered."""
         n_unequal = self.n_trials - self.n_yes
         assert self.n_second is not None
@@ -174,8 +176,8 @@ class Answers:
 class Reading:
     """Facts that a file told besides the counts.
 
-    `read` has our names of the columns that were read. `ignored` has the names of the others in the
-    file. `doubts` are probable mistakes in the file, a sentence each, without its full stop.
+    `read` has our names of the columns that were read. `ignored` has the names of other columns in
+    the file. `doubts` are probable mistakes in the file, a sentence each, without its full stop.
     `pooled` are ignored columns that look like a condition with several levels of a subject.
     `codes` are the texts of the responses. `missed` are codes of missed trials that options name
     and cells have.
@@ -223,10 +225,10 @@ def counted_rows(
     return rows
 
 
-def _numbers(subject: str, name: str, given: npt.ArrayLike) -> npt.NDArray[Any]:
+def _numbers(subject: str, name: str, argument: npt.ArrayLike) -> npt.NDArray[Any]:
     """Real numbers, shape (rows,); an InputError where they are masked or of another kind."""
-    values = np.asarray(given).ravel()  # without the mask, if there is one
-    if values.dtype.kind not in "iuf" or np.ma.is_masked(given):
+    values = np.asarray(argument).ravel()  # without the mask of a masked array
+    if values.dtype.kind not in "iuf" or np.ma.is_masked(argument):
         raise InputError(
             f"subject {subject!r}: {name} must be numbers, none of them masked, found "
             f"{values[:3].tolist()}"
@@ -237,10 +239,10 @@ def _numbers(subject: str, name: str, given: npt.ArrayLike) -> npt.NDArray[Any]:
 def _whole_numbers(subject: str, name: str, counts: npt.ArrayLike) -> IntArray:
     """Counts as int64, shape (rows,); an InputError where 2.5 would become 2."""
     values = _numbers(subject, name, counts)
-    wrong = values[values != np.floor(values)]
-    if len(wrong):
+    wrong_values = values[values != np.floor(values)]
+    if len(wrong_values):
         raise InputError(
-            f"subject {subject!r}: {name} must be whole numbers, found {wrong[:3].tolist()}"
+            f"subject {subject!r}: {name} must be whole numbers, found {wrong_values[:3].tolist()}"
         )
     if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
         raise InputError(f"subject {subject!r}: {name} must add up to no more than 10^12")

@@ -39,8 +39,9 @@ VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
 )
 
 
-#: What a cell says where something holds, and where it does not.
+#: What a cell says where something holds.
 TRUE_WORDS = frozenset(VOCABULARY["flags"]["yes"])
+#: What a cell says where something does not hold.
 FALSE_WORDS = frozenset(VOCABULARY["flags"]["no"])
 #: The stimulus or the place that a word means: 'std' is 'standard', and '1st' is 'first'.
 _MEANINGS: dict[str, str] = {}
@@ -162,14 +163,16 @@ def _counted_answer(name: str) -> str:
     ('first', 'equal')
     >>> _counted_answer("First weight"), _counted_answer("second_stimulus"), _counted_answer("n2")
     ('', '', '')
+    >>> _counted_answer("n_first1"), _counted_answer("first,longer")
+    ('', '')
     """
-    # Digits and commas are words, too, so that no answer is counted in 'n2', where the digit may be
-    # the number of a response, or in 'first,equal', which is a whole row.
+    # A digit or a comma counts as a word, so that 'n_first1', where 1 is the number of a response,
+    # and 'first,longer', which is a whole row, count no answer.
     words = re.findall("[A-Z]?[a-z]+|[A-Z]+|[0-9;,]", without_accents(name))
-    others = set(map(str.lower, words)).difference(VOCABULARY["words"]["counting"])
-    if len(words) < 2 or len(others) != 1:  # 'first' alone may be a stimulus
+    other_words = set(map(str.lower, words)).difference(VOCABULARY["words"]["counting"])
+    if len(words) < 2 or len(other_words) != 1:  # 'first' alone may be a stimulus
         return ""
-    return _ANSWERS.get(others.pop(), "")
+    return _ANSWERS.get(other_words.pop(), "")
 
 
 def is_no_response(text: str) -> bool:
@@ -247,7 +250,7 @@ def taken_out_texts(name: str, texts: Texts) -> Texts:
     """
     taken_out = VOCABULARY["taken_out"]
     plain = plain_name(name)
-    # A cell 'aborted' says so in any column, and a code such as '8' in a column of codes.
+    # A cell 'aborted' takes a trial out in any column, but a code such as '8' in one of codes only.
     words = {*taken_out["by_1"], *taken_out["codes"].get(plain, ())}
     flag = re.sub("^(is|was|trial)+|trials?$", "", plain)  # 'is_valid' is 'valid'
     if is_flag(texts) and flag in taken_out["by_1"]:  # such as 'rejected'
@@ -296,14 +299,14 @@ def unit_in(name: str) -> str:
     ('cd/m2', 'cd/m2')
     """
     plain = _folded(name).replace("cd_m2", "cd/m2")
-    words = re.findall(r"cd/m2|log10|[^\W\d_]+", plain)  # others have no digits
+    words = re.findall(r"cd/m2|log10|[^\W\d_]+", plain)  # other units have no digits
 
     for unit, unit_words in VOCABULARY["units"]["logarithms"].items():
         if not set(words).isdisjoint(unit_words):
             return unit
 
     # A letter alone, after a sign and at the end or before a sign: 'g' of 'force_g1', or 'N' of
-    # 'force_1 [N]', but none of 'n/a' and 'N.A.'.
+    # 'force_1 [N]', but no letter of 'n/a' and 'N.A.'.
     last_letters = re.findall(r"(?<=_|[^\w/])[^\W\d_](?=[\W_]*[12]?$|[^\w/.])", plain)
     for unit in VOCABULARY["units"]["intensity"]:
         if _folded(unit) in (words if len(unit) > 1 else last_letters):
@@ -312,7 +315,7 @@ def unit_in(name: str) -> str:
 
 
 def _folded(text: str) -> str:
-    """A text in small letters, in which both signs of micro are one."""
+    """A text in small letters, in which both signs of micro are the same."""
     return unicodedata.normalize("NFKC", text).lower()
 
 
@@ -342,9 +345,10 @@ _UNIT_MEANINGS = {
     "NAME": "it is a unit of logarithms; if numbers are differences from a base, add the base in "
     "the file; if their signs are directions, write them without signs",
 }
-#: Signs of the first of two stimuli in names of columns, with those of the second: the last digit,
-#: apart from that of m2, or a word; and signs that may not say which stimulus came first.
+#: Patterns of the sign of the first of two stimuli in names of columns, with the sign of the second
+#: stimulus: the last digit, apart from the digit of m2, or a word.
 _NUMBERS = {"1(?=[^0-9]*(?:m2)?$)": "2", **VOCABULARY["pairs"]}
+#: The same for signs that may not say which stimulus came first.
 _LETTERS = {
     r"(?<![^\W\d_])a(?![^\W\d_])": "b",
     r"(?<![A-Z])A(?![^\W\d_])": "B",
@@ -352,15 +356,15 @@ _LETTERS = {
     "left": "right",
     "Left": "Right",
 }
-#: Names of columns that are numbers, or end in that of a question, trial or subject, as 'b1_t1',
-#: 'Q1_3' and 'w1_s1'.
+#: Names of columns that are numbers, or end in the number of a question, trial or subject, as
+#: 'b1_t1', 'Q1_3' and 'w1_s1'.
 _NUMBER_OF_TRIAL = (
     r"(?i)\d+|.*\d_(?:[pqrst]|rep|trial|item|vpn?|sub|subj|subject|participant)_?\d+|q\d+_\d+"
 )
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
-#: Shapes of names with two numbers, of which none is that of a question, trial or subject, as in
-#: 'Q{}_{}', or of the name of a value, as in 'F{}={}'.
+#: Shapes of names with two numbers, neither of which belongs to a question, trial or subject, as in
+#: 'Q{}_{}', or to the name of a value, as in 'F{}={}'.
 _PAIR_SHAPE = (
     r"(?i)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
     r"(?!.*{}_(?:[ps]|vpn?|sub|subj|subject|participant)_?{})"
@@ -368,13 +372,13 @@ _PAIR_SHAPE = (
     r"(?!.*[^\W\d]{} ?= ?{})"
     r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*"  # 'Q5_' may be in front
 )
-#: Roles whose names are proposed only, by role.
+#: By role, another role whose names are proposed for it, but are not read without an option.
 _PROPOSED = {"response": "key", "subject": "id"}
-#: Columns of which each makes a table one of counts, in the order in which messages name them.
+#: Counts, any of which makes a table of counts, in the order in which messages name them.
 _COUNTS = ("n_equal", "n_second", "n_comparison", "n_trials")
-#: Counts of one answer, and of the other one, whose sum is the number of trials.
+#: The count of an answer, and that of the other answer, whose sum is the number of trials.
 OTHER_COUNTS = {"n_second": "n_first", "n_equal": "n_different", "n_comparison": "n_standard"}
-#: Counts that may have similar names in a file: these and those of the other answers.
+#: Counts that may have similar names in a file: these, and the counts of the other answers.
 _ALL_COUNTS = (*OTHER_COUNTS.values(), *_COUNTS)
 #: The counts of the task with three answers, as a file has them.
 _THREE_COUNTS = ("n_first", "n_equal", "n_second")
@@ -397,21 +401,21 @@ def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
     roles = ["standard", "comparison"] if options.has_standard else list(_STIMULI)
     if options.subject_from is None:
         roles.insert(0, "subject")  # which notes name first
-    likely = _likely(names, options, [*roles, "session", "block", "trial"])
-    options = replace(options, columns={**likely, **options.columns})  # given names win
+    likely_columns = _likely(names, options, [*roles, "session", "block", "trial"])
+    options = replace(options, columns={**likely_columns, **options.columns})  # given names win
     options = _with_unit_in_names(names, options)
     if options.correct is None:  # responses or counts are read
         answers = _likely_answers(names, options)
         # Notes name the columns in this order: likely names come before given ones.
-        options = replace(options, columns={**likely, **answers, **options.columns})
+        options = replace(options, columns={**likely_columns, **answers, **options.columns})
     return options
 
 
 def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
-    """Options with the unit in the names of both stimuli, if no option gives another one.
+    """Options with the unit in the names of both stimuli, if no option gives another unit.
 
     Columns with one unit, such as 'weight1_g' and 'weight2_g', are the stimuli if the file has no
-    others.
+    other stimuli.
 
     Examples
     --------
@@ -426,7 +430,7 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
     if options.intensity is not None:  # given in the unit of the file
         return options
     stimuli = options.stimulus_names
-    # Without a column of stimuli, the pair of names such as 'weight1_g' may be theirs.
+    # Without a column of stimuli, two names such as 'weight1_g' and 'weight2_g' may be the stimuli.
     if not options.has_standard and set(map(options.name, _STIMULI)).isdisjoint(names):
         candidates = [
             name
@@ -462,17 +466,18 @@ def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
     {'i1': 's1', 'i2': 's2'}
     """
     stimuli = options.stimuli
-    others = [options.name(role) for role in _STIMULI if role not in stimuli]
+    other_names = [options.name(role) for role in _STIMULI if role not in stimuli]
     has_stimuli = not set(names).isdisjoint(options.stimulus_names)
     is_reference_alone = options.intensity is not None and options.unit is None
     if (
         options.has_standard
         or has_stimuli
         or is_reference_alone  # --intensity without a unit is about columns i1 and i2
-        or not set(others) <= set(names)
+        or not set(other_names) <= set(names)
     ):
         return options
-    return replace(options, columns={**options.columns, **dict(zip(stimuli, others, strict=True))})
+    name_of_stimulus = dict(zip(stimuli, other_names, strict=True))
+    return replace(options, columns={**options.columns, **name_of_stimulus})
 
 
 def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
@@ -497,7 +502,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     counts = _likely(names, options, _ALL_COUNTS)
     count_roles = roles_in_file | counts.keys()  # by our names or by similar ones
     if set(_THREE_COUNTS) <= count_roles:
-        counts.pop("n_trials", None)  # their sum, which is not read
+        counts.pop("n_trials", None)  # the sum of the counts, which is not read
         count_roles.discard("n_trials")
 
     response = _likely(names, options, ("response",))
@@ -520,7 +525,7 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
 def _likely(names: Texts, options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
     """The file's names for these roles, without roles that have several candidates or none.
 
-    A role that the options name, or that is itself a name in the file, needs no other one.
+    A role that the options name, or that is itself a name in the file, needs no other name.
     """
     # With a standard and a comparison, nothing is read from columns such as s1.
     unused = _STIMULI if options.has_standard else ()
@@ -628,7 +633,7 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
 def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
     # Two columns are allowed: a count and n_trials, or responses and n_trials, which are
-    # frequencies. Three counts are allowed with n_first, which is none of `_COUNTS`.
+    # frequencies. Three counts are allowed with n_first, which is not in `_COUNTS`.
     answers = [role for role in ("response", *_COUNTS) if role in roles_read]
     if len(answers) > 2 or answers in (["response", "n_equal"], ["response", "n_second"]):
         first, *other_columns = [display_name(options.name(role)) for role in answers]
@@ -695,12 +700,12 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
 
     if counts == ["n_trials"]:  # n_equal is then missing, so that what was counted is asked for
         return ["n_equal", "n_trials"]
-    other = OTHER_COUNTS[counts[0]]
-    if len(counts) == 1 and options.name(other) in names:  # both counts make the trials
-        return [*counts, other]
-    n_of_three = sum(options.name(role) in names for role in _THREE_COUNTS)
-    # Two of three without the trials: the third one is missing.
-    if n_of_three == 3 or (n_of_three == 2 and "n_trials" not in counts):
+    other_count = OTHER_COUNTS[counts[0]]
+    if len(counts) == 1 and options.name(other_count) in names:  # both counts make the trials
+        return [*counts, other_count]
+    n_answers = sum(options.name(role) in names for role in _THREE_COUNTS)
+    # With the counts of two of three answers and without the trials, the third count is missing.
+    if n_answers == 3 or (n_answers == 2 and "n_trials" not in counts):
         return list(_THREE_COUNTS)
     return list(dict.fromkeys([*counts, "n_trials"]))
 
@@ -708,18 +713,19 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
 def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Column] = ()) -> str:
     """The names of two columns of stimuli where nothing says which came first, as 'std and test'.
 
-    They are, first of all, a standard and a comparison. If a column may have the order, they are a
-    standard and a column that the user names, 1 and 2, or A and B; stimuli 1 and 2 are in order
-    unless that column changes from trial to trial. Left and right need no such column. The text is
-    empty where the order is known, or a column is missing.
+    The columns are a standard and a comparison, if there are these. If some other column may have
+    the order, they may also be a standard and a column that the user names, stimuli 1 and 2, or
+    stimuli A and B. Stimuli 1 and 2 are in order unless that other column changes from trial to
+    trial. Left and right need no column that may have the order. The text is empty where the order
+    is known, or a column is missing.
     """
     if options.has_standard:
         return ""
     if {"standard", "comparison"} <= options.columns.keys():  # the user names them
         return f"{options.columns['standard']} and {options.columns['comparison']}"
     candidates = options.stimulus_names
-    are_open = set(names).isdisjoint(candidates)
-    if are_open:  # the file lacks these, so that all its columns may be stimuli
+    are_unknown = set(names).isdisjoint(candidates)
+    if are_unknown:  # the file lacks these names, so that all its columns may be stimuli
         candidates = names
     standards = names_like(candidates, "standard")
     comparisons = names_like(candidates, "comparison")
@@ -733,15 +739,15 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
         return f"{display_name(standards[0])} and NAME"
     pair = pair or _stimulus_pair(candidates, _LETTERS)
     # Sides are no order, but the user may say that the left one was always first.
-    are_sides = are_open and "left" in str(pair).lower()
+    are_sides = are_unknown and "left" in str(pair).lower()
     return " and ".join(map(display_name, pair)) if interval_names or are_sides else ""
 
 
 def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     """Whether 1 and 2 are labels of the stimuli, and a column of order says which came first.
 
-    Such a column has both codes for a pair of the same two stimuli, and changes from trial to
-    trial. Else it follows from the stimuli, or tells subjects or blocks from each other.
+    A column of order has both codes for a pair of the same two stimuli, and changes from trial to
+    trial. Any other column follows from the stimuli, or distinguishes subjects or blocks.
     """
     # 'first_tone' says its place, and a column of order such as 'interval' may have pauses.
     if "first" in pair[0].lower() or looks_like(order, "isi"):
@@ -752,9 +758,9 @@ def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     n_ordered_pairs = len(combination_counts(first, second, order_codes))
     # If the order follows from the stimuli, only equal stimuli have both codes, and are fewer than
     # half of the pairs.
-    is_free = n_ordered_pairs > 1.5 * n_pairs
+    is_independent = n_ordered_pairs > 1.5 * n_pairs
     # Codes of subjects or blocks have long runs of rows, five or more on average.
-    return is_free and len(run_starts(order_codes)) > 0.2 * len(order_codes)
+    return is_independent and len(run_starts(order_codes)) > 0.2 * len(order_codes)
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
@@ -799,7 +805,7 @@ def task_remedies(columns: Iterable[Column]) -> list[Remedy]:
 
 
 def unit_remedies(unit: str) -> list[Remedy]:
-    """Options to type if stimuli seem to be in this unit, of which there are two sorts of dB."""
+    """Options to type if stimuli seem to be in this unit; for dB, there are two."""
     choices = ("dB", "dB-power") if unit == "dB" else (unit,)
     default = f"they are intensities in {unit}"
     return [
@@ -808,7 +814,7 @@ def unit_remedies(unit: str) -> list[Remedy]:
 
 
 def suggested_unit(name: str, lowest: float) -> str:
-    """The unit of logarithms that the name of a column of stimuli suggests; empty if none.
+    """The unit of logarithms that the name of a column of stimuli suggests; empty without it.
 
     `lowest` is the smallest stimulus.
 
@@ -824,7 +830,7 @@ def suggested_unit(name: str, lowest: float) -> str:
         return ""
     if unit in LOG_UNITS:
         return unit
-    if lowest > 100.0:  # no levels of sounds are all as loud
+    if lowest > 100.0:  # sounds are not all louder than 100 dB
         return ""
     for word in sorted(named_places(name).other_words):  # a set has no order of its own
         for unit, beginnings in VOCABULARY["units"]["suggested"].items():
@@ -834,9 +840,9 @@ def suggested_unit(name: str, lowest: float) -> str:
 
 
 def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
-    """Options to type if stimuli may be no natural logs; `unit` is the one that is suggested.
+    """Options to type if stimuli may be no natural logs.
 
-    The suggested unit comes first, natural logs come last.
+    The suggested `unit` comes first, natural logs come last.
 
     Examples
     --------
@@ -847,8 +853,8 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     """
     remedies = unit_remedies(unit) if unit else []
     low = stimuli.min()
-    # Numbers below 0 are no intensities, but logarithms in a unit that the user names. With a 0,
-    # which has no logarithm, they may be either or neither.
+    # Numbers below 0 are no intensities, but logarithms in a unit that the user names. Numbers from
+    # 0 may be logarithms, or intensities, of which 0 has no logarithm: no unit is proposed.
     if low != 0.0:
         remedies += unit_remedies(ANY_UNIT if low > 0.0 else "NAME")
     return remedies + unit_remedies("ln")
@@ -908,19 +914,24 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
         if not (is_of_times or is_no_intensity):
             texts[column.name] = set(column.texts)
 
-    def fit(pair: Texts) -> tuple[bool, float, str]:
-        """What ranks pairs: a name of a stimulus, the values in common, and a unit in the name."""
+    def agreement(pair: Texts) -> float:
+        """The share of values in common, which is 1 for two constant durations, times their number.
+
+        The number counts up to 10: of durations as measured, many may be in common by chance.
+        """
         first, second = map(texts.__getitem__, pair)
         n_common = len(first & second)
         n_all = max(1, len(first | second))  # a table without rows has no values
-        # The share of values in common, which is 1 for two constant durations, times their number.
-        # Of durations as measured, many may be in common by chance.
-        return _may_be_stimulus(pair[0]), n_common * min(n_common, 10) / n_all, unit_in(pair[0])
+        return n_common * min(n_common, 10) / n_all
+
+    def fit(pair: Texts) -> tuple[bool, float, str]:
+        """What ranks pairs: a name of a stimulus, the values in common, and a unit in the name."""
+        return _may_be_stimulus(pair[0]), agreement(pair), unit_in(pair[0])
 
     names = filterfalse(re.compile(_NUMBER_OF_TRIAL).fullmatch, texts)
     pairs = chain(*_pairs_by_sign(list(names), _NUMBERS | _LETTERS))
     # Columns without names have their numbers as names. Few values in common may be a chance there.
-    neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if fit(pair)[1] > 2.0]
+    neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if agreement(pair) > 2.0]
     return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
 
 
@@ -941,9 +952,9 @@ def _remedies(
         # No option makes trials of a log of events, which has no response beside the stimuli.
         if "response" in missing and names_like(names, "event"):
             return
-        wide = list(_wide_remedies(names, columns))
-        yield from wide
-        if wide:  # what else is missing depends on it
+        wide_remedies = list(_wide_remedies(names, columns))
+        yield from wide_remedies
+        if wide_remedies:  # what else is missing depends on the pairs
             return
         # Columns n_first and n_second may have numbers of dots, and not of answers.
         pairs = _likely_pairs(list(columns), are_positive=options.has_intensities)
@@ -955,9 +966,9 @@ def _remedies(
         # By role a tuple with its name, {'s1': ('c1',), 's2': ('c2',)}; empty for the pair ().
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
         names_to_skip = (*pair, *solutions(columns, options, pair))
-        others = [column for column in unread if column.name not in names_to_skip]
+        other_columns = [column for column in unread if column.name not in names_to_skip]
         yield from _count_remedies(missing, options, columns, pair)
-        yield from _columns_remedies(required, stimuli, others)
+        yield from _columns_remedies(required, stimuli, other_columns)
 
 
 def _count_remedies(
@@ -965,20 +976,22 @@ def _count_remedies(
 ) -> Iterator[Remedy]:
     """Options to type if the answers are missing, and a column may count them.
 
-    No number in it is larger than that of the trials, and it follows the trend of an answer:
-    'second' is commoner the larger s2 - s1 is, 'equal' the nearer the stimuli are, and right
-    answers the farther they are. `pair` has the names of the stimuli if the options lack them.
+    Counts are not larger than the numbers of trials, and follow the trend of an answer: 'second' is
+    commoner the larger s2 - s1 is, 'equal' the nearer the stimuli are, and right answers the
+    farther they are. `pair` has the names of the stimuli if the options lack them.
     """
     values = {column.name: column.map(number, float) for column in columns}
-    trials = "".join(names_like(values, "n_trials"))  # one, or none that is clear
-    names = (*(pair or options.stimulus_names), trials)
-    # Without a column of subjects, each column may have the counts of one.
+    names = [*(pair or options.stimulus_names), *names_like(values, "n_trials")]
+    # Two stimuli and a single column of trials, all of them in the file.
+    has_columns = len(names) == 3 == len(values.keys() & names)
+    # Without a column of subjects, each column may have the counts of a subject.
     if (
-        set(names) - values.keys()
+        not has_columns
         or {"response", "n_equal"}.isdisjoint(missing)
-        or ("NAME" in _likely_names(columns, "subject"))
+        or "NAME" in _likely_names(columns, "subject")
     ):
         return
+    *_, trials = names
     first, second, n = map(values.pop, names)
     rise = second - first
     trends = {"n_comparison" if options.has_standard else "n_second": rise, "n_equal": -abs(rise)}
@@ -991,14 +1004,15 @@ def _count_remedies(
             with np.errstate(all="ignore"):
                 correlations = np.corrcoef([counts / n, *trends.values()])[0, 1:]
             for role, r in zip(trends, correlations, strict=True):
-                # It is clear, and no trend is closer, upwards or downwards, as that of 'different'.
+                # The trend is clear. No other trend is closer, upwards or downwards, as that of
+                # 'different' is.
                 if r > 0.3 and r == np.nanmax(abs(correlations)):
                     stimuli = zip(options.stimuli, pair, strict=False)
                     yield Remedy("columns", (*stimuli, (role, name), ("n_trials", trials)))
 
 
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
-    """Options to type if names of columns, or all cells of one, are pairs such as 100_112."""
+    """Options to type if names of columns, or all cells of a column, are pairs such as 100_112."""
     pattern, n_names = _pair_pattern(names)
     if n_names > 1:
         yield Remedy("wide", pattern, f"if the names of {n_names} columns are pairs of stimuli")
@@ -1024,14 +1038,14 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     """
     # The shape of '440 Hz vs 460 Hz' is '{} Hz vs {} Hz'.
     shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)
-    for shape, n_texts in shapes.most_common(1):  # one, or none without texts
-        # The number of a repetition may stand behind a pair, as in 'p{}_{}_r{}'.
-        shape = re.sub("(?i)({}[^{}]+{}[^{}]*[-_. ](?:r|rep|t|trial|run)[-_. ]?){}$", r"\1*", shape)
-        if re.fullmatch(_PAIR_SHAPE, shape):
-            # The last two numbers are the stimuli; any number may stand in the place of others.
-            pattern = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
-            return pattern.replace("{}", "*"), n_texts
-    return "", 0
+    [(shape, n_texts)] = shapes.most_common(1) or [("", 0)]  # there may be no texts
+    # The number of a repetition may stand behind a pair, as in 'p{}_{}_r{}'.
+    shape = re.sub("(?i)({}[^{}]+{}[^{}]*[-_. ](?:r|rep|t|trial|run)[-_. ]?){}$", r"\1*", shape)
+    if not re.fullmatch(_PAIR_SHAPE, shape):
+        return "", 0
+    # The last two numbers are the stimuli; any numbers may take the place of earlier ones.
+    pattern = re.sub("{}([^{}]+){}([^{}]*)$", r"{first}\1{second}\2", shape)
+    return pattern.replace("{}", "*"), n_texts
 
 
 def score_remedies(names: Iterable[str]) -> list[Remedy]:
@@ -1048,7 +1062,7 @@ def _columns_remedies(
     """The options that name the columns of roles: those of stimuli, and likely ones of `columns`.
 
     `stimuli` has the names for the roles of both stimuli. A role that no column seems to have, and
-    that another option can stand for, is asked about after the others.
+    that another option can stand for, is asked about after other roles.
 
     Examples
     --------
@@ -1073,7 +1087,7 @@ def _columns_remedies(
         for role in blank_roles:
             del names_by_role[role]
 
-    by_name = []
+    name_remedies = []
     for names in product(*names_by_role.values()):
         meaning = (
             "with the names in your file; if it has no such column, add one: each row needs one "
@@ -1081,17 +1095,19 @@ def _columns_remedies(
             if "NAME" in names
             else ""
         )
-        by_name.append(Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning))
-    other_options = []
+        name_remedies.append(
+            Remedy("columns", tuple(zip(names_by_role, names, strict=True)), meaning)
+        )
+    other_remedies = []
     for role in names_by_role:
-        other_options += replacements.get(role, [])
+        other_remedies += replacements.get(role, [])
     if are_replaceable and blank_roles == roles:  # no column is known
-        return other_options + by_name
-    return by_name + other_options
+        return other_remedies + name_remedies
+    return name_remedies + other_remedies
 
 
 def _likely_names(columns: Collection[Column], role: str) -> list[str]:
-    """Three columns that may have a role, by their names or by their cells; NAME if there is none.
+    """Three columns that may have a role, by their names or cells; NAME without such a column.
 
     Examples
     --------
@@ -1100,23 +1116,27 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     >>> _likely_names([codes, blocks], "response"), _likely_names([codes, blocks], "subject")
     (['second_was'], ['Rat'])
     """
-    by_cells = [column.name for column in columns if role_by_cells(column) == role]
+    names_by_cells = [column.name for column in columns if role_by_cells(column) == role]
     # A name such as 'second_longer' says more than the cells, so that it comes first.
     words_of_answers = VOCABULARY["words"]["of_answers"]
-    by_cells.sort(key=lambda name: named_places(name).other_words.isdisjoint(words_of_answers))
+    names_by_cells.sort(
+        key=lambda name: named_places(name).other_words.isdisjoint(words_of_answers)
+    )
     names = [column.name for column in columns]
-    likely = names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + by_cells
-    # Not one column of several that may each have another subject.
-    for column, other in combinations(columns, 2):
-        if likely[:1] == [column.name] and are_alike(column, other):
+    likely_names = (
+        names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + names_by_cells
+    )
+    # Columns that are alike may each have another subject, so that no single one is proposed.
+    for column, other_column in combinations(columns, 2):
+        if likely_names[:1] == [column.name] and are_alike(column, other_column):
             return ["NAME"]
-    return list(dict.fromkeys(likely))[:3] or ["NAME"]
+    return list(dict.fromkeys(likely_names))[:3] or ["NAME"]
 
 
 def are_alike(column: Column, other: Column) -> bool:
     """Whether two columns have the same codes, and names that differ by numbers or initials.
 
-    In most rows, none of them is empty.
+    In most rows, neither of them is empty.
 
     Examples
     --------
@@ -1133,10 +1153,10 @@ def are_alike(column: Column, other: Column) -> bool:
 
 
 def role_by_cells(column: Column) -> str:
-    """The role that a column may have by its cells, 'subject' or 'response'; empty if none.
+    """The role that a column may have by its cells, 'subject' or 'response'; empty without a role.
 
-    The name of a subject stands in a block of rows. Responses are two or three codes, and cells
-    without any, that change from trial to trial.
+    The name of a subject stands in a block of rows. Responses are two or three codes, and perhaps
+    empty cells, that change from trial to trial.
 
     Examples
     --------
@@ -1144,33 +1164,33 @@ def role_by_cells(column: Column) -> str:
     >>> [role_by_cells(Column.from_texts(name, "aaabbb")) for name in names]
     ['subject', 'subject', '']
     """
-    # A session or a file is that of a subject, if others do not name the subject.
+    # The id of a session or the name of a file may stand for the subject, as an id does.
     pattern = "(?i)^((rec_?)?session_?id|(data|source|log)?_?(file(_?name)?|datei(name)?))$"
     words = named_places(re.sub(pattern, "id", column.name)).other_words
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))
     # A name without words of its own, such as 'target' or 'comparison', is that of a stimulus, but
-    # a number is the name of a column without one.
+    # a number is what a column without a name has.
     if (
         n_texts < 2
         or not (words or column.name.isdigit())
         or not words.isdisjoint(VOCABULARY["words"]["of_others"])
-        or _pair_pattern(column.texts)[0]  # '17/20' counts, or is a pair
+        or _pair_pattern(column.texts) != ("", 0)  # '17/20' counts, or is a pair
     ):
         return ""
     # Each text stands in one block, of more than two rows on average.
     if n_texts == n_runs < 0.5 * n_rows:
         return "subject"
     # Three codes and an empty cell are four texts. A code stands in less than five rows on average
-    # before another one follows.
+    # before another code follows.
     return "response" if n_texts < 5 and n_runs > 0.2 * n_rows else ""
 
 
 def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = ()) -> Iterator[str]:
-    """The names of columns that seem to have correct answers, and not those of participants.
+    """The names of columns that seem to have correct answers, and not answers of participants.
 
-    In all rows, and there are many, they follow from which stimulus is the larger, and from the
+    Correct answers follow, in all of many rows, from which stimulus is the larger, and from the
     order of a standard and a comparison. `pair` has the names of the stimuli if the options lack
     them.
 

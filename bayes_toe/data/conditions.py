@@ -92,7 +92,7 @@ class Conditions:
     name : str
         The column of the file.
     levels : tuple of str
-        The first one is that with which the others are compared.
+        The other levels are compared with the first one.
     numeric : bool
         Whether levels are numbers; an effect is then a slope over them.
 
@@ -134,10 +134,11 @@ class Conditions:
             centred = np.array(chosen, float) - x.mean()
             return (centred / np.ptp(x))[:, None]
 
-        # The deviation of each level from the mean of all: any one of these columns follows from
-        # the others, which QR makes orthonormal.
+        # The deviation of each level from the mean of all levels. The first column follows from the
+        # other columns, which QR makes orthonormal.
         contrasts = np.eye(len(chosen)) - 1.0 / len(chosen)
-        columns = np.linalg.qr(contrasts[:, 1:])[0] / np.sqrt(2.0)
+        orthonormal, _ = np.linalg.qr(contrasts[:, 1:])
+        columns = orthonormal / np.sqrt(2.0)
         # QR leaves the signs open: the last level is positive.
         return columns * np.where(columns[-1] < 0.0, -1.0, 1.0)
 

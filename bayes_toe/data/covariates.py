@@ -66,11 +66,10 @@ def read_covariates(path: StrPath) -> Covariates:
     table = read_table(path, set)
     has_unique_names = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_unique_names:
-        names = join_quoted(table.names)
         table.require(
             [
-                f"found columns {names}, allowed: subject and at least one covariate, each with "
-                "a name of its own"
+                f"found columns {join_quoted(table.names)}, allowed: subject and at least one "
+                "covariate, each with a name of its own"
             ]
         )
     table.require([])  # at least one row, in which all cells have a value
@@ -89,9 +88,14 @@ def read_covariates(path: StrPath) -> Covariates:
         values = column.map(str, object)
         if not is_category:
             values = numbers(table, column)
-            kind = "a finite number (or no number in the whole column)"
-            require_numbers(table, column, has_value & np.isnan(values), kind)
-        with_value = subjects[has_value].tolist()
-        covariates[name] = dict(zip(with_value, values[has_value].tolist(), strict=True))
+            require_numbers(
+                table,
+                column,
+                has_value & np.isnan(values),
+                "a finite number (or no number in the whole column)",
+            )
+        covariates[name] = dict(
+            zip(subjects[has_value].tolist(), values[has_value].tolist(), strict=True)
+        )
     table.problems.refuse()
     return covariates

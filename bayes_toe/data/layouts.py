@@ -47,7 +47,7 @@ from bayes_toe.data.messages import (
     quoted,
 )
 from bayes_toe.data.options import COLUMNS, ReadOptions
-from bayes_toe.data.stimulus_unit import LOG_UNITS, sign_of_intensities
+from bayes_toe.data.stimulus_unit import LOG_UNITS, why_not_logs
 from bayes_toe.data.text_table import CELL, PAIR, Column, TextTable, repeated_columns
 from bayes_toe.data.validation import number, number_by_sign
 from bayes_toe.errors import InputError, Remedy
@@ -57,7 +57,7 @@ ALLOWED_INTERVALS = (
     "1 or 2, the interval of the standard (also first or second, standard_first or "
     "comparison_first, SC or CS); other codes by --standard-first-code"
 )
-#: Whether the standard came first, by the texts of a column; None where a text does not say it.
+#: Whether the standard came first, by the texts of a column; None for an unclear text.
 OrderByText: TypeAlias = Mapping[str, bool | None]
 #: Parts of names that may mean something else: the interval of the right answer, the order of
 #: blocks of a test, or a stimulus such as `std1`.
@@ -80,9 +80,9 @@ class StandardOrder:
     ----------
     is_first : ndarray of bool, shape (rows,)
     is_unknown : ndarray of bool, shape (rows,)
-        Rows in which the column does not say it.
+        Rows in which the column does not say which stimulus came first.
     is_open : bool
-        Whether it has intervals such as '1' and '2', and only options say of which stimulus.
+        Whether the column has intervals such as '1' and '2', and only options say of what stimulus.
     notes : list of str
         How the column was read, and responses that name a stimulus.
     """
@@ -99,13 +99,15 @@ class StandardOrder:
         order_by_text = _standard_first_by_text(table, column, options)
         texts = join_quoted(filter(order_by_text.get, order_by_text))
         note = f"{column} read as the order: standard first at {texts or 'none'}"
-        # A name such as 'std_position', or a cell such as 'SC', says itself which stimulus it is.
+        # A name such as 'std_position' says of which stimulus the intervals are, and a cell such as
+        # 'SC' names both stimuli.
         self.is_open = "".join(column.texts).isdecimal() and not named_places(column.name).stimuli
         # Responses by codes would fit the opposite order alike, with the opposite codes.
         if options.standard_first_code is not None or (self.is_open and options.code_by_answer):
             note += "; otherwise order effects have the opposite sign"
         self.notes.append(note)
-        # An empty cell is no key, so that it is unknown, too. In an array of bool, None is False.
+        # An empty cell is no key of the mapping, so that its row is unknown, too. In an array of
+        # bool, None is False.
         self.is_first = column.map(order_by_text.get)
         self.is_unknown = column.map(lambda text: order_by_text.get(text) is None)
 
@@ -125,8 +127,8 @@ class StandardOrder:
         comparison_code = options.comparison_code
         texts = []
         for text in filter(None, column.texts):  # a missed response is empty
-            has_word = plain_name(text) in VOCABULARY["responses"]["equal"]
-            if not has_word and text != options.equal_code:
+            says_equal = plain_name(text) in VOCABULARY["responses"]["equal"]
+            if not says_equal and text != options.equal_code:
                 texts.append(text)
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
             problem = (
@@ -143,13 +145,14 @@ class StandardOrder:
                 is_second = self.is_first == (stimulus == "comparison")
                 answers = np.where(is_second, "second", "first")
                 responses = np.where(column.matches([text]), answers, responses)
-                reading = f"the {stimulus}, first or second by the order"
-                self.notes.append(f"response {quoted(text)} read as {reading}")
+                self.notes.append(
+                    f"response {quoted(text)} read as the {stimulus}, first or second by the order"
+                )
         return Column.from_texts(column.name, responses)
 
 
 def _stimulus_meant(text: str, options: ReadOptions) -> str:
-    """The stimulus that a response names, 'standard' or 'comparison'; empty if none.
+    """The stimulus that a response names, 'standard' or 'comparison'; empty if it names neither.
 
     The options say that the stimuli are these two.
     """
@@ -166,8 +169,8 @@ def _stimulus_meant(text: str, options: ReadOptions) -> str:
 def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
     """The options with a column that says itself which stimulus came first, and the table with it.
 
-    They stay as they are if they say the order, if there is no standard and no comparison, or if
-    columns contradict each other.
+    The options stay as they are if they say the order, if there is no standard and no comparison,
+    or if columns contradict each other.
     """
     if not unordered_stimuli(table.names, options):
         return table, options
@@ -175,14 +178,15 @@ def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable,
     names_in_use = set(map(options.name, COLUMNS))  # such as that of the responses
     name_by_order = {}  # by what a column says of all rows; equal columns are one
     for name, column in table.columns.items():
-        by_text = _certain_order(column)
-        if by_text and name not in names_in_use:
-            name_by_order[tuple(column.map(by_text.get, object))] = name
+        order_by_text = _certain_order(column)
+        if order_by_text and name not in names_in_use:
+            name_by_order[tuple(column.map(order_by_text.get, object))] = name
     if len(name_by_order) != 1:
         return table, options
 
     (name,) = name_by_order.values()
-    # In a column such as 'test_position', which names no place, '1' is the interval of the test.
+    # In a column such as 'test_position', which names a comparison and no place, '1' is the
+    # interval of the test.
     if named_places(name)[:2] == (["comparison"], []):
         options = replace(options, comparison_interval=name)
     else:
@@ -193,24 +197,24 @@ def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable,
 def _with_onsets(table: TextTable) -> TextTable:
     """The table with a column of order, if two columns have the onsets of standard and comparison.
 
-    Such as tone_std.started and tone_cmp.started. The table stays as it is if one of them always
-    began first, since their times may then count from different moments.
+    Columns of onsets have names such as tone_std.started and tone_cmp.started. The table stays as
+    it is if one stimulus always began first, since the times may then count from two moments.
     """
-    names = {"standard": list[str](), "comparison": list[str]()}
+    onset_names = {"standard": list[str](), "comparison": list[str]()}
     for name in table.columns:
         stimuli, places, other_words = named_places(name)
         is_onset = other_words.intersection(VOCABULARY["words"]["of_onset"])
         if is_onset and len(stimuli) == 1 and not places:
-            names[stimuli[0]].append(name)
-    if list(map(len, names.values())) != [1, 1]:
+            onset_names[stimuli[0]].append(name)
+    if list(map(len, onset_names.values())) != [1, 1]:  # one column for each stimulus
         return table
-    pair = names["standard"] + names["comparison"]
+    pair = onset_names["standard"] + onset_names["comparison"]
 
     standard, comparison = (table.columns[name].map(number, np.float64) for name in pair)
     delay = comparison - standard
     delays = delay[np.isfinite(delay)]  # of rows with both stimuli
     has_both_orders = (delays > 0.0).any() and (delays < 0.0).any()
-    # The shortest delay is not much shorter than the longest one. Times that vary by chance, each
+    # The shortest delay is not much shorter than the longest. Times that vary by chance, each
     # from its own start, would be nearly equal in some trials.
     if not has_both_orders or abs(delays).min() < 0.05 * abs(delays).max():
         return table
@@ -228,8 +232,8 @@ def _certain_order(column: Column) -> OrderByText:
     """Whether the standard came first, by the texts of a column whose name and cells say so.
 
     A column `std_position` has '1' or '2', `ref_first` has 'yes' or 'no', `first_stimulus` has
-    'standard' or 'comparison', and another one has 'SC' or 'CS'. The result is empty for other
-    columns: '1' in a column `order`, or in `target_interval`, may be another stimulus.
+    'standard' or 'comparison', and a column of another name has 'SC' or 'CS'. The result is empty
+    for all other columns: '1' in `order` or in `target_interval` may be about another stimulus.
     """
     stimuli, places, other_words = named_places(column.name)
     words_of_order = VOCABULARY["words"]["of_order"]
@@ -237,21 +241,21 @@ def _certain_order(column: Column) -> OrderByText:
     # Without a stimulus or a place in the name, the cells alone say the order, as 'SC' does.
     if is_unclear and (stimuli or places):
         return {}
-    # Such numbers are intervals of one stimulus in `std_interval`. But '1' and '2' in a column
-    # `std_stim` may be two stimuli, and '1' alone may be a level.
+    # '1' and '2' in a column `std_interval` are intervals of one stimulus. But in a column
+    # `std_stim` they may be two stimuli, and '1' alone may be a level.
     has_interval = not other_words.isdisjoint(VOCABULARY["words"]["of_interval"])
     owner = ""
     if has_interval and not places and len(stimuli) == 1 and len(column.texts) > 1:
         owner = stimuli[0]
-    by_text = _order_by_text(column, owner)
-    return {} if None in by_text.values() else by_text
+    order_by_text = _order_by_text(column, owner)
+    return {} if None in order_by_text.values() else order_by_text
 
 
 def _order_by_text(column: Column, owner: str) -> OrderByText:
-    """Whether the standard came first, by the texts of a column; None where it is not said.
+    """Whether the standard came first, by the texts of a column; None for an unclear text.
 
-    A column such as `standard_first` has words for true and false. All other texts must say it
-    themselves, such as 'SC', or '1', which is the interval of `owner`.
+    A column such as `standard_first` has words for true and false. All other texts must say the
+    order themselves, such as 'SC', or '1', which is the interval of `owner`.
     """
     texts = filled_texts(column)
     stimuli, places, _ = named_places(column.name)
@@ -287,7 +291,7 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
         texts = _likeliest_first(list(order_by_text), table, column, options)
         _ask_order(table, column, problem, texts)
 
-    # Texts such as '1' or 'first' say the interval, but not of which stimulus.
+    # Texts such as '1' or 'first' name an interval, and no stimulus.
     first_intervals = [text for text in order_by_text if named_places(text)[:2] == ([], ["first"])]
     stimuli, places, _ = named_places(column.name)
     is_true_or_false = places and is_flag(order_by_text)  # '1' in 'test_first' is no interval
@@ -333,7 +337,7 @@ def _likeliest_first(texts: Texts, table: TextTable, column: Column, options: Re
     standard, comparison = (
         table.columns[name].map(number, np.float64) for name in options.stimulus_names
     )
-    # Whether s2 is larger than s1, if the first code is the right one.
+    # Whether s2 is larger than s1, if the first code is the right code.
     is_larger = (comparison > standard) == column.matches(texts[:1])
     agreement = np.mean(response.matches(keys[1:]) == is_larger)
     if agreement < 0.5 - 1.5 / len(is_larger) ** 0.5:  # by more than three SDs of guesses
@@ -345,7 +349,7 @@ def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | N
     """Whether a cell says that the standard came first; None where its meaning is not certain.
 
     '1' is the interval of `owner`; without one, a cell or the name must say stimulus and interval,
-    or both stimuli. Else 'standard' stands in the first interval, or in the one that the
+    or both stimuli. Else 'standard' stands in the first interval, or in the interval that the
     name of the column says. 'SC' and 'standard, comparison' are both stimuli in their order.
     """
     stimuli, places, other_words = named_places(text)
@@ -362,8 +366,8 @@ def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | N
     return (stimulus == "standard") == (interval == "first")
 
 
-#: Of 'stim/tone_7Hz.wav' the text before the number, the unit and '.wav'; of '7' empty texts. It
-#: finds nothing in 'Apr-05', a date that was a number.
+#: Finds the text before the number, the unit and '.wav' in 'stim/tone_7Hz.wav', and empty texts in
+#: '7'. It finds nothing in 'Apr-05', a date that was a number.
 _NUMBER_IN_NAME = (
     r"(?m)^[+\u2212-]?(?:[.,]?|(?!\w{3}-\d+$)([./]*[^\W\d_](?:\D*[^\d.,])?))(?:\d|\d.*?\d) *"
     r"(%|[^\W\d_]{0,16})(\.[a-zA-Z]\w*|)$"
@@ -374,7 +378,7 @@ _NUMBER_IN_NAME = (
 
 
 def stimulus_logs(table: TextTable, columns: Sequence[Column], options: ReadOptions) -> FloatArray:
-    """Natural-log intensities in both columns of stimuli, shape (rows, 2); NaN if a cell has none.
+    """Natural-log intensities in both columns of stimuli, shape (rows, 2); NaN without a number.
 
     Raises
     ------
@@ -387,7 +391,8 @@ def stimulus_logs(table: TextTable, columns: Sequence[Column], options: ReadOpti
     logs = []
     for column in columns:
         if options.decimal is None:
-            # A cell between commas may have one in quotation marks; '1,050' is asked for above.
+            # A cell between commas may have a comma, in quotation marks; the question about '1,050'
+            # is asked above.
             has_comma = table.decimal_comma or table.delimiter == ","
             values = [number(text, has_comma) for text in column.texts]
         else:
@@ -418,13 +423,13 @@ def _without_unit(
         table.problems.ask(f"the stimuli have the unit {quoted(unit)}.", remedies)
         table.problems.refuse()
 
-    without_unit = []
+    bare_columns = []
     for column in columns:
         numbers = [
             text.removeprefix(beginning).removesuffix(unit + ending) for text in column.texts
         ]
-        without_unit.append(Column.from_texts(column.name, numbers, column.codes))
-    return without_unit
+        bare_columns.append(Column.from_texts(column.name, numbers, column.codes))
+    return bare_columns
 
 
 def _require_decimal_sign(
@@ -436,18 +441,18 @@ def _require_decimal_sign(
     """
     sign = table.grouping_sign
     texts = list(chain.from_iterable(column.texts for column in stimuli))
-    with_sign = [text for text in texts if sign in text]
+    texts_with_sign = [text for text in texts if sign in text]
     # '1.050' is a decimal number where another cell shows it: '1.05' or '0.950'.
     grouped_digits = re.compile(rf"[-+−]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")
-    if not with_sign or not all(map(grouped_digits.fullmatch, with_sign)):
+    if not texts_with_sign or not all(map(grouped_digits.fullmatch, texts_with_sign)):
         return
 
     # No logarithm is 1050, unless other stimuli are as large: 950 beside 1.050 may be in cents.
-    others = [text for text in texts if sign not in text]
-    if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in others):
+    other_texts = [text for text in texts if sign not in text]
+    if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in other_texts):
         return
 
-    text = with_sign[0]
+    text = texts_with_sign[0]
     grouped = text.replace(sign, "")
     decimal = text.replace(sign, ".")
     other_sign = "," if sign == "." else "."
@@ -481,10 +486,10 @@ def require_unit(
     unit = suggested_unit(names[0], low)
     problem = ""
     if not options.has_intensities:
-        sign, index = sign_of_intensities(*stimuli[rows].T)
-        if sign:
-            problem = f"{columns_shown}: found {sign}, allowed: natural logs or a unit"
-            if index is not None:  # one pair shows it
+        reason, index = why_not_logs(*stimuli[rows].T)
+        if reason:
+            problem = f"{columns_shown}: found {reason}, allowed: natural logs or a unit"
+            if index is not None:  # the pair that shows it
                 problem = f"row {table.rows[rows[index]]}, {problem}"
             if low == 0.0:
                 problem += (
@@ -492,7 +497,7 @@ def require_unit(
                 )
 
     if not problem:
-        # The stimuli of a wide table get the names s1 and s2 here, and have none in the file.
+        # The stimuli of a wide table get the names s1 and s2 here, and have no names in the file.
         has_our_name = not {"s1", "s2"}.isdisjoint(names)
         is_known = options.has_intensities or (has_our_name and options.wide is None)
         # A name such as 'level1' asks even if the stimuli are known: they may be decibels.
@@ -521,12 +526,12 @@ def pair_regex(pattern: str) -> re.Pattern[str]:
 
 
 def known_names(names: Texts, options: ReadOptions) -> set[str]:
-    """Those of the names in a table whose columns are read, or choose the rows that are read."""
+    """The names in a table whose columns are read, or choose the rows that are read."""
     pairs = []
     if options.wide is not None:
         pairs = list(filter(pair_regex(options.wide).fullmatch, names))
-    likely = with_likely_columns(names, options)
-    names_read = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
+    likely_options = with_likely_columns(names, options)
+    names_read = {likely_options.name(role) for role in (*COLUMNS, "correct", "standard_interval")}
     return {*names_read, "synthetic", *options.where, *pairs} & set(names)
 
 
@@ -552,16 +557,16 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
         column = table.columns[PAIR]
         origin = f"names of {len(pair_names)} columns"
     else:
-        fitting = [
+        fitting_columns = [
             column for column in table.columns.values() if all(map(regex.fullmatch, column.texts))
         ]
-        if len(fitting) != 1:
+        if len(fitting_columns) != 1:
             raise InputError(
-                f"{table.source}: found {len(fitting)} columns whose cells are all two numbers as "
-                "--wide has them, and no such names; allowed: one such column, or several such "
-                "names"
+                f"{table.source}: found {len(fitting_columns)} columns whose cells are all two "
+                "numbers as --wide has them, and no such names; allowed: one such column, or "
+                "several such names"
             )
-        column = fitting[0]
+        column = fitting_columns[0]
         origin = str(column)
 
     new_columns = {**table.columns}
@@ -584,8 +589,8 @@ def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
 def _by_pair(table: TextTable, names: Texts) -> TextTable:
     """The table with a row for each cell of the columns with these names.
 
-    Two new columns replace these columns: one has the name of the column in which the cell stood,
-    and the other one has the cell. The other columns of the table stay.
+    Two new columns replace these columns: `PAIR` has the name of the column in which the cell
+    stood, and `CELL` has the cell. All other columns of the table stay.
     """
     repeated = repeated_columns(names, dict.fromkeys(names))
     if repeated:

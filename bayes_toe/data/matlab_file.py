@@ -95,14 +95,14 @@ def write_texts(source: str) -> None:
 def _variables(source: str, data: bytes) -> Record:
     """The variables of a file of any version, without those that describe the file."""
     try:
-        variables = _loaded(data)
+        variables = _load_variables(data)
     except MemoryError:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise damaged(source, "MATLAB", error, _DAMAGED_ALLOWED) from None
 
-    # A file has one of these if it holds a table or another object of MATLAB's own, whose format is
-    # not documented.
+    # A file has such a variable if it holds a table or another object of MATLAB's own, whose format
+    # is not documented.
     if {"__function_workspace__", "#subsystem#"} & variables.keys():
         raise InputError(
             f"{source}: found a table or another object of MATLAB's own, allowed: {SAVED}"
@@ -113,8 +113,8 @@ def _variables(source: str, data: bytes) -> Record:
 def _with_columns_of_matrix(variables: Record) -> Record:
     """The variables with the columns of a matrix in its place, if there is one matrix.
 
-    Their names are the texts of a cell array that has one for each column; else their numbers. In a
-    struct such as data.trials and data.colNames, columns stand in the place of its matrix.
+    The columns are named by the texts of a cell array with a text for each column, else by numbers.
+    In a struct such as data.trials and data.colNames, columns stand in the place of its matrix.
     """
     for name, value in variables.items():
         if isinstance(value, dict):
@@ -124,16 +124,16 @@ def _with_columns_of_matrix(variables: Record) -> Record:
         return variables
     columns = variables[matrices[0]].T
     names = list(map(str, range(1, len(columns) + 1)))
-    others = {}
+    other_variables = {}
     for name, value in variables.items():
         if np.shape(value) == (len(columns),) and isinstance(value[0], str):
             names = value
         elif name not in matrices:
-            others[name] = value
-    return others | dict(zip(names, columns, strict=True))
+            other_variables[name] = value
+    return other_variables | dict(zip(names, columns, strict=True))
 
 
-def _loaded(data: bytes) -> Record:
+def _load_variables(data: bytes) -> Record:
     """All that a file holds, by name."""
     import h5py
     from scipy.io import loadmat

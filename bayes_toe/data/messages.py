@@ -78,7 +78,7 @@ def join_display_names(names: Iterable[str]) -> str:
 
 
 def named_counts(counts: Mapping[str, int]) -> Texts:
-    """Names with their counts, without those that have none.
+    """Names with their counts, without names whose count is 0.
 
     Examples
     --------
@@ -132,12 +132,12 @@ def sum_of_notes(notes: Texts) -> str | None:
         return None
     parts_of_notes = [getattr(note, "parts", [note]) for note in notes]
     parts = []
-    for part, *others in zip(*parts_of_notes, strict=True):  # at the same place in each note
+    for part, *other_parts in zip(*parts_of_notes, strict=True):  # at the same place in each note
         if isinstance(part, tuple):  # a number with its noun
             n_first, noun = part
-            part = (n_first + sum(n for n, _ in others), noun)
+            part = (n_first + sum(n for n, _ in other_parts), noun)
         elif not isinstance(part, str):
-            part = sum(others, part)  # numbers add up, and lists of names are joined
+            part = sum(other_parts, part)  # numbers add up, and lists of names are joined
         parts.append(part)
     return Note(*parts)
 

@@ -58,7 +58,7 @@ class ReadOptions:
         the amplitude), "dB-power" (10 per factor of ten), "octaves", "semitones" or "cents". Other
         names of logarithms, such as "dB SPL", are refused. Any other text, such as "g" or "Hz",
         is the unit of raw intensities in i1 and i2, or in s1 and s2 if these are there alone; REF
-        is then 1 where no other one is given.
+        is then 1 where no other number is given.
         Screens and figures show stimuli in this unit, and their differences in dB or per cent.
         The unit may also stand in each cell, such as "7.0%".
     equal_code, different_code, second_code, first_code : str, optional
@@ -85,10 +85,10 @@ class ReadOptions:
         other text, such as "sub-{}_*.tsv"; with / the last folders are looked at, too. With {}
         twice, the subject of old/1.csv is 'old_1'. A column of subjects is then ignored.
     condition : str, optional
-        The column of a condition that differs within subjects; by default one that is called
+        The column of a condition that differs within subjects; by default a column that is called
         condition, where there is one.
     reference : str, optional
-        The level with which others are compared; by default the first one, sorted.
+        The level with which other levels are compared; by default the first in sorted order.
     categorical : bool
         Whether levels that are numbers are names all the same, and not numbers of which there is a
         slope.
@@ -291,16 +291,16 @@ class ReadOptions:
         """The options without a condition, also where a column has its name."""
         return replace(self, condition=None, ignore=(*self.ignore, "condition"))
 
-    def of_task(self, task: Task, rows: Mapping[str, str]) -> ReadOptions:
-        """The options for the rows of one task: `rows` has their texts by column, as `where`.
+    def of_task(self, task: Task, where: Mapping[str, str]) -> ReadOptions:
+        """The options for the rows of one task, which have these texts by column.
 
-        They have no codes of other tasks, and no condition.
+        The options have no codes of other tasks, and no condition.
         """
-        foreign = {f"{answer}_code": None for answer in _ANSWERS if answer not in task.answers}
+        other_codes = {f"{answer}_code": None for answer in _ANSWERS if answer not in task.answers}
         if task != WHICH_STRONGER:
-            foreign["correct"] = None
-        of_rows = replace(self, where={**self.where, **rows}, **foreign)  # type: ignore[arg-type]
-        return of_rows.without_condition
+            other_codes["correct"] = None
+        options = replace(self, where={**self.where, **where}, **other_codes)  # type: ignore[arg-type]
+        return options.without_condition
 
     def codes(self, task: Task) -> tuple[str | None, ...]:
         """The code of each answer of a task, in the order of its answers."""
@@ -386,7 +386,7 @@ def parse_pairs(
     Raises
     ------
     InputError
-        For the first entry of another form, or with a name that an earlier one has.
+        For the first entry of another form, or with the name of an earlier entry.
 
     Examples
     --------

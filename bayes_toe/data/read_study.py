@@ -143,7 +143,7 @@ def read_study(
         trials by their suffix, .mat, see :mod:`bayes_toe.data.text_table`. Rows of a frame count
         from 0. Several files or frames in a list make one study: the answers of a subject who is in
         more than one of them are put together, file by file a block. A folder stands for the tables
-        in it. Of several files, those without a trial are left out, with a note.
+        in it. Files without a trial are left out beside others, with a note.
     options : ReadOptions, optional
         For raw intensities, other answer codes or other column names.
 
@@ -189,7 +189,7 @@ def read_study(
     except InputError as error:
         raise with_next_questions(error, options, read) from None
     study = with_conditions(replace(study, notes=notes), options)
-    # A column that is called condition, and that no option names, may be none.
+    # A column that is called condition, and that no option names, may hold no condition.
     is_chosen = options.categorical or options.condition or options.reference
     is_by_name = study.conditions is not None and not is_chosen
     if is_by_name and follows_from_pairs(units_by_subject(study).values()):
@@ -278,9 +278,9 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     return truth
 
 
-def _example(given: Task | str) -> Path:
+def _example(task_name: Task | str) -> Path:
     """How the paths of an example's files begin; some tasks have no example."""
-    task = task_of(given)
+    task = task_of(task_name)
     if task not in _EXAMPLES:
         names = join_names([task.name for task in _EXAMPLES])
         raise InputError(f"--example: found {task.name!r}, which has no example, allowed: {names}")
@@ -313,7 +313,7 @@ class _Rows:
     @property
     def stimulus_columns(self) -> list[Column]:
         """The columns of the stimuli."""
-        return [self.columns[ours] for ours in self.options.stimuli]
+        return [self.columns[role] for role in self.options.stimuli]
 
     @property
     def subject(self) -> Column:
@@ -326,7 +326,7 @@ class _Rows:
 
         Programs score a missed trial as wrong, so that another column must show the miss, such as a
         reaction time. Without scores, an empty response shows it. A column that is read for
-        something else is none of these.
+        something else does not count.
         """
         if self.options.correct is None:
             return
@@ -345,15 +345,15 @@ class _Rows:
     def names_not_read(self) -> Texts:
         """The columns that are not read, without those that the options ignore."""
         names_to_skip = {"", *self.options.where, *(column.name for column in self.columns_read)}
-        for ours in self.options.ignore:
-            names_to_skip |= {self.options.name(ours), *names_like(self.table.names, ours)}
+        for role in self.options.ignore:
+            names_to_skip |= {self.options.name(role), *names_like(self.table.names, role)}
         return [name for name in dict.fromkeys(self.table.names) if name not in names_to_skip]
 
     def require_pairs(self, rows: BoolArray) -> None:
         """Note what is wrong with subjects, conditions and stimuli in these rows."""
-        for ours in ("subject", "condition"):
-            if ours in self.columns:
-                require_texts(self.table, self.columns[ours], rows)
+        for role in ("subject", "condition"):
+            if role in self.columns:
+                require_texts(self.table, self.columns[role], rows)
         if self.order.column is not None:
             self.table.fault(self.order.column, rows & self.order.is_unknown, ALLOWED_INTERVALS)
         for column, values in zip(self.stimulus_columns, self.stimuli.T, strict=True):
@@ -437,7 +437,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     if frequency is not None:  # then the rows are no single trials, see `are_trials`
         columns["n_trials"] = table.columns[frequency.name]
 
-    stimuli = stimulus_logs(table, [columns[ours] for ours in options.stimuli], options)
+    stimuli = stimulus_logs(table, [columns[role] for role in options.stimuli], options)
     stimuli, rounding = merge_rounded(stimuli, columns["subject"], options.stimulus_unit)
     order = StandardOrder(table, columns.get("standard_interval"), options)
     return _Rows(table, columns, options, stimuli, order, rounding)
@@ -447,7 +447,7 @@ def _columns(
     table: TextTable, path: StrPath | Frame, options: ReadOptions, roles_read: Texts
 ) -> dict[str, Column]:
     """The columns that are read by our names, and those that say something of the whole file."""
-    columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
+    columns = {role: table.columns[options.name(role)] for role in roles_read}
     columns |= columns_of_file(table)
     # `_count_study` turns the counts of these columns into counts of 'second' and 'first'.
     for role in ("n_comparison", "n_correct", "n_standard"):
@@ -481,8 +481,7 @@ def _study(rows: _Rows, notes: list[str], counts: Counts, task: Task) -> Study:
     `notes` say how the rows were read. Subjects have answers in order if the rows are trials or
     have blocks.
     """
-    n = counts["n_trials"]
-    rows_of_units = rows.subject.rows_by_text(np.flatnonzero(n > 0))
+    rows_of_units = rows.subject.rows_by_text(np.flatnonzero(counts["n_trials"] > 0))
     answers, order_notes, doubts = answers_in_order(
         rows.table, rows.columns, rows.pairs, rows_of_units, counts
     )
@@ -566,7 +565,7 @@ def _trial_study(rows: _Rows) -> Study:
     options = rows.options
     task_column = rows.columns.get("task")
     answer_role = "correct" if options.correct else "response"
-    # A digit shows a stimulus, also one that cannot be read.
+    # A digit shows a stimulus, also a stimulus that cannot be read.
     has_digit = re.compile("[0-9]").search
     has_stimuli = np.any([column.map(has_digit) for column in rows.stimulus_columns], axis=0)
     column, missed_texts = blank_missed(rows.columns[answer_role], options, has_stimuli)
@@ -586,7 +585,7 @@ def _trial_study(rows: _Rows) -> Study:
     if not answers.is_answered.any():
         remedy = Remedy("columns", (("response", "NAME"),), "if another column has the responses")
         remedies = [remedy] if options.correct is None else []
-        # A file with few trials and no response is left out if there are others, see `read_files`.
+        # A file with few trials and no response is left out beside other files, see `read_files`.
         # In a file with more trials, the responses are rather in another column.
         kind = NoTrialsError if has_stimuli.sum() < 10 else InputError
         raise kind(
@@ -603,10 +602,18 @@ def _trial_study(rows: _Rows) -> Study:
     notes += dropped_notes(rows.subject, ~has_response & has_stimuli, "without a response", causes)
     equal_stimuli = "with equal stimuli, of which no answer is right in 2AFC,"
     notes += dropped_notes(rows.subject, answers.is_unscorable, equal_stimuli)
-    responding = {"", *rows.subject.only(answers.is_answered).texts}
-    absent = [display_name(text) for text in rows.subject.texts if text not in responding]
-    if absent:
-        notes.append(Note((len(absent), "subject"), " without any response left out: ", absent))
+    responding_subjects = {"", *rows.subject.only(answers.is_answered).texts}
+    absent_subjects = [
+        display_name(text) for text in rows.subject.texts if text not in responding_subjects
+    ]
+    if absent_subjects:
+        notes.append(
+            Note(
+                (len(absent_subjects), "subject"),
+                " without any response left out: ",
+                absent_subjects,
+            )
+        )
 
     # A trial counts each answer once or not at all. A task of two answers has no third count.
     columns = np.array([answers.is_yes, answers.is_answered, answers.is_second], np.int64)
@@ -640,16 +647,16 @@ def _count_study(rows: _Rows, task: Task) -> Study:
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
 
     # A column with the counts of the other answer is not read, but must agree.
-    others = set(names_like(table.columns, f"n_{task.no}")).intersection(rows.names_not_read)
-    if len(others) == 1 and not share_notes:
-        other = table.columns[others.pop()]
-        n_other = other.map(whole_number, np.int64)
+    other_names = set(names_like(table.columns, f"n_{task.no}")).intersection(rows.names_not_read)
+    if len(other_names) == 1 and not share_notes:
+        other_column = table.columns[other_names.pop()]
+        n_other = other_column.map(whole_number, np.int64)
         is_wrong = (k >= 0) & (n >= k) & (n_other >= 0) & (k + n_other != n)
-        rule = f"the sum of {display_name(column.name)} and {display_name(other.name)}, "
+        rule = f"the sum of {display_name(column.name)} and {display_name(other_column.name)}, "
         table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
 
     # Counts of 'comparison' or of right answers become counts of 'second', which is the comparison
-    # where the standard came first, and right where s2 is the larger one.
+    # where the standard came first, and right where s2 is larger.
     if "n_comparison" in rows.columns:
         k = np.where(rows.order.is_first, k, n - k)
     elif "n_correct" in rows.columns:
@@ -658,8 +665,8 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         table.fault(trials, (difference == 0.0) & (n > 0), "0 where stimuli are equal")
     _require_counts(rows, n, task)
 
-    answered = [k.sum(), " of ", n.sum(), f" trials answered '{task.yes}'"]
-    notes = rows.layout("grouped", answered) + share_notes
+    answer_note = [k.sum(), " of ", n.sum(), f" trials answered '{task.yes}'"]
+    notes = rows.layout("grouped", answer_note) + share_notes
     n_empty = (n == 0).sum()
     if n_empty:
         notes.append(Note((n_empty, "row"), " with n_trials = 0 left out"))
@@ -683,11 +690,11 @@ def _full_count_study(rows: _Rows, task: Task) -> Study:
     ask_for_third_count(rows.table, n, rows.names_not_read)
     rows.require_pairs(np.ones(len(n), bool))
     _require_counts(rows, n, task)
-    answered: list[object] = [n.sum(), " trials answered "]
+    answer_note: list[object] = [n.sum(), " trials answered "]
     for answer, count in zip(task.answers, counts, strict=True):
-        answered += [count.sum(), f" '{answer}'", ", "]
-    notes = rows.layout("grouped", answered[:-1])  # no comma after the last answer
-    # The first answer is the one that is counted; of three answers, the second one is 'second'.
+        answer_note += [count.sum(), f" '{answer}'", ", "]
+    notes = rows.layout("grouped", answer_note[:-1])  # no comma after the last answer
+    # The task counts its first answer; of three answers, 'second' is the second of them.
     count_by_name = {"n_yes": counts[0], "n_trials": n}
     if task.has_three_answers:
         count_by_name["n_second"] = counts[1]
@@ -700,8 +707,9 @@ def _require_counts(rows: _Rows, n: IntArray, task: Task) -> None:
     `n` has the trials of each row.
     """
     subject = rows.subject
-    has_trials = np.isin(subject.codes, subject.codes[n != 0])  # in this row or another one
-    rule = "a subject with at least 1 trial in some row"
-    rows.table.fault(subject, ~has_trials & ~empty(subject), rule)
+    has_trials = np.isin(subject.codes, subject.codes[n != 0])  # in this row or another
+    rows.table.fault(
+        subject, ~has_trials & ~empty(subject), "a subject with at least 1 trial in some row"
+    )
     rows.table.problems.refuse()
     require_task(rows.table, task, rows.columns.get("task"))

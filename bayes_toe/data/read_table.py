@@ -57,8 +57,8 @@ from bayes_toe.data.text_table import (
 )
 from bayes_toe.errors import InputError, NoTrialsError, Remedy
 
-#: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5
-#: million.
+#: Bytes of the largest files. A study of 10^7 trials has some 300 million, pairs and covariates of
+#: 10^5 subjects have some 5 million.
 LARGEST_STUDY = 2**30
 LARGEST_SMALL_FILE = 2**25
 
@@ -74,7 +74,7 @@ _NOT_COMPUTED = (
 _ERROR = rb'\1 t="e"><v>a formula without a value</v></c>'
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
-#: Parts of a record that are no single values.
+#: Types of the parts of a record that are no single values.
 _NESTED = (list, dict)
 #: Suffixes of tables. A file that is named and has another suffix is read as a text.
 TABLE_SUFFIXES = _TEXT_SUFFIXES + _EXCEL_SUFFIXES + _JSON_SUFFIXES + (".mat",)
@@ -185,19 +185,20 @@ def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
 
 
 def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
-    """The contents of a TOML file; `lines` describes the allowed ones.
+    """The contents of a TOML file; `lines` describes the allowed lines.
 
     Raises
     ------
     InputError
         In one line, if the file cannot be read or is not TOML.
     """
-    rule = f"allowed: a TOML file with {lines}"
     try:
         # Windows' editors put a byte-order mark in front. Settings have less than 64 KiB.
         return tomllib.loads(input_bytes(path, 2**16).decode("utf-8-sig"))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); {rule}") from error
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); allowed: a TOML file with {lines}"
+        ) from error
     except (ValueError, RecursionError) as error:  # the latter for thousands of brackets
         message = visible(" ".join(str(error).split()))
         raise InputError(
@@ -223,7 +224,7 @@ def _table_of_values(
     `head` is the place of the names of columns in messages. The first cell without a text of each
     chosen column is a problem.
     """
-    chosen = choice(names)
+    chosen_names = choice(names)
     problems = Problems(source)
     columns = {}
     for name, cells in values.items():
@@ -236,7 +237,7 @@ def _table_of_values(
                 text = ""
             texts.append(text)
         columns[name] = Column.from_texts(name, texts)
-        if name in chosen and cell_problems:  # others of the column have the same cause
+        if name in chosen_names and cell_problems:  # the first stands for all
             problems.add(cell_problems[:1])
     row_numbers = np.array(rows, np.int64)
     return TextTable(form, "", head, names, columns, row_numbers, problems, notes)
@@ -260,7 +261,7 @@ def _table_of_frame(frame: Frame, choice: Choice) -> TextTable:
 
 
 def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> TextTable:
-    """The table in the sheet that is named, or in the one with most of our columns.
+    """The table in the sheet that is named, or in the sheet with most of our columns.
 
     Several sheets with most of our columns are refused, with a question.
     """
@@ -281,12 +282,12 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
 
     rows = sheets[title]
     names = names_or_numbers(header, choice)
-    has_header = names == header  # else numbers are the names, and the table begins at the head
+    has_header = names == header  # else the names are numbers, and the head is a row of the table
     first_row = head_index + 1 + has_header  # rows count from 1, as in the sheet
-    filled = [row for row in range(first_row, len(rows) + 1) if _is_filled(rows[row - 1])]
+    filled_rows = [row for row in range(first_row, len(rows) + 1) if _is_filled(rows[row - 1])]
     values = {}
     for name, index in name_places(names).items():
-        values[name] = [rows[row - 1][index] for row in filled]
+        values[name] = [rows[row - 1][index] for row in filled_rows]
 
     notes = []
     other_sheets = [display_name(other) for other in sheets if other != title]
@@ -295,15 +296,15 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     if any(map(_is_filled, rows[:head_index])):
         notes.append(f"rows above row {head_index + 1} left out")
     head = f"row {head_index + 1}"
-    table = _table_of_values(source, EXCEL, head, names, values, filled, choice, notes)
+    table = _table_of_values(source, EXCEL, head, names, values, filled_rows, choice, notes)
     return without_headers(table)
 
 
 def sheet_paths(path: StrPath, pattern: str, choice: Choice) -> list[Path]:
     """The paths of the sheets that have the tables of a study, as in study.xlsx/S01.
 
-    Their titles fit a pattern in which * stands for any text. A sheet of notes is none of them: it
-    has fewer of our columns.
+    Their titles fit a pattern in which * stands for any text. A sheet of notes has fewer of our
+    columns, and is left out.
     """
     source = display_name(Path(path).name)
     sheets = _excel_sheets(source, input_bytes(path))
@@ -335,9 +336,10 @@ def _tables_of_sheets(
 
 
 def _no_such_sheet(source: str, titles: Iterable[str]) -> InputError:
-    """The refusal of a title of a sheet that is none of these."""
-    names = join_display_names(titles)
-    return InputError(f"{source}: found the sheets {names}, allowed: one of them")
+    """The refusal of a title that no sheet has; `titles` are those of the sheets."""
+    return InputError(
+        f"{source}: found the sheets {join_display_names(titles)}, allowed: one of them"
+    )
 
 
 def _is_filled(cells: Sequence[Any]) -> bool:
@@ -346,7 +348,7 @@ def _is_filled(cells: Sequence[Any]) -> bool:
 
 
 def _excel_sheets(source: str, data: bytes, title: str | None = None) -> dict[str, list[list[Any]]]:
-    """The values of every visible sheet that is not empty, or of the one with this title."""
+    """The values of every visible sheet that is not empty, or of the sheet with this title."""
     from openpyxl import load_workbook
 
     sheets = {}
@@ -528,9 +530,9 @@ def _json_records(
 
 
 def _has_records(value: object) -> bool:
-    """Whether a value is a record, or a list of some."""
-    first = value[0] if isinstance(value, list) and value else value
-    return isinstance(first, dict)
+    """Whether a value is a record or a list of records."""
+    first_value = value[0] if isinstance(value, list) and value else value
+    return isinstance(first_value, dict)
 
 
 # --- MATLAB --------------------------------------------------------------------------------------
@@ -546,14 +548,13 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     # Variables that are no columns are left as they are, in a single record.
     unread = [name for name, value in records[0].items() if isinstance(value, _NESTED)]
     if len(records) == 1 and (unread or not records[0]):
-        finding = join_display_names(unread) or "nothing"
         raise InputError(
-            f"{source}: found {finding}, no columns of one length, allowed: {SAVED}; or, in "
-            "Python, a pandas data frame that has the columns"
+            f"{source}: found {join_display_names(unread) or 'nothing'}, no columns of one length, "
+            f"allowed: {SAVED}; or, in Python, a pandas data frame that has the columns"
         )
     return _table_of_records(source, "MATLAB", "variables", records, choice)
 
 
 def is_excel(path: StrPath) -> bool:
-    """Whether a file is one by its name."""
+    """Whether a file is an Excel file by its name."""
     return Path(path).suffix.lower() in _EXCEL_SUFFIXES

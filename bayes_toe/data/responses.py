@@ -60,20 +60,21 @@ if TYPE_CHECKING:
     from bayes_toe.data.layouts import StandardOrder
     from bayes_toe.data.study import Study, Subject
 
-#: What a text stands for: the index of an answer of the task, of which the first one is counted, or
-#: no response, or nothing known.
+#: What a text stands for: the index of an answer, of which the task counts the first, or no
+#: response, or nothing known.
 _YES = 0
 _SECOND = 1  # of three answers
 _MISSING = -1
 _UNKNOWN = -2
-#: The words of each answer, in any case; and those of columns that say right or wrong.
+#: The words of each answer, in any case.
 _WORDS: dict[str, tuple[str, ...]] = {
     "equal": ("equal", "same"),
     "different": ("different",),
     "second": ("second", "s2", "2nd"),
     "first": ("first", "s1", "1st"),
 }
-# Not all of TRUE_WORDS: 'x' and 'y' may be keys, and messages list these words.
+#: The words of columns that say right or wrong. They are not all of TRUE_WORDS: 'x' and 'y' may be
+#: keys, and messages list these words.
 _RIGHT_WRONG = (
     ("1", "true", "yes", "correct", "right", "hit"),
     ("0", "false", "no", "incorrect", "wrong", "error", "miss"),
@@ -83,18 +84,20 @@ _CODE_MEANINGS = {
     "second_code": "'the second was stronger' (2AFC)",
     "comparison_code": "'the comparison was stronger' (2AFC)",
 }
-#: Largest share of the trials that are mistakes, and that nobody answered.
+#: Largest share of the trials that are mistakes.
 _MOST_MISTAKES = 0.05
+#: Largest share of the trials that nobody answered.
 _MOST_MISSED = 0.2
 #: A letter that could not be decoded, or an error of Excel such as '#N/A'.
 _DAMAGED = re.compile("\ufffd|^#[A-Z]")
-#: Largest share of pairs of equal stimuli in 2AFC. Each of three levels with each makes a third.
+#: Largest share of trials with equal stimuli in 2AFC. Of all pairs of three levels, a third are
+#: equal.
 _MOST_EQUAL = 0.35
 
 #: The text that options give for each answer of a task.
 Codes: TypeAlias = Sequence[str | None]
-#: What makes an answer likelier, shape (rows,), by the option that names its code: of
-#: 'second_code', s2 - s1.
+#: What makes an answer likelier, shape (rows,), by the option that names its code: s2 - s1 for
+#: 'second_code'.
 Trends: TypeAlias = Mapping[str, FloatArray]
 #: What is wrong with a column, empty if nothing is, and options to type.
 Question: TypeAlias = tuple[str, list[Remedy]]
@@ -105,7 +108,7 @@ class Responses(NamedTuple):
 
     task: Task
     is_yes: BoolArray  # the response that the task counts
-    is_second: BoolArray  # of three responses: 'second'; of two, the one that is not counted
+    is_second: BoolArray  # of three: 'second'; of two, the response that is not counted
     is_answered: BoolArray
     is_unscorable: BoolArray  # right or wrong, where equal stimuli have no right answer
     note: list[object]  # how the texts were read, as the parts of a Note
@@ -172,7 +175,7 @@ def responses(
         right_answer = task.right(difference)
         is_unscorable = is_answered & (right_answer == 0)
         _require_two_answers(table, column, is_yes[is_unscorable], is_answered)
-        is_yes = is_yes == (right_answer > 0)  # a wrong answer is the other one
+        is_yes = is_yes == (right_answer > 0)  # a wrong answer is the other answer
     is_answered &= ~is_unscorable
     is_second = answer_index == _SECOND
     return Responses(task, is_yes & is_answered, is_second, is_answered, is_unscorable, note)
@@ -193,8 +196,8 @@ def _ask_meaning(table: TextTable, problem: str, remedies: list[Remedy], opposit
 def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> BoolArray:
     """Whether each row is of a subject whose responses follow s2 - s1 the other way round.
 
-    That is, other than in most, as where keys are counterbalanced between subjects. Of those who
-    guess, it is one in 700.
+    In all rows together, the responses follow s2 - s1 the usual way. Subjects have the opposite way
+    where keys are counterbalanced between subjects. Of subjects who guess, one in 700 seems to.
 
     Examples
     --------
@@ -206,10 +209,11 @@ def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> Boo
     """
     deviation = rise - rise.sum() / max(len(rise), 1)  # there may be no rows
     is_code = column.matches(_frequent(column)[:1])
-    trend = np.bincount(subject.codes, deviation * (is_code - 0.5))
-    # The SD of guesses is half of the root.
-    root = np.bincount(subject.codes, deviation**2) ** 0.5
-    return (trend * np.copysign(1.0, trend.sum()) < -1.5 * root)[subject.codes]
+    trend = np.bincount(subject.codes, deviation * (is_code - 0.5))  # of each subject
+    sd_of_guesses = 0.5 * np.bincount(subject.codes, deviation**2) ** 0.5
+    usual_sign = np.copysign(1.0, trend.sum())
+    is_opposite = usual_sign * trend < -3.0 * sd_of_guesses
+    return is_opposite[subject.codes]
 
 
 def _score_remedies(table: TextTable) -> Iterator[Remedy]:
@@ -222,10 +226,10 @@ def _score_remedies(table: TextTable) -> Iterator[Remedy]:
 def _task_of_scores(
     columns: Iterable[Column], is_right: BoolArray, is_equal: BoolArray
 ) -> tuple[Task, str]:
-    """The task of answers that are right or wrong, and what tells which answer each one was.
+    """The task of responses that are right or wrong, and the fact that makes answers of scores.
 
-    It is same/different if a column says 'same' where stimuli are equal, 'different' or nothing
-    elsewhere, and some answer to equal ones is right, which none is in 2AFC.
+    The task is same/different if a column says 'same' where stimuli are equal, 'different' or
+    nothing elsewhere, and some response to equal stimuli is right. In 2AFC no such response is.
     """
     for column in columns:
         words = _words_by_answer(column)
@@ -241,8 +245,9 @@ def _require_two_answers(
 ) -> None:
     """Refuse scores of 2AFC if those of equal stimuli seem to say which answers were 'equal'.
 
-    `is_right` has the scores of equal stimuli, of which 2AFC has no right answer: a program scores
-    all as wrong, or guesses. In a same-different task these stimuli are many, or most are right.
+    `is_right` has the scores of responses to equal stimuli. 2AFC has no right answer to these: a
+    program scores all of them as wrong, or guesses. In a same-different task equal stimuli are
+    frequent, or most responses to them are right.
     """
     n = len(is_right)
     n_right = is_right.sum()
@@ -284,7 +289,7 @@ def _allowed_texts(codes: Codes, words: Sequence[Texts], names: Texts) -> str:
 def require_task(table: TextTable, task: Task, column: Column | None) -> None:
     """Refuse a column `task` that names another task.
 
-    A text that names none, such as that of an experiment, is ignored.
+    A text that names no task, such as that of an experiment, is ignored.
     """
     if column is None:
         return
@@ -297,13 +302,13 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
 
 
 def _stated_task(column: Column, task_column: Column | None, options: ReadOptions) -> Task | None:
-    """The task of the options; else the one that all rows name, if a response is a word of it."""
+    """The task of the options; else the task that all rows name, if a response is a word of it."""
     if options.task is not None or task_column is None:
         return options.task
 
-    # None if a text names no task
-    task, *others = {task_named(text) for text in task_column.texts} or [None]
-    if others or task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
+    # A text that names no task gives None.
+    task, *other_tasks = {task_named(text) for text in task_column.texts} or [None]
+    if other_tasks or task is None or _words_by_answer(column).keys().isdisjoint(task.answers):
         return None
     return task
 
@@ -363,7 +368,7 @@ def with_joined_codes(column: Column, options: ReadOptions) -> Column:
 def blank_missed(
     column: Column, options: ReadOptions, has_stimuli: BoolArray
 ) -> tuple[Column, list[str]]:
-    """A column of responses whose missed trials are empty, and the texts that say so.
+    """A column of responses whose missed trials are empty, and the texts that mark these trials.
 
     Texts that only rows without stimuli have, such as units or the subject's age, become empty too.
     """
@@ -379,7 +384,7 @@ def blank_missed(
 def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     """The texts that say that nobody responded.
 
-    A number or a sign that is as frequent as an answer is none.
+    A number or a sign, such as '0' or '.', that is as frequent as an answer does not say it.
 
     Examples
     --------
@@ -415,17 +420,20 @@ def notes_without_effect(study: Study, options: ReadOptions) -> list[str]:
     codes = [*options.missed]
     if "response" not in study.reading.read:
         codes += options.code_by_answer.values()
-    absent = [code for code in codes if code not in study.reading.missed]
-    return [f"no effect of {join_quoted(absent)}, which the table lacks"] if absent else []
+    absent_codes = [code for code in codes if code not in study.reading.missed]
+    if not absent_codes:
+        return []
+    return [f"no effect of {join_quoted(absent_codes)}, which the table lacks"]
 
 
 def without_missed(
     answers: Responses, column: Column, signs: Iterable[Column], declared: Texts
 ) -> tuple[Responses, list[str]]:
-    """Responses without trials that nobody answered, and the texts that say so.
+    """Responses without trials that nobody answered, and the texts that mark these trials.
 
-    Experiment programs score a missed trial as wrong. The `signs` of one are its key, its reaction
-    time or a column such as `timed_out`. `declared` are texts that the options name.
+    Experiment programs score a missed trial as wrong. `signs` are columns that may show a missed
+    trial: keys, reaction times, or a column such as `timed_out`. `declared` are texts that the
+    options name.
     """
     is_right = column.map(lambda text: text.lower() in _RIGHT_WRONG[0])
     causes = []
@@ -467,11 +475,11 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     if not is_sign or has_text.all() or (has_text & is_right).any():
         return False
     if word == "0":
-        return len(sign.texts) > 2  # of two keys, 0 may be one
+        return len(sign.texts) > 2  # else 0 may be one of two keys
     if word not in VOCABULARY["missed"]["unclear"]:
         return True
-    # 999 may be a reaction time in ms, if others are longer than a tenth of it. It is a sign all
-    # the same if it is no chance (p < .01) that all responses with it are wrong.
+    # 999 may be a reaction time in ms, if other times are longer than a tenth of it. It shows a
+    # missed trial all the same if it is no chance (p < .01) that all responses beside it are wrong.
     is_as_large = sign.map(lambda other: number(other) > 0.1 * number(word))
     share_wrong = 1.0 - is_right[~has_text].mean()
     may_be_chance = share_wrong ** has_text.sum() > 0.01
@@ -479,9 +487,9 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
 
 
 def _all_codes(column: Column, codes: Codes) -> Codes:
-    """The codes of all answers; one that is not given is the only other text of the column.
+    """The codes of all answers; a code that is not given is the only other text of the column.
 
-    If it is not clear, `codes` stay as they are.
+    If there is no such text, or several, `codes` stay as they are.
 
     Examples
     --------
@@ -494,12 +502,13 @@ def _all_codes(column: Column, codes: Codes) -> Codes:
     if codes.count(None) != 1 or len(other_texts) != 1:
         return codes
 
-    (other,) = other_texts
-    # Words in the place of a code are read as they are. The given code in another case is no other.
+    (other_code,) = other_texts
+    # Words in the place of a code are read as they are. In another case, a given code is no other
+    # code.
     has_words = given_codes.isdisjoint(texts) and _words_by_answer(column)
-    if has_words or other.lower() in map(str.lower, given_codes):
+    if has_words or other_code.lower() in map(str.lower, given_codes):
         return codes
-    return tuple(code or other for code in codes)
+    return tuple(code or other_code for code in codes)
 
 
 def _unknown_meaning(
@@ -519,9 +528,10 @@ def _unknown_meaning(
         )
 
     tasks_by_text = {} if task_column is None else tasks_named(task_column.texts)
+    tasks = set(tasks_by_text.values())
     texts = list(filter(None, column.texts))
     counts_shown = join_names(column.counts(texts), max_items=4)
-    if len(set(tasks_by_text.values())) > 1:
+    if len(tasks) > 1:
         return _two_tasks(
             f"found {counts_shown} of the tasks {join_words(map(quoted, tasks_by_text))}",
             task_column,
@@ -536,26 +546,34 @@ def _unknown_meaning(
         problem = f"the only code is {counts_shown}. The program does not know what it means."
     else:
         problem = f"the codes are {counts_shown}. The program does not know what they mean."
-    keys = []
+    key_remedies = []
     if len(texts) > 3:
         problem += (
             " If they say how sure participants were, --columns response=NAME names the column of "
             "their answers."
         )
-        keys = _keys_beside(table, column)
+        key_remedies = _keys_beside(table, column)
     frequent = _frequent(column)
     if not frequent:  # as of many numbers, such as those of a slider
-        return problem, keys
+        return problem, key_remedies
     remedies = _code_remedies(column, frequent, trends)
-    for task in tasks_by_text.values():  # one, whose answers the options are for, or none
-        # All options but --equal-code, also --correct, are about which was stronger.
-        is_for = {"equal_code": task.has_criterion}
-        remedies = [r for r in remedies if is_for.get(r.option, task.has_direction)]
-    return problem, keys + remedies
+    if tasks:
+        (task,) = tasks  # two tasks are refused above
+        remedies = _remedies_for(task, remedies)
+    return problem, key_remedies + remedies
+
+
+def _remedies_for(task: Task, remedies: list[Remedy]) -> list[Remedy]:
+    """Those of the remedies that are about answers of a task."""
+    if task.has_three_answers:
+        return remedies
+    # --equal-code is about two answers of which one is 'equal'. All other options, also --correct,
+    # are about which stimulus was stronger.
+    return [remedy for remedy in remedies if (remedy.option == "equal_code") == task.has_criterion]
 
 
 def _keys_beside(table: TextTable, ratings: Column) -> list[Remedy]:
-    """Options to type if another column has keys, and these are no answers but ratings."""
+    """Options to type if another column has keys, and the cells of `ratings` are no answers."""
     remedies = []
     for name in names_like(table.columns, "key") + names_like(table.columns, "response"):
         if 1 < len(table.columns[name].texts) < 4:  # two keys, and an empty cell
@@ -565,20 +583,20 @@ def _keys_beside(table: TextTable, ratings: Column) -> list[Remedy]:
 
 
 def _complement(table: TextTable, counts: IntArray) -> str:
-    """The column with which counts add up to one number in all rows; empty if none does.
+    """The column with which counts add up to one number in all rows; empty if no column does.
 
-    Counts that are the same in all rows have none, since any constant column would be one.
+    Counts that are the same in all rows have no such column: any constant column would do.
     """
     if len(np.unique(counts)) < 2:
         return ""
-    for name, other in table.columns.items():
-        if np.ptp(counts + other.map(whole_number, np.int64)) == 0:
+    for name, column in table.columns.items():
+        if np.ptp(counts + column.map(whole_number, np.int64)) == 0:
             return name
     return ""
 
 
 def ask_for_third_count(table: TextTable, sums: IntArray, names_not_read: Texts) -> None:
-    """Ask whether a column counts a third answer: all rows have one sum with it, and not without.
+    """Ask whether a column counts a third answer: only with it do all rows have the same sum.
 
     `sums` are those of the counts that are read.
     """
@@ -616,7 +634,7 @@ def _cell_count_remedies(
 
 
 def _two_tasks(finding: str, task_column: Column | None) -> Question:
-    """The problem of a column with responses to two tasks, and options that choose one or both."""
+    """The problem of responses to two tasks, and options that choose one task, or compare both."""
     problem = (
         f"{finding}, allowed: one task, such as the rows that --where COLUMN=TEXT chooses; "
         "contrast compares tasks if the texts of --condition COLUMN are 2afc and same/different"
@@ -637,22 +655,22 @@ def _unknown_texts(
     if n_answers == len(names) or len(unknown.texts) < 2 or codes.count(None) != 1:
         return "", []
 
-    other = names[codes.index(None)]
+    answer = names[codes.index(None)]  # whose code is missing
     shares = join_names(unknown.counts(unknown.texts), max_items=4)
     if not n_answers:
         return f"the codes are {shares}. None of them is the code that was given.", []
     if "," in "".join(filter(None, codes)):  # one answer has several codes, such as '1,2'
         code = _joined(unknown.texts)
     else:
-        code = unknown.texts[np.bincount(unknown.codes).argmax()]  # the most frequent one
-    remedies = [Remedy(f"{other}_code", code, f"if {code} is '{other}'")]
-    return f"the other codes are {shares}. Which of them is '{other}'?", remedies
+        code = unknown.texts[np.bincount(unknown.codes).argmax()]  # the most frequent code
+    remedies = [Remedy(f"{answer}_code", code, f"if {code} is '{answer}'")]
+    return f"the other codes are {shares}. Which of them is '{answer}'?", remedies
 
 
 def _frequent(column: Column, share: float = _MOST_MISTAKES, least: float = 0.0) -> list[str]:
     """The texts that more rows have than this share of the filled ones plus `least` rows.
 
-    Damaged texts are none of them.
+    Damaged texts are left out.
     """
     is_filled = column.map(lambda text: text.lower() not in MISSING_WORDS)
     counts = np.bincount(column.codes, weights=is_filled)
@@ -678,14 +696,14 @@ def _proposals(
     if remedies and remedies[0].option == "columns":  # for counts, or keys beside ratings
         return remedies
     unknown = column.only(answer_index == _UNKNOWN)
-    given = options.code_by_answer
+    given_codes = options.code_by_answer
     frequent = _frequent(column)
-    has_lists = "," in "".join(given.values())  # such as '4,5'
+    has_lists = "," in "".join(given_codes.values())  # such as '4,5'
     has_two_answers = names in (SAME_DIFFERENT.answers, WHICH_STRONGER.answers)
-    # If all frequent texts are known words, none needs a code.
+    # If all frequent texts are known words, no text needs a code.
     if has_two_answers and not has_lists and set(frequent).intersection(unknown.texts):
-        # Two codes of which no word and no option says what they mean.
-        if len(frequent) == 2 and not given and not remedies:
+        # Two codes whose meaning no word and no option says.
+        if len(frequent) == 2 and not given_codes and not remedies:
             remedies = _code_remedies(column, frequent, trends)
         remedies = _three_answers(table, column, frequent, options, trends) + remedies
 
@@ -694,7 +712,7 @@ def _proposals(
         return remedies
     are_ratings = len(frequent) > 3
     if not has_lists and _looks_missed(str(missed.value), column.texts, are_ratings):
-        return [missed, *remedies[:1]]  # the others are asked about next, without it
+        return [missed, *remedies[:1]]  # other texts are asked about next, without this one
     if missed.value == ",".join(unknown.texts):  # all answers have other texts
         return [*remedies, missed]
     return remedies
@@ -710,11 +728,13 @@ def _with_mirrored(
     """
     if not order.is_open or not options.standard_interval or options.standard_first_code:
         return remedies
-    codes = from_left_to_right(_frequent(column))
-    if len(codes) != 2 or not remedies or remedies[0].option != "second_code":
+    keys = from_left_to_right(_frequent(column))
+    if len(keys) != 2 or not remedies or remedies[0].option != "second_code":
         return remedies
 
-    code = codes[1] if remedies[0].value == codes[0] else codes[0]  # the other one
+    left_key, right_key = keys
+    # The key that is not 'second' in the likeliest remedy.
+    code = right_key if remedies[0].value == left_key else left_key
     mirrored = Remedy(
         "comparison_interval",
         str(options.standard_interval),
@@ -723,8 +743,8 @@ def _with_mirrored(
         together=(Remedy("second_code", code),),
         replaces="standard_interval",
     )
-    place = 0 if code == codes[1] else 1  # behind the likeliest one, unless it is the right key
-    return [*remedies[:place], mirrored, *remedies[place:]]
+    index = 0 if code == right_key else 1  # first if its code is the right key, else second
+    return [*remedies[:index], mirrored, *remedies[index:]]
 
 
 def _three_answers(
@@ -745,7 +765,7 @@ def _three_answers(
             )
     # 'second', or 'comparison' if there is a standard: what the responses follow more closely.
     sides = {key: _sides(column, texts, trends[key]) for key in trends if key != "equal_code"}
-    option = max(sides, key=sides.__getitem__)
+    option = max(sides, key=sides.__getitem__)  # by the rise, which stands first in a tuple
     _, middle_code, code = sides[option]
     if not middle_code or "different" in _words_by_answer(column):
         return []
@@ -761,7 +781,7 @@ def _missed_remedy(column: Column, unknown: Column, n_answers: int) -> Remedy | 
 
     None unless less than 15 % of the responses are these texts, and there are more texts than
     answers of the task. None for a damaged text, or a word such as 'secnd', which is like a
-    frequent one.
+    frequent word.
     """
     most = 0.15  # of the responses
     texts = list(filterfalse(_frequent(column, most).__contains__, unknown.texts))
@@ -788,24 +808,24 @@ def _looks_missed(text: str, texts: Texts, are_ratings: bool) -> bool:
     (False, False)
     """
     if not text.strip("0"):
-        return "-1" not in texts  # beside -1, 0 is the middle one of three answers
+        return "-1" not in texts  # beside -1, 0 is the middle answer of three
     if text.startswith("-"):
-        return not are_ratings or text[1:] not in texts  # a scale from -2 to 2 has both
+        return not are_ratings or text[1:] not in texts  # a scale from -2 to 2 has 2 and -2
     if text.startswith("9"):
-        return not are_ratings or "8" not in texts  # a scale of nine steps or more has both
+        return not are_ratings or "8" not in texts  # a scale of nine steps or more has 8 and 9
     return False
 
 
 def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str, str]:
     """How far the mean trend rises over the codes; the middle code; the upper half of the codes.
 
-    The codes are in the order of their mean trend, or in that of ratings such as 1 to 7. Those of
-    the upper half may be an answer that is likelier where the trend is large. Of an even number,
-    there is no middle code.
+    The codes are in the order of their mean trend, or in that of ratings such as 1 to 7. The codes
+    of the upper half may be an answer that is likelier where the trend is large. An even number of
+    codes has no middle code.
     """
     means = {text: trend[column.matches([text])].mean() for text in column.texts}
     order = sorted(sorted(texts), key=means.__getitem__)
-    ratings = list(filter(None, column.texts))  # also rare ones, such as the highest
+    ratings = list(filter(None, column.texts))  # also rare ratings, such as the highest
     if len(texts) > 3 and re.fullmatch("(,?[-+]?(10|[0-9]))+", _joined(ratings)):
         is_falling = float(order[0]) > float(order[-1])  # high ratings where the trend is small
         order = sorted(ratings, key=float, reverse=is_falling)
@@ -817,8 +837,8 @@ def _sides(column: Column, texts: Texts, trend: FloatArray) -> tuple[float, str,
 def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]:
     """Options to type if these codes tell no task, the likeliest first.
 
-    That is the option whose trend the codes follow most closely. Of more than three codes, each
-    answer has several.
+    The codes follow the trend of the likeliest option most closely. If there are more than three
+    codes, each answer has several.
     """
     rises = {}
     remedies = []
@@ -838,7 +858,8 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
         remedies.append(Remedy("correct", column.name, meaning))
         rises["correct"] = -1.0
     # Without equal stimuli, participants were hardly asked which are equal. But right responses are
-    # commoner the farther stimuli are from each other. Screens have no stimuli and no such code.
+    # commoner the farther stimuli are from each other. Only rows with a code count: rows without
+    # stimuli, such as those of screens, have the trend 0, as equal stimuli have.
     if trends["equal_code"][column.matches(texts)].all() and rises["equal_code"] < np.inf:
         if remedies[0].value not in right_codes:
             rises["correct"] = rises["equal_code"]
@@ -884,10 +905,10 @@ def response_trend(subject: Subject, x: FloatArray) -> tuple[float, float]:
 def direction(study: Study) -> int:
     """Whether 'second' is commoner (1) or rarer (-1) the larger s2 - s1 is, in all of a study.
 
-    It is 0 unless the sum over subjects is beyond chance (z of 5), more than half of the subjects
-    with both answers have a z of more than 1, and none has the opposite (a z of 3). A study of
-    subjects who guess is called reversed once in three million times. If some subjects of many are
-    reversed, :mod:`bayes_toe.checks.answer_checks` finds them.
+    The result is 0 unless the sum over subjects is beyond chance (z of 5), more than half of the
+    subjects with both answers have a z of more than 1, and no subject has the opposite (a z of 3).
+    A study of subjects who guess is called reversed once in three million times. If some subjects
+    of many are reversed, :mod:`bayes_toe.checks.answer_checks` finds them.
     """
     covariances = []
     variances = []
@@ -910,7 +931,7 @@ def direction(study: Study) -> int:
 def require_direction(
     study: Study, options: ReadOptions, read: Callable[[ReadOptions], Study]
 ) -> None:
-    """Refuse reversed answers, with the options under which a new reading has none.
+    """Refuse reversed answers, with the options under which a new reading has no reversed answers.
 
     `options` are those with which the study was read; `read` reads it again.
     """
@@ -928,15 +949,17 @@ def require_direction(
         owner = "standard" if options.comparison_interval else "comparison"
         meaning = f"if it says the interval of the {owner}, in place of what is typed"
         candidates.append(Remedy(f"{owner}_interval", options.interval_column, meaning))
-    for code, other in permutations(study.reading.codes, 2):
-        first = Remedy("first_code", other)
-        second = Remedy("second_code", code, f"if {code} is 'second'", together=(first,))
-        candidates += [second, Remedy("comparison_code", code, f"if {code} is 'comparison'")]
+    for code, other_code in permutations(study.reading.codes, 2):
+        first = Remedy("first_code", other_code)
+        candidates += [
+            Remedy("second_code", code, f"if {code} is 'second'", together=(first,)),
+            Remedy("comparison_code", code, f"if {code} is 'comparison'"),
+        ]
 
     remedies = []
     for remedy in candidates:
         new_options = options
-        if remedy.option == "standard_interval":  # the other option would win
+        if remedy.option == "standard_interval":  # --comparison-interval would win
             new_options = replace(options, comparison_interval=None)
         with suppress(InputError):  # the options may not fit the file
             new_options = with_remedies(new_options, [remedy, *remedy.together])

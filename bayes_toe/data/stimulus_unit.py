@@ -33,21 +33,24 @@ LOG_UNITS = {
 _LOGARITHM = re.compile(
     "(db|de[cz]ibel|log|oct|halbt).*|l[ng]|st|phons?|cents?|semitones?", re.IGNORECASE
 )
-#: A unit of intensities to type where theirs is not known.
+#: The unit to type where intensities have no known unit.
 ANY_UNIT = "a.u."
-#: No two natural logs of a pair differ by more (a factor of 20), nor do whole ones of several
-#: pairs; and none is so large and whole.
+#: Largest difference of the natural logs of a pair: a factor of 20. If all natural logs are whole
+#: numbers, it is also their largest range.
 LARGEST_STEP = 3.0
+#: If all natural logs are whole numbers, the smallest of them is not larger.
 _LARGEST_LOG = 10.0
 #: Per cent of intensity beyond which differences are shown as natural logs: a factor of 11.
 _SMALLEST_PERCENT = -1000.0 / 11.0
 _LARGEST_PERCENT = 1000.0
-#: Share of the range of the stimuli that nobody perceives, and that rounding may leave.
+#: Share of the range of the stimuli up to which two stimuli are equal: rounding may leave such a
+#: difference, and nobody perceives it.
 ROUNDED = 1e-6
-#: Stimuli that are shown no more often may be near each other by chance.
+#: Two stimuli may be near each other by chance, if neither is shown more often than this.
 _BY_CHANCE = 2
-#: Letters of a unit at most, and those with a meaning in figures and pages.
+#: Letters of a unit at most.
 _LONGEST = 16
+#: Characters with a meaning in figures and pages.
 _NOT_ALLOWED = frozenset("$\\<>&")
 
 
@@ -68,20 +71,20 @@ def percent(logs: npt.ArrayLike) -> FloatArray:
         return 100.0 * np.expm1(np.asarray(logs, float))
 
 
-def sign_of_intensities(first: FloatArray, second: FloatArray) -> tuple[str, int | None]:
+def why_not_logs(first: FloatArray, second: FloatArray) -> tuple[str, int | None]:
     """Why the stimuli of pairs can be no natural logs, and the index of the pair that shows it.
 
-    The text is empty if they can; the index is None if all pairs show it.
+    The text is empty if they can be natural logs. The index is None if all pairs together show it.
 
     Examples
     --------
-    >>> sign_of_intensities(np.array([45.0, 60.0]), np.array([60.0, 45.5]))
+    >>> why_not_logs(np.array([45.0, 60.0]), np.array([60.0, 45.5]))
     ('45 and 60 in one pair', 0)
-    >>> sign_of_intensities(np.array([3.8, 4.1]), np.array([4.1, 3.8]))
+    >>> why_not_logs(np.array([3.8, 4.1]), np.array([4.1, 3.8]))
     ('', None)
-    >>> sign_of_intensities(np.array([-3.0, 1.0]), np.array([-1.0, 4.0]))
+    >>> why_not_logs(np.array([-3.0, 1.0]), np.array([-1.0, 4.0]))
     ('whole numbers from -3 to 4', None)
-    >>> sign_of_intensities(np.array([1.0, 4.0]), np.array([2.0, 7.0]))
+    >>> why_not_logs(np.array([1.0, 4.0]), np.array([2.0, 7.0]))
     ('whole numbers from 1 to 7, perhaps the numbers of levels', None)
     """
     stimuli = np.concatenate([first, second])
@@ -113,10 +116,10 @@ def _without_rounding(pairs: FloatArray) -> FloatArray:
     """
     # `index` has the shape of the pairs.
     values, index, n_shown = np.unique(pairs, return_inverse=True, return_counts=True)
-    low, high = np.quantile(pairs, (0.05, 0.95))  # without one that was mistyped
+    low, high = np.quantile(pairs, (0.05, 0.95))  # without a mistyped stimulus
     limit = ROUNDED * (high - low)
 
-    # Each value but the first, compared with the one before.
+    # Each value but the first, compared with the value before.
     is_repeated = np.maximum(n_shown[1:], n_shown[:-1]) > _BY_CHANCE
     is_like_previous = (np.diff(values) <= limit) & is_repeated
     group = np.concatenate([[0], np.cumsum(~is_like_previous)])  # of each value
@@ -135,7 +138,7 @@ class StimulusUnit:
     Parameters
     ----------
     name : str
-        One of :data:`LOG_UNITS`, or the unit of raw intensities, as 'g'. Empty if none is known.
+        One of :data:`LOG_UNITS`, or the unit of raw intensities, as 'g'. Empty if it is not known.
     log_reference : float
         Natural log of the raw intensity at which the natural-log intensity is 0.
     has_log_differences : bool
@@ -196,9 +199,10 @@ class StimulusUnit:
 
     def differences(self, logs: npt.ArrayLike) -> FloatArray:
         """Differences of natural-log intensities in per cent, decibels or natural logs."""
+        logs = np.asarray(logs, float)
         if self.is_decibel:
-            return self.stimuli(logs)
-        return np.asarray(logs, float) if self.has_log_differences else percent(logs)
+            return logs / LOG_UNITS[self.name]
+        return logs if self.has_log_differences else percent(logs)
 
     def from_percent(self, values: npt.ArrayLike) -> FloatArray:
         """Differences in this unit, from differences in per cent of intensity."""
@@ -209,7 +213,7 @@ class StimulusUnit:
             return self.differences(np.log1p(values / 100.0))
 
     def for_percent(self, values: npt.ArrayLike) -> StimulusUnit:
-        """The unit that shows these differences in per cent: as logs if one is too large.
+        """The unit that shows differences given in per cent: with logs if one is too large.
 
         Examples
         --------
@@ -218,7 +222,7 @@ class StimulusUnit:
         ('%', 'ln')
         """
         values = np.asarray(values, float)
-        is_small = (values >= _SMALLEST_PERCENT) & (values <= _LARGEST_PERCENT)  # NaN is not
+        is_small = (values >= _SMALLEST_PERCENT) & (values <= _LARGEST_PERCENT)  # NaN is not small
         return self if is_small.all() else replace(self, has_log_differences=True)
 
     def stimuli(self, logs: npt.ArrayLike) -> FloatArray:

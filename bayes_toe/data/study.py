@@ -72,7 +72,7 @@ class Subject:
         the subject's name, @ and the level.
     shared_scales : StimulusScales, optional
         Location and scales of the stimuli in all conditions of the subject of a unit. They replace
-        the unit's own, except for the spread of the first stimuli.
+        the scales of the unit alone, except for the spread of the first stimuli.
     answers : Answers, optional
         The rows that the counts are the sums of, as read. Checks of the responses and models of
         serial dependence use them. If they do not add up to the counts, None takes their place.
@@ -191,7 +191,7 @@ class Subject:
     ) -> Subject:
         """A subject from single trials.
 
-        `yes` is True where the answer was the one that the task counts, 'equal' or 'second'. Of
+        `yes` is True where the task counts the answer, which is then 'equal' or 'second'. Of
         three answers, it is the word 'first', 'equal' or 'second'.
 
         Examples
@@ -315,7 +315,7 @@ class Subject:
         """
         if self.n_second is None:
             return self
-        rows = _rows(self).of_direction
+        rows = _rows(self).unequal_answers
         if not rows.n_trials.any():
             return None
         return _with_rows(self, rows, WHICH_STRONGER)
@@ -356,7 +356,7 @@ class Study:
     Parameters
     ----------
     subjects : sequence of Subject
-        At least one; names are unique (case matters).
+        At least one subject; names are unique (case matters).
     source : str
         What reports call the study.
     synthetic : bool
@@ -420,7 +420,7 @@ class Study:
 
     @property
     def by_task(self) -> tuple[Study, ...]:
-        """A study for each task, of the units that did it; itself where there is one task."""
+        """A study for each task, of the units that did it; this study where there is one task."""
         tasks = dict.fromkeys(subject.task for subject in self)
         if len(tasks) == 1:
             return (self,)
@@ -523,20 +523,20 @@ class Study:
                 subjects[name] = _with_rows(subject, changed_rows, subject.task)
             else:
                 del subjects[name]
-            remaining = tuple(subjects.values())
-            if not remaining:
+            remaining_units = tuple(subjects.values())
+            if not remaining_units:
                 raise InputError(f"{typed_option}: no subject is left; exclude fewer")
             conditions = study.conditions
             if conditions is not None:
-                remaining = with_shared_scales(remaining)
-                conditions = conditions.among({unit.condition for unit in remaining})
+                remaining_units = with_shared_scales(remaining_units)
+                conditions = conditions.among({unit.condition for unit in remaining_units})
 
             owner = f"subject {display_name(name)}"
             if block_names:
                 owner += f", block{'s' * (len(block_names) > 1)} {join_names(block_names)}"
             study = replace(
                 study,
-                subjects=remaining,
+                subjects=remaining_units,
                 notes=(*study.notes, f"{owner}: {description}"),
                 changes=(*study.changes, typed_option),
                 conditions=conditions,
@@ -617,7 +617,8 @@ def with_shared_scales(units: Iterable[Subject]) -> tuple[Subject, ...]:
 def common_scales(*subjects: Subject) -> StimulusScales | None:
     """Location and scales of the stimuli of several subjects together, or of one.
 
-    One unit has those of its subject over all conditions. None without a pair of different stimuli.
+    One unit has the scales of its subject over all conditions. Without a pair of different stimuli,
+    there are no scales.
     """
     if len(subjects) == 1 and subjects[0].shared_scales is not None:
         return subjects[0].shared_scales
@@ -675,7 +676,7 @@ def _rows(subject: Subject) -> Answers:
 
 
 def _with_rows(subject: Subject, rows: Answers, task: Task) -> Subject:
-    """A subject with other rows, which it keeps only if the given one keeps its answers."""
+    """The subject with other rows; the copy keeps them if the subject has answers of its own."""
     changed = Subject.from_answers(subject.name, rows, task, subject.unit)
     answers = None if subject.answers is None else rows
     return replace(

@@ -42,15 +42,15 @@ from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.data.text_table import Choice
 from bayes_toe.errors import InputError, NoTrialsError, Remedy
 
-#: A file, by its name or as a study, and a line about it.
+#: A file, by its name or as a study, and a text about it.
 Line: TypeAlias = tuple[Any, str]
-#: Where the tables of a folder are: those of BIDS, else those in it, else those in subfolders, else
-#: logs, beside which other programs write tables. The last place is for an error, which names its
-#: files.
+#: Where the tables of a folder are: in the places of BIDS, else in the folder, else in subfolders,
+#: else in logs, beside which other programs write tables. The last place is for an error, which
+#: names the files in it.
 _IN_FOLDER = (
     "sub-*/**/*_events.tsv", "sub-*/**/*_beh.tsv", "*", "*/*", "*/*/*", "*.log", "*.*",
 )  # fmt: skip
-#: Where the name of a file or of its folder may have the subject.
+#: Where the name of a file or of its folder may have the subject, as patterns of `subject_from`.
 _SUBJECT_PLACES = ("{}.*", "{}_*", "{}/*", "{}/*/*")
 #: The same for a sheet of an Excel file, as in study.xlsx/S01.
 _SUBJECT_IN_SHEET = ("{}", "{}_*")
@@ -87,7 +87,7 @@ def _folder_tables(path: StrPath) -> tuple[list[Path], str]:
     """The tables of a folder, in its first places that have some, and a note on them."""
     folder = Path(path)
     name = display_name(str(path))
-    for pattern in _IN_FOLDER:  # the last one is left if no place has tables
+    for pattern in _IN_FOLDER:  # the last pattern is left if no place has tables
         tables = []
         for file_path in folder.glob(pattern):
             file = file_path.relative_to(folder)
@@ -141,7 +141,8 @@ def read_files(
 ) -> list[Study]:
     """The studies in several files, or frames, each of which `read` reads.
 
-    A file without a trial is left out, unless all are. Of each one, a note is added to `notes`.
+    A file without a trial is left out, unless no file has a trial. A note on each file that is left
+    out is added to `notes`.
 
     Raises
     ------
@@ -203,7 +204,7 @@ def _refusal(paths: Sequence[Any], errors: Sequence[InputError]) -> InputError:
 
 
 def _one_line_each(problems: Iterable[str]) -> list[str]:
-    """Problems that begin with the name of their file, of which those that are alike are one line.
+    """Lines for problems that begin with the name of their file: a line for those that are alike.
 
     Examples
     --------
@@ -214,11 +215,11 @@ def _one_line_each(problems: Iterable[str]) -> list[str]:
     for problem in problems:
         file, _, text = problem.partition(": ")
         lines.append((file, text))
-    joined = []
+    joined_lines = []
     for group in _alike(lines):
         beginning = f"{len(group)} files, such as " if len(group) > 1 else ""
-        joined.append(beginning + ": ".join(filter(None, group[0])))  # the text may be empty
-    return joined
+        joined_lines.append(beginning + ": ".join(filter(None, group[0])))  # the text may be empty
+    return joined_lines
 
 
 def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
@@ -242,7 +243,7 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len(set(subjects)) > 1:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), max_items=3)}"
-            # Of patterns with the same subjects, the first one is proposed.
+            # Of patterns with the same subjects, the first is proposed.
             remedy_by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
     return list(remedy_by_subjects.values()) or [remedy]
 
@@ -250,12 +251,12 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
 def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
     """What tells a file from others of its name, such as 'a/' for a/x.csv beside b/x.csv.
 
-    It is empty without others, and for a data frame.
+    It is empty if no other file has the name, and for a data frame.
     """
     if not isinstance(path, StrPath):
         return ""
     folders = [other.parent for other in paths if other.name == Path(path).name]
-    if len(folders) < 2:  # none has the name of a path that is empty
+    if len(folders) < 2:  # an empty path has the name of no file
         return ""
     folder = Path(path).absolute().parent
     return f"{folder.relative_to(os.path.commonpath(folders)).as_posix()}/"
@@ -290,7 +291,7 @@ def together(studies: Sequence[Study]) -> Study:
         return replace(
             first, reading=replace(first.reading, doubts=(*first.reading.doubts, *copies))
         )
-    # By the name of a subject, the files that have it, each with the answers in it.
+    # By the name of a subject, its files, each with the answers of the subject in it.
     files_of_subjects = defaultdict[str, list[tuple[str, Subject]]](list)
     for study in studies:
         for subject in study:
@@ -311,10 +312,9 @@ def together(studies: Sequence[Study]) -> Study:
 
     notes = list(common_notes(studies))
     if n_files:
-        n_subjects = (len(n_files), "subject")
         notes.append(
             Note(
-                n_subjects,
+                (len(n_files), "subject"),
                 " in several files, put together (for conditions, add a column): ",
                 named_counts(n_files),
             )
@@ -348,9 +348,9 @@ def reading_of_all(studies: Sequence[Study]) -> Reading:
 
 
 def common_notes(studies: Sequence[Study]) -> Iterator[str]:
-    """The notes of all files; those that differ in counts and names only are one note.
+    """The notes of all files; notes that differ in counts and names only become one note.
 
-    Its counts and names are those of all files.
+    The counts and names of this note are those of all files.
     """
     lines = []
     for study in studies:
@@ -370,8 +370,8 @@ def common_notes(studies: Sequence[Study]) -> Iterator[str]:
 
 def _subject_of_files(files: Sequence[tuple[str, Subject]]) -> Subject:
     """The subject in these files: its answers in order, or counts if a file has no order."""
-    (_, first), *others = files
-    if not others:
+    (_, first), *other_files = files
+    if not other_files:
         return first
     answers = []
     for source, subject in files:
@@ -384,8 +384,8 @@ def _subject_of_files(files: Sequence[tuple[str, Subject]]) -> Subject:
 def _copies(studies: Sequence[Study]) -> Iterator[str]:
     """Doubts about subjects, in one file or in several, who have the same answers, trial by trial.
 
-    All may have one list of stimuli, and sure answers to easy pairs. What counts is in how many
-    ways the answers to each pair may fall on its trials, since all of these are as likely. A sound
+    All subjects may have one list of stimuli, and sure answers to easy pairs. What counts is in how
+    many ways the answers to each pair may fall on its trials, since all ways are as likely. A sound
     study has such a doubt with a probability below 2 %, whatever its size.
     """
     name_by_trials: dict[bytes, str] = {}

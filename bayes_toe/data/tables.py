@@ -53,7 +53,7 @@ class Table(ABC, Generic[Row]):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        # A dataclass that has one gets no other, which would list all rows.
+        # A dataclass that has a __repr__ gets no other, which would list all rows.
         cls.__repr__ = Table.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:

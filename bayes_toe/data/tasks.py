@@ -61,7 +61,7 @@ class Task:
 
     @property
     def questions(self) -> tuple[str, ...]:
-        """The answer that each question counts: three answers are two questions with two each."""
+        """The answer that each question counts; three answers make two questions of two answers."""
         return self.answers[:-1]
 
     @property
@@ -85,7 +85,7 @@ class Task:
         return len(self.answers) == 3
 
     def right(self, difference: FloatArray) -> FloatArray:
-        """1 where the counted answer is right, -1 where the other one is, 0 where neither is.
+        """1 where the counted answer is right, -1 where another is, 0 where no answer is right.
 
         `difference` is s2 - s1, of any shape.
 
@@ -149,7 +149,7 @@ THREE_ANSWERS = Task(
     compared_answer="equal",
     slice_stimulus="weaker",
 )
-#: The tasks; one with fewer answers stands before one that has them too.
+#: The tasks; a task with fewer answers stands before a task that has more.
 TASKS = (SAME_DIFFERENT, WHICH_STRONGER, THREE_ANSWERS)
 #: Names of the tasks, in small letters and digits alone.
 _NAMES = {
@@ -160,7 +160,7 @@ _NAMES = {
 
 
 def task_of(name: Task | str, option: str = "--task") -> Task:
-    """The task with this name, or a task as it is; an InputError that names the option if none."""
+    """The task with this name, or a task as it is; without such a task, an InputError."""
     if isinstance(name, Task):
         return name
     task = task_named(str(name))

@@ -37,16 +37,16 @@ Cells: TypeAlias = list[str] | csv.Error
 CsvRecord: TypeAlias = tuple[int, Cells]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
-#: Of a table whose columns are pairs: the name of the column of each cell, and the cells.
+#: In a table whose columns were pairs: the name of the old column of each cell, and the cell.
 PAIR = "name of the pair"
 CELL = "cell"
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
-#: Of a table; Excel has as many columns. More would fill the memory.
+#: The largest table; Excel has as many columns. A larger table would fill the memory.
 _MOST_COLUMNS = 2**14
 _MOST_CELLS = 5 * 10**7
-#: How logs begin in which trials are no rows, by the program and what is read of it. Presentation
-#: writes the first line above other tables, too.
+#: How logs begin in which trials are no rows, by the program and what is read in their place.
+#: Presentation writes the first line above other tables, too.
 _LOGS = {
     "E-Prime, allowed: its trials as CSV, which E-DataAid exports": r"\*\*\* Header Start \*\*\*",
     "Presentation, allowed: its trials as CSV, such as those that a scenario prints to an "
@@ -71,8 +71,8 @@ _REMARKS = (
     r"extraInfo[,;\t]*[\r\n][^\0]*)\s*)+\Z|"
     r"(?<=[\r\n])#(?:[ #][^\r\n]*)?(?=[\r\n])"
 )
-#: Of names in lines, one that two or more columns without names follow, and then another name: each
-#: of them has a trial of the row, as saveAsText of PsychoPy writes them.
+#: Finds, among names in lines, a name that two or more columns without names follow, and then
+#: another name. Each of these columns has a trial of the row, as saveAsText of PsychoPy writes it.
 _TRIALS_IN_A_ROW = r"(?m)^(.+_raw)(\n{3,})(?=.)"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
@@ -85,7 +85,8 @@ _SPLIT_ERRORS = {
 #: A cell that holds a number, and is no name of a column.
 _NUMBER = re.compile(r"[-+]?[\d.,]*\d(?:[eE][-+]?\d+)?")
 
-# pandas' own missing values; they equal nothing, and say so in words that are no truth values
+#: Types of pandas' own missing values. They equal nothing, and comparisons with them give no truth
+#: values.
 _MISSING = ("NAType", "NaTType")
 
 
@@ -135,7 +136,7 @@ class Column:
         return Column(self.name, list(itertools.compress(self.texts, is_used)), new_codes[codes])
 
     def rows_by_text(self, rows: IndexArray) -> dict[str, IndexArray]:
-        """The rows with each text, of these rows; texts that none of them has are left out."""
+        """The rows with each text, of these rows; texts that no row has are left out."""
         sorted_rows = rows[np.argsort(self.codes[rows], kind="stable")]
         # A split needs the starts of all parts but the first; of no rows it makes an empty part.
         parts = np.split(sorted_rows, run_starts(self.codes[sorted_rows])[1:])
@@ -197,7 +198,7 @@ def value_text(value: object) -> str | NoValue:
     )
 
 
-#: In the place of a row, for problems of a whole table; they are told first.
+#: In the place of a row, for problems of a whole table, which come first.
 _HEAD_ROW = -1
 
 
@@ -207,30 +208,30 @@ class Problems:
     def __init__(self, source: str) -> None:
         self.source = source
         self.count = 0
-        self._shown = list[tuple[int, str]]()
+        self._first_lines = list[tuple[int, str]]()  # a row and a problem each
         self.remedies: list[Remedy] = []
 
     def add(self, lines: Iterable[tuple[int, str]], count: int = 1) -> None:
-        """Add `count` problems, of which `lines` has the first ones with their rows."""
-        # Only the first ones of all problems are shown.
-        self._shown = sorted([*self._shown, *lines], key=itemgetter(0))[:MAX_LINES]
+        """Add `count` problems; `lines` has the first of them with their rows."""
+        # Messages have the first problems only.
+        self._first_lines = sorted([*self._first_lines, *lines], key=itemgetter(0))[:MAX_LINES]
         self.count += count
 
     def ask(self, question: str, remedies: Iterable[Remedy]) -> None:
         """Add a problem of the whole table, with options that solve it."""
         # Questions come before the problems of rows, so that this is the index of the problem.
-        index = sum(row == _HEAD_ROW for row, _ in self._shown)
+        index = sum(row == _HEAD_ROW for row, _ in self._first_lines)
         self.remedies += [remedy._replace(question=index) for remedy in remedies]
         self.add([(_HEAD_ROW, question)])
 
     def refuse(self) -> None:
-        """Raise the first ten problems as one InputError, with the number of the others."""
+        """Raise the first ten problems as one InputError, with the number of further problems."""
         if not self.count:
             return
-        problems = [f"{self.source}: {text}" for _, text in self._shown]
-        n_others = self.count - len(problems)
-        if n_others > 0:
-            problems.append(f"... and {plural(n_others, 'more problem')}")
+        problems = [f"{self.source}: {text}" for _, text in self._first_lines]
+        n_more = self.count - len(problems)
+        if n_more > 0:
+            problems.append(f"... and {plural(n_more, 'more problem')}")
         raise InputError(problems, self.remedies)
 
 
@@ -290,7 +291,7 @@ class TextTable:
     def require(self, lines: Texts, remedies: Iterable[Remedy] = ()) -> None:
         """Refuse a table with problems of its head, without rows, or with cells without a value.
 
-        `lines` are the problems of the head, the row of names, and `remedies` solve the last one.
+        `lines` are the problems of the head, the row of names. `remedies` solve the last of these.
         """
         for line in lines:
             separator = ", " if line.startswith("column") else ": "
@@ -306,13 +307,13 @@ class TextTable:
                 f"{self.source}: {self.head}: found no row below it, allowed: at least one row"
             )
 
-    def fault(self, column: Column, bad: BoolArray, rule: str | Callable[[int], str]) -> None:
+    def fault(self, column: Column, is_bad: BoolArray, rule: str | Callable[[int], str]) -> None:
         """Note the distinct cells of a column that are bad, with their count and first row.
 
-        `bad` has the shape (records,). `rule` says what is allowed; it is a function if this
+        `is_bad` has the shape (records,). `rule` says what is allowed; it is a function if this
         depends on the index of the record.
         """
-        records_of_text = column.rows_by_text(np.flatnonzero(bad))
+        records_of_text = column.rows_by_text(np.flatnonzero(is_bad))
         lines = []
         for records in sorted(records_of_text.values(), key=itemgetter(0))[:MAX_LINES]:
             index = records[0]
@@ -396,11 +397,11 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         raise InputError(f"{source}: {_broken(first_row, head, width=0)}")
     require_size(source, len(head), len(head))
     names = names_or_numbers(header, choice)
-    if names != header:  # it is a row of the table
+    if names != header:  # the header is a row of the table
         records = itertools.chain([(first_row, head)], records)
 
     problems = Problems(source)
-    # By name of several trials a newline for each trial, which separates its name from the next.
+    # By the name of columns of several trials, a line end for each trial in a row.
     newlines = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
     rows, texts = _texts_by_name(records, names, newlines, problems)
     # R numbers the rows by default. Other texts in front of a row may be a cell too many.
@@ -410,11 +411,11 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
             "allowed: a name for each column"
         )
 
-    chosen = {*choice(names), ""}  # also the numbers of rows, which have no name
+    chosen_names = {*choice(names), ""}  # also the numbers of rows, which have no name
     columns = {}
     for name in list(texts):
         column = Column.from_texts(name, texts.pop(name))  # a large file fits into memory once
-        if name in chosen or len(column.texts) <= _MOST_TEXTS:
+        if name in chosen_names or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
 
     notes = []
@@ -461,8 +462,8 @@ def _texts_by_name(
 
     A record has one trial, or several where PsychoPy writes each trial in a column without a name
     behind a name such as 'key.keys_raw'; `newlines` are what :data:`_TRIALS_IN_A_ROW` finds.
-    Records that cannot be split into as many cells are problems, but empty cells behind them are no
-    cells: loops write a delimiter behind each cell.
+    Records that cannot be split into a cell for each name are problems. Empty cells behind these
+    cells do not count, since loops write a delimiter behind each cell.
     """
     index_of_name = name_places(names)
     texts = {name: list[str]() for name in index_of_name}
@@ -487,9 +488,10 @@ def _texts_by_name(
 def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
     """The delimiter, the index of the record with the names, and the names.
 
-    Under this delimiter most names are chosen; of several such ones, it makes most cells. R
-    writes names of rows without a name of their own, so that the next record has one cell more. The
-    last names of a loop that writes a delimiter behind each may be empty, without cells below.
+    Under this delimiter most names are chosen; of several such delimiters, it makes most cells. R
+    writes names of rows without a name of their own, so that the next record has one cell more. A
+    loop that writes a delimiter behind each name makes a last name that is empty, and has no cells
+    below.
     """
     layouts = []
     for delimiter in DELIMITERS:
@@ -497,7 +499,7 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
         records = [_names(cells) for _, cells in first_records] or [[]]
         index = header_place(records[:MOST_RECORDS], choice)
         names = records[index]
-        # Spaces in a name make no cells. Numbers have none, so that spaces around them do.
+        # Spaces in a name make no cells. Numbers have no spaces: those around numbers do.
         cells = filter(_NUMBER.fullmatch, names) if delimiter == " " else names
         fit = n_chosen(names, choice), len(list(cells))
 
@@ -508,7 +510,8 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
         elif not any(names[width:]):
             names = names[:width]
         layouts.append((fit, (delimiter, index, names)))
-    return max(layouts, key=itemgetter(0))[1]
+    _, layout = max(layouts, key=itemgetter(0))  # the first of delimiters that fit equally well
+    return layout
 
 
 def _names(cells: Cells) -> list[str]:
@@ -519,13 +522,13 @@ def _names(cells: Cells) -> list[str]:
 def header_place(records: Sequence[Texts], choice: Choice) -> int:
     """The index of the record with the names: the first one, unless a later one is clearer."""
     counts = [n_chosen(record, choice) for record in records]
-    if counts[0] > 1:  # one alone may be a word of a title
+    if counts[0] > 1:  # a single name may be a word of a title
         return 0
     if max(counts) >= counts[0] + 2:
         return counts.index(max(counts))
 
-    # Below titles and lines such as 'date,1 May', the names are the fullest record, of those as
-    # long as the last one. If this has a number, it is a row of the table.
+    # Below titles and lines such as 'date,1 May', the names are the fullest of the records that are
+    # as long as the last record. If the fullest record has a number, it is a row of the table.
     rows = [record for record in records if len(record) == len(records[-1])]
     names = max(rows, key=lambda cells: len(list(filter(None, cells))))
     return 0 if any(map(_NUMBER.fullmatch, names)) else records.index(names)
@@ -549,12 +552,12 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
     except UnicodeDecodeError as error:
         finding = f"byte 0x{error.object[error.start]:02x}, not {label}"
         text_before = error.object[: error.start].decode(codec, errors="ignore")
-    except (LookupError, ValueError):  # no encoding, or one that decodes nothing
+    except (LookupError, ValueError):  # no encoding, or an encoding that decodes nothing
         raise InputError(
             f"--encoding: found {quoted(codec)}, allowed: a name such as utf-8, cp1252 or latin-1"
         ) from None
     else:
-        # Only a given encoding may leave halves of characters. Without one, the slow search is for
+        # Only a given encoding may leave halves of characters. Without it, the slow search is for
         # NUL alone.
         match = _NO_TEXT.search(text) if encoding or "\0" in text else None
         if match is None:
@@ -594,7 +597,7 @@ def _records(text: str, delimiter: str) -> Iterator[CsvRecord]:
     A record that cannot be split has its error in the place of the cells.
     """
     if delimiter == " ":
-        # Spaces that fill up a row are no cell; those in front of one are skipped.
+        # Spaces that fill up a row are no cell; spaces in front of a cell are skipped.
         text = re.sub(r" +(?=[\r\n]|\Z)", "", text)
 
     # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell,

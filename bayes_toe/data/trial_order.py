@@ -28,7 +28,7 @@ class _Order(NamedTuple):
 
     trial: FloatArray  # numbers of trials, (rows,); NaN without a number
     # The number of each row's run, (rows, kinds of runs). In the first column all rows are one run;
-    # the next columns are those of blocks and of sessions, as far as the file has them.
+    # the next columns have blocks and sessions, as far as the file has them.
     runs: IntArray
     block: IntArray | None  # index in `blocks`, (rows,)
     blocks: tuple[str, ...]
@@ -61,7 +61,7 @@ def answers_in_order(
     order = _order_of_rows(table, columns)
 
     answers = {}
-    unordered = []
+    unordered_names = []
     n_missing = {}
     for name, answered_rows in rows_of_units.items():
         rows = answered_rows
@@ -73,7 +73,7 @@ def answers_in_order(
             # the second choice.
             ordered = _ordered((rows_with_pair[subject_name], answered_rows), order)
             if ordered is None:
-                unordered.append(display_name(name))
+                unordered_names.append(display_name(name))
             else:
                 rows = ordered
                 # Memory ends where a run of the longest kind ends.
@@ -94,10 +94,9 @@ def answers_in_order(
         )
         answers[name] = in_order.with_own_blocks()
 
-    notes = _order_notes(columns, unordered, n_missing)
     # Without a subject of unknown order, no number is there twice.
-    doubts = _repeat_doubts(table, unit, order, pairs, counts) if unordered else []
-    return answers, list(notes), doubts
+    doubts = _repeat_doubts(table, unit, order, pairs, counts) if unordered_names else []
+    return answers, list(_order_notes(columns, unordered_names, n_missing)), doubts
 
 
 def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
@@ -129,30 +128,33 @@ def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
 
 
 def _order_notes(
-    columns: Columns, unordered: list[str], n_missing: Mapping[str, int]
+    columns: Columns, unordered_names: list[str], n_missing: Mapping[str, int]
 ) -> Iterator[str]:
     """Notes on subjects whose trials have no order, and on numbers of trials that are missing."""
-    if unordered:
+    if unordered_names:
         yield Note(
             f"{columns['trial']} does not order all trials, so the order of the file is used: ",
-            unordered,
+            unordered_names,
             ". If its numbers begin anew, two persons or sessions may be pooled: --columns "
             "subject=NAME or session=NAME keeps them apart, or --where one of them",
         )
     if n_missing:
-        advice = "); if these were trials and no screens, keep them with an empty response"
-        yield Note("trial numbers are missing (", named_counts(n_missing), advice)
+        yield Note(
+            "trial numbers are missing (",
+            named_counts(n_missing),
+            "); if these were trials and no screens, keep them with an empty response",
+        )
 
 
 def _ordered(choices: Sequence[IndexArray], order: _Order) -> IndexArray | None:
-    """The first choice of rows whose order is known, in this order; None if there is none.
+    """The first choice of rows whose order is known, in this order; None if no order is known.
 
-    The order is that of the numbers of trials; where these are not unique, that of blocks and the
-    numbers in them; else that of sessions, blocks and numbers.
+    Rows have the order of the numbers of trials; where these are not unique, the order of blocks
+    and the numbers in them; else that of sessions, blocks and numbers.
     """
     for rows in choices:
         trial = order.trial[rows]
-        # All rows are one run; then each block is one, then each block of a session.
+        # All rows are one run; then each block is a run, then each block of a session.
         for n_kinds in range(1, order.runs.shape[1] + 1):
             keys = (trial, *order.runs[rows, :n_kinds].T)
             index = np.lexsort(keys)  # the last key counts first
@@ -203,9 +205,9 @@ def _repeat_doubts(
             and combination_counts(column.codes, order.trial).max() == 1
         ]
 
-    later = rows.index[is_repeat][0]
-    name = display_name(unit.text(later))
+    first_repeat = rows.index[is_repeat][0]
+    name = display_name(unit.text(first_repeat))
     return [
         f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row, first "
-        f"row {table.rows[later]} (subject {name}): {TWICE}, remove them"
+        f"row {table.rows[first_repeat]} (subject {name}): {TWICE}, remove them"
     ]

@@ -53,7 +53,7 @@ def with_subjects_below(table: TextTable, name: str) -> TextTable:
     column = table.columns.get(name)
     if column is None or column.texts[1:2] != [""]:  # the text after the first name
         return table
-    # Codes are in the order of the first rows of their texts, so that 1 is the empty one.
+    # Codes are in the order of the first rows of their texts, so that 1 is the empty text.
     is_name = column.codes != 1
     n_names = len(column.texts) - 1
     # The table stays unless each name stands once, and most cells are empty.
@@ -82,7 +82,7 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
         return table, options
 
     for name, text in where.items():
-        column = table.columns[name]  # in the rows that have the texts before
+        column = table.columns[name]  # of the rows that have the texts checked before
         if text not in column.texts:
             raise InputError(
                 f"{table.source}: {column}: found {join_quoted(column.texts)}, "
@@ -91,9 +91,9 @@ def chosen_rows(table: TextTable, options: ReadOptions) -> tuple[TextTable, Read
         table = table.only(column.matches([text]))
 
     # If the rows are those of one task, the columns of another task are empty.
-    others = table.columns.keys() - where.keys()
-    empty_names = [name for name in others if table.columns[name].texts == [""]]
-    columns = {ours: name for ours, name in options.columns.items() if name not in empty_names}
+    other_names = table.columns.keys() - where.keys()
+    empty_names = [name for name in other_names if table.columns[name].texts == [""]]
+    columns = {role: name for role, name in options.columns.items() if name not in empty_names}
     names = list(filterfalse(empty_names.__contains__, table.names))
     return replace(table, names=names), replace(options, columns=columns)
 
@@ -120,13 +120,16 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     # A name may have no column in the table: a column of very many texts is not read.
     column = table.columns.get(candidates[0]) if len(candidates) == 1 else None
     if column is not None and column.name not in names_read:
-        counts = column.map(whole_number, np.int64)  # -1 where a cell holds none
+        counts = column.map(whole_number, np.int64)  # -1 where a cell holds no such number
         has_counts = counts.min(initial=0) >= 0 and counts.max(initial=0) > 1
         # In a cross table no two rows are equal in the columns that are read, or in all columns,
         # as where a column of days is not read.
-        keys = (names_read, list(filter(column.name.__ne__, table.columns)))
+        all_names = list(filter(column.name.__ne__, table.columns))
         answers = list(map(options.name, answer_roles))
-        if has_counts and any(_is_cross_table(table, key, answers) for key in keys):
+        if has_counts and (
+            _is_cross_table(table, names_read, answers)
+            or _is_cross_table(table, all_names, answers)
+        ):
             return column
 
     if "n_trials" in roles_read:
@@ -139,18 +142,18 @@ def frequency_column(table: TextTable, options: ReadOptions, roles_read: Texts) 
     return None
 
 
-def _is_cross_table(table: TextTable, key: Texts, answers: Texts) -> bool:
-    """Whether rows differ in the columns of `key`, and a pair has a row for each response.
+def _is_cross_table(table: TextTable, names: Texts, answers: Texts) -> bool:
+    """Whether rows differ in the columns of these names, and a pair has a row for each response.
 
-    `answers` are the columns of responses among those of `key`. A pair is a combination of the
-    other columns of `key`. That a few pairs have several rows may be a chance, but not that five
-    pairs have, or the pairs of most rows.
+    `answers` are the names of the columns of responses. A pair is a combination of the cells in the
+    other columns. That a few pairs have several rows may be a chance, but not that five pairs have,
+    or the pairs of most rows.
     """
-    codes = {name: table.columns[name].codes for name in key}
-    n_of_pair = combination_counts(*(codes[name] for name in key if name not in answers))
-    n_of_several = n_of_pair[n_of_pair > 1]
-    has_several = len(n_of_several) >= 5 or n_of_several.sum() > 0.5 * len(table.rows)
-    return bool(combination_counts(*codes.values()).max() == 1 and has_several)
+    codes = {name: table.columns[name].codes for name in names}
+    n_rows_of_pair = combination_counts(*(codes[name] for name in names if name not in answers))
+    n_repeated = n_rows_of_pair[n_rows_of_pair > 1]  # rows of each pair that has several
+    has_repeats = len(n_repeated) >= 5 or n_repeated.sum() > 0.5 * len(table.rows)
+    return bool(combination_counts(*codes.values()).max() == 1 and has_repeats)
 
 
 def with_row_for_each_trial(table: TextTable, frequency: Column) -> TextTable:
@@ -173,7 +176,7 @@ def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) 
     """The table without rows that a column marks as practice.
 
     `roles_read` are our names of the columns that are read. Columns of subjects, stimuli, responses
-    and conditions mark none. Nor does a column in which no subject has both marked and other
+    and conditions mark no practice. Nor does a column in which no subject has both marked and other
     trials: it names groups, such as trained subjects.
     """
     # The texts of sessions, blocks or trials may say that these are practice.
@@ -189,16 +192,15 @@ def without_practice(table: TextTable, options: ReadOptions, roles_read: Texts) 
 
         is_marked = column.matches(practice)
         subject = _subjects(table, options).codes
-        # A row without a stimulus is no trial.
+        # A row without a first stimulus is no trial.
         is_other = ~is_marked & ~empty(table.columns[options.stimulus_names[0]])
         subjects_with_both = np.intersect1d(subject[is_marked], subject[is_other])
         if not len(subjects_with_both):
             continue
 
-        marks = join_quoted(practice)
         reason = (
-            f" left out as practice or catch trials ({column}: {marks}); --ignore practice reads "
-            "them"
+            f" left out as practice or catch trials ({column}: {join_quoted(practice)}); "
+            "--ignore practice reads them"
         )
         table = table.only(~is_marked, Note((is_marked.sum(), "row"), reason))
     return table
@@ -259,17 +261,18 @@ def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
     for name, column in table.columns.items():
         texts = column.only(~is_screen).texts
         if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
-            rows = plural(is_screen.sum(), "row")
             # For the reader of the remedy, the other rows are those that the option leaves out.
             remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
-            table.problems.ask(f"{rows} with a response and without stimuli.", [remedy])
+            table.problems.ask(
+                f"{plural(is_screen.sum(), 'row')} with a response and without stimuli.", [remedy]
+            )
             return
 
 
 def dropped_notes(
     subject: Column, is_dropped: BoolArray, reason: str, cells: Texts = ()
 ) -> Iterator[str]:
-    """A note on how many rows of each subject are dropped for a reason; none if no row is.
+    """A note on how many rows of each subject are dropped for a reason, if any row is.
 
     `cells` are the texts that mark these rows, with their columns.
     """
@@ -279,8 +282,11 @@ def dropped_notes(
     # are about as many as the answers, or more.
     noun = "trial" if is_dropped.mean() < 0.4 else "row"
     finding = f" ({', '.join(cells)})" if cells else ""
-    counts = _counts_by_subject(subject, is_dropped)
-    yield Note((is_dropped.sum(), noun), f" {reason} dropped{finding}: ", counts)
+    yield Note(
+        (is_dropped.sum(), noun),
+        f" {reason} dropped{finding}: ",
+        _counts_by_subject(subject, is_dropped),
+    )
 
 
 def columns_of_file(table: TextTable) -> dict[str, Column]:
@@ -298,12 +304,11 @@ def columns_of_file(table: TextTable) -> dict[str, Column]:
 def nameless_doubts(subject: Column) -> Iterator[str]:
     """A doubt for each subject with a name such as 'NA', which may say that the name is missing."""
     for code, text in enumerate(subject.texts):
-        name = text.partition(CONDITION_SEPARATOR)[0]
+        name, _, _ = text.partition(CONDITION_SEPARATOR)
         if name and name.lower() in MISSING_WORDS:
-            rows = plural((subject.codes == code).sum(), "row")
             yield (
-                f"{rows} of subject {quoted(text)}, which may mean that the name is missing; if "
-                f"so, --exclude {text}"
+                f"{plural((subject.codes == code).sum(), 'row')} of subject {quoted(text)}, which "
+                f"may mean that the name is missing; if so, --exclude {text}"
             )
 
 
@@ -313,7 +318,7 @@ def taken_out_doubts(
     """A doubt for each column with texts, such as 'aborted', that say that a trial does not count.
 
     Columns of blocks, of conditions, and those that are not read may have such texts. The doubt
-    says how many rows of the table have one. Another doubt is about a column with the same codes as
+    says how many rows have such a text. Another doubt is about a column with the same codes as
     the responses, which may have the responses of another subject.
     """
     response = table.columns.get(options.name("response"))
@@ -338,8 +343,10 @@ def taken_out_doubts(
         if not texts or not other_texts:
             continue
 
-        rows = plural(column.matches(texts).sum(), "row")
-        doubt = f"{rows} with {join_quoted(texts)} in {column} are counted"
+        doubt = (
+            f"{plural(column.matches(texts).sum(), 'row')} with {join_quoted(texts)} in {column} "
+            "are counted"
+        )
         if len(other_texts) == 1:
             remedy = Remedy("where", ((name, other_texts[0]),))
             doubt += f"; {remedy.typed} leaves them out"

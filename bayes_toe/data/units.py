@@ -63,7 +63,7 @@ def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column
 
 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
-    """A study of units with their conditions; of subjects, if none has several levels.
+    """A study of units with their conditions; of subjects, if no subject has several levels.
 
     The units of `study` have names such as 'S01@left', if a condition was read.
 
@@ -92,7 +92,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     units = []
     unit_levels = []
     for unit in study:
-        level = unit.name.partition(CONDITION_SEPARATOR)[2]
+        _, _, level = unit.name.partition(CONDITION_SEPARATOR)
         units.append(replace(unit, condition=level))
         unit_levels.append(level)
     if not all(unit_levels):
@@ -141,7 +141,7 @@ def options_by_task(table: TextTable, options: ReadOptions) -> tuple[TextTable, 
     if options.condition in options.where or (column is None and options.condition == TASK):
         return table, [options.without_condition]
     tasks = {} if column is None else tasks_named(column.texts)
-    if column is None or len(set(tasks.values())) < 2:  # the condition is another one
+    if column is None or len(set(tasks.values())) < 2:  # the condition is no task
         replace(options, condition=None)  # an InputError if the codes are of two tasks
         return table, [options]
 
@@ -159,19 +159,19 @@ def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     if options.condition is None or len(tasks) == 1 or has_conditions:
         return together(studies)  # one task, or conditions that are no tasks
 
-    by_task = [together([study for study in studies if study.task == task]) for task in tasks]
+    task_studies = [together([study for study in studies if study.task == task]) for task in tasks]
     units = []
-    for study in by_task:
+    for study in task_studies:
         level = study.task.short_name
         for subject in study:
             unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
             units.append(replace(subject, name=unit_name, condition=level))
-    reading = reading_of_all(by_task)
+    reading = reading_of_all(task_studies)
     return Study(
         subjects=tuple(units),
-        source=" and ".join(dict.fromkeys(study.source for study in by_task)),
-        synthetic=all(study.synthetic for study in by_task),
-        notes=tuple(common_notes(by_task)),
+        source=" and ".join(dict.fromkeys(study.source for study in task_studies)),
+        synthetic=all(study.synthetic for study in task_studies),
+        notes=tuple(common_notes(task_studies)),
         # `with_conditions` makes conditions of the names of units.
         reading=replace(reading, read=(*reading.read, "condition")),
     )
@@ -210,7 +210,7 @@ def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], b
 def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
     """Whether pairs were repeated, and no subject gave one answer to one pair at two levels.
 
-    Such a condition may be a name of pairs, or of their order, or of the outcome.
+    The levels of such a condition may be names of pairs, of their order, or of the outcome.
     """
     n_repeated = 0
     for units in units_of_subjects:
@@ -226,7 +226,7 @@ def follows_from_pairs(units_of_subjects: Iterable[Sequence[Subject]]) -> bool:
 
 
 def _n_outcomes(unit: Subject) -> int:
-    """In how many pairs the counted answer was given, and in how many another one, added up."""
+    """In how many pairs the counted answer was given, and another answer, both numbers added up."""
     return int(np.count_nonzero([unit.n_yes, unit.n_trials - unit.n_yes]))
 
 
@@ -235,29 +235,29 @@ def pooled_conditions(
 ) -> Iterator[str]:
     """The names of columns that may be a condition, in which a subject has several levels.
 
-    It has 2 to 6 levels, none of them rare, which nearly all subjects have. It does not follow from
-    stimuli and answers; but the pairs may tell the task. Names such as 'block' or 'confidence', or
-    of one of the stimuli, are of no condition.
+    A condition has 2 to 6 levels, none of them rare, which nearly all subjects have. It does not
+    follow from stimuli and answers; but the pairs may tell the task. Names such as 'block' or
+    'confidence', or of one of the stimuli, are of no condition.
     """
     answered = np.flatnonzero(counts["n_trials"])
-    # Whether all answers of a row are the same one: 'yes' or, of three, 'second'.
+    # Whether all answers of a row are the same: 'yes' or, of three, 'second'.
     outcomes = (np.array([*counts.values()]) == counts["n_trials"])[:, answered]
     subjects = subject.codes[answered]
     direction = np.sign(np.diff(pairs[answered]))  # of s2 - s1, shape (rows, 1)
-    is_unequal = direction[:, 0] != 0.0  # equal ones have no order and no right answer
+    is_unequal = direction[:, 0] != 0.0  # equal stimuli have no order and no right answer
 
     for column in columns:
         _, places, other_words = named_places(column.name)
-        names_another = places or other_words & set(VOCABULARY["words"]["of_no_condition"])
+        has_other_meaning = places or other_words & set(VOCABULARY["words"]["of_no_condition"])
         row_levels = column.codes[answered]
         n_levels = len(combination_counts(row_levels))
         n_cells = len(combination_counts(subjects)) * n_levels  # each subject at each level
         # A level of a subject is rare with less than half of its share of the rows.
         is_rare = combination_counts(subjects, row_levels) < 0.5 * len(answered) / n_cells
         has_levels = 1 < n_levels <= min(6, len(answered) / _REPEATED)  # a condition has few
-        if names_another or not has_levels or np.count_nonzero(~is_rare) < 0.8 * n_cells:
+        if has_other_meaning or not has_levels or np.count_nonzero(~is_rare) < 0.8 * n_cells:
             continue
-        follows = False
+        follows_from_stimuli = False
         # An order or an outcome follows from the direction, the name of a pair from the pair.
         for stimuli in (direction, pairs[answered]):
             # A group of rows has the same subject, answer and stimuli. If the level follows from
@@ -266,7 +266,7 @@ def pooled_conditions(
             n_groups = len(combination_counts(*rows.T))
             n_group_levels = len(combination_counts(*rows.T, row_levels[is_unequal]))
             n_repeats = len(rows) - n_groups
-            follows |= n_repeats >= _REPEATED and n_group_levels == n_groups
+            follows_from_stimuli |= n_repeats >= _REPEATED and n_group_levels == n_groups
         # Tasks may have pairs of their own.
-        if not follows or looks_like(column.name, "dimension"):
+        if not follows_from_stimuli or looks_like(column.name, "dimension"):
             yield column.name

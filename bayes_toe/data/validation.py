@@ -1,4 +1,4 @@
-"""Numbers, counts and shares of cells; cells that hold none are noted as problems.
+"""Numbers, counts and shares of cells; cells without a number are noted as problems.
 
 `read_numbers` reads a small table of numbers.
 """
@@ -16,7 +16,7 @@ from bayes_toe.data.messages import Texts, display_name, join_quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable, repeated_columns
 
-#: Of the trials of a subject; of more, a log-likelihood is not exact in double precision.
+#: Most trials of a subject; with more, a log-likelihood is not exact in double precision.
 LARGEST_COUNT = 10**12
 #: What stands between a subject and a level in the name of a unit.
 CONDITION_SEPARATOR = "@"
@@ -36,7 +36,7 @@ _FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
 
 
 def number(text: str, decimal_comma: bool = False) -> float:
-    """The finite number that a cell holds, NaN if it holds none.
+    """The finite number that a cell holds; NaN if it holds no such number.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def number_by_sign(text: str, decimal: str) -> float:
 
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:
-    """The whole number that a cell holds, -1 if it holds none.
+    """The whole number that a cell holds; -1 if it holds no such number.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def is_formula(text: str) -> bool:
 def bare_names(table: TextTable, column: Column) -> Column:
     """Names of a CSV file without the apostrophe that keeps a spreadsheet from running them.
 
-    They stay as they are where two of them would become one.
+    All names stay as they are if two of them would become the same.
     """
     if table.delimiter == "":
         return column  # only in a CSV file is the apostrophe a part of the cell
@@ -108,12 +108,12 @@ def bare_names(table: TextTable, column: Column) -> Column:
 
 
 def numbers(table: TextTable, column: Column) -> FloatArray:
-    """The finite number of every row, NaN where the cell holds none."""
+    """The finite number of every row; NaN where the cell holds no such number."""
     return column.map(lambda text: number(text, table.decimal_comma), float)
 
 
 def column_counts(table: TextTable, column: Column) -> IntArray:
-    """The whole number of every row, -1 where the cell holds none, which is noted."""
+    """The whole number of every row; -1, and a problem, where the cell holds no such number."""
     counts = column.map(lambda text: whole_number(text, table.decimal_comma), np.int64)
     table.fault(column, counts < 0, "a whole number from 0 to 10^12, without thousands separators")
     return counts
@@ -128,10 +128,10 @@ def has_shares(table: TextTable, column: Column) -> bool:
 
 
 def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
-    """The counts that the shares in a column are of n trials, shape (rows,); 0 where there is none.
+    """The counts that the shares in a column are of n trials, shape (rows,); 0 without a count.
 
     A share of no count is a problem. The shares are percentages if one of them is larger than 1 or
-    has a sign of per cent. All are rounded to the decimals of the most precise one.
+    has a sign of per cent. All shares are rounded to the decimals of the most precise share.
     """
     shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), float)
     has_percent_sign = "%" in "".join(column.texts)
@@ -166,9 +166,9 @@ def empty(column: Column) -> BoolArray:
 
 
 def require_numbers(
-    table: TextTable, column: Column, bad: BoolArray, kind: str = "a finite number"
+    table: TextTable, column: Column, is_bad: BoolArray, kind: str = "a finite number"
 ) -> None:
-    """Add a problem for each `bad` cell, which holds no number of this kind."""
+    """Add a problem for each bad cell, which holds no number of this kind."""
 
     def rule(index: int) -> str:
         """What the cell of a row may hold, with advice on commas."""
@@ -183,7 +183,7 @@ def require_numbers(
             return f"{kind}, without thousands separators"
         return kind
 
-    table.fault(column, bad, rule)
+    table.fault(column, is_bad, rule)
 
 
 def require_texts(
@@ -224,10 +224,10 @@ def read_numbers(
     """The texts of the column `key`, and other columns as numbers by name, shape (rows,) each.
 
     `source` is a path, or a table with these columns that was read before. The columns `names` must
-    be there, and those in `optional` are read if they are; others are ignored. The texts of `key`
-    are distinct; without `key` there are none. Numbers are finite; those of the columns in `counts`
-    are whole numbers of at least 1. With `gaps` empty cells are NaN. An InputError has a line per
-    problem of the file, ten at most, with row and column.
+    be there, and the columns `optional` are read if they are there; other columns are ignored. The
+    texts of `key` are distinct; without `key` there are no texts. Numbers are finite; those of the
+    columns in `counts` are whole numbers of at least 1. With `gaps` empty cells are NaN. An
+    InputError has a line per problem of the file, ten at most, with row and column.
     """
     required = names if key is None else (key, *names)
     table = _with_columns(source, required, optional)
@@ -249,7 +249,7 @@ def read_numbers(
             continue
         values = numbers(table, column)
         if name in counts:
-            is_bad = ~((values >= 1) & (values % 1 == 0))  # also where it is NaN
+            is_bad = ~((values >= 1) & (values % 1 == 0))  # NaN is bad, too
             kind = "a whole number of at least 1"
         else:
             is_bad = np.isnan(values)
@@ -273,12 +273,11 @@ def _with_columns(source: StrPath | TextTable, required: Texts, optional: Texts)
     names = (*required, *optional)
     table = source if isinstance(source, TextTable) else read_table(source, lambda _: set(names))
     problems = repeated_columns(table.names, names)
-    other_names = join_quoted(table.names)
     for name in required:
         if name not in table.names:
             problems.append(
-                f"column {display_name(name)}: missing, found {other_names}, allowed: a column of "
-                "this name"
+                f"column {display_name(name)}: missing, found {join_quoted(table.names)}, "
+                "allowed: a column of this name"
             )
     table.require(problems)
     columns = {name: column for name, column in table.columns.items() if name in names}

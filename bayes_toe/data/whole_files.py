@@ -51,7 +51,7 @@ def whole_file(path: StrPath, *, overwrite: bool = False) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file whole, in the place of one that exists."""
+    """Write a file whole, also in the place of a file that exists."""
     with whole_file(path, overwrite=True) as temporary:
         temporary.write_bytes(content)
 
@@ -67,8 +67,8 @@ def require_writable(path: StrPath, *, overwrite: bool) -> None:
 def whole_folder(path: StrPath, names: Texts, *, overwrite: bool = False) -> Iterator[Path]:
     """A temporary folder, whose files move into `path` if the block ends well and vanish otherwise.
 
-    A folder that does not exist yet takes its name in one rename; into one that exists, files move
-    one by one. Files of the user in `path` are never touched.
+    A folder that does not exist yet takes its name in one rename; files move one by one into a
+    folder that exists. Files of the user in `path` are never touched.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if isinstance(error, OutputError):  # it has such a message, as from an inner block
+        if isinstance(error, OutputError):  # an inner block has made such a message
             message = str(error)
         else:
             reason = error.strerror or error
@@ -242,7 +242,7 @@ under_way: dict[Path, Standing] = {}
 
 
 def describe_stored() -> str:
-    """How many subjects are saved that `--resume` need not compute again; empty if none are."""
+    """How many subjects are saved that `--resume` need not compute again; empty for no subject."""
     parts = []
     for folder, standing in under_way.items():
         n_stored = sum(map(os.path.exists, standing.files))

@@ -34,7 +34,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import generator, root_seed
 
-#: An answer: whether it is the one that the task counts; of three answers, its word.
+#: An answer: whether the task counts it; of three answers, its word.
 Response = bool | str
 #: s1, s2 and the answer.
 Trial = tuple[float, float, Response]
@@ -66,9 +66,9 @@ class Particles:
     first_efficiency : float
         Efficiency of the draws when they were made.
     mixture : PriorMixture, optional
-        What they came from; none before the first renewal.
+        What the draws came from; None before the first renewal.
     p_answers : ndarray, optional
-        P of each answer by these draws, once it was asked for.
+        P of each answer by these draws; None until it is used.
     """
 
     template: ObserverPosterior
@@ -100,7 +100,7 @@ class Particles:
         if mixture is not None:
             # As for emcee: one heavy draw would stand for many in all choices that follow.
             mixture = mixture.updated(draws, precision=SHARP)
-            # The function takes several posteriors; here it is one.
+            # The function takes several posteriors; here there is one.
             (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
         # The efficiency is the effective share of the draws.
         if mixture is None or draws.efficiency < 0.25:
@@ -188,14 +188,15 @@ class Adaptive:
     # --- A session --------------------------------------------------------------------------------
 
     def next(self) -> tuple[float, float]:
-        """A pair whose answer is expected to be most informative; of several, one at random."""
+        """A pair whose answer is expected to be most informative; of several, a random pair."""
         information = self.information()
-        best = np.flatnonzero(information >= information.max() - 1e-12)  # equal up to rounding
+        # Pairs whose information is equal up to rounding.
+        best_pairs = np.flatnonzero(information >= information.max() - 1e-12)
         rng = generator(self.seed, "adaptive", "next", self.trials)
-        return self.pairs.pairs[rng.choice(best)]
+        return self.pairs.pairs[rng.choice(best_pairs)]
 
     def answer(self, pair: Sequence[float], yes: Response) -> None:
-        """Take in the answer to a pair, also to one that was not proposed.
+        """Take in the answer to a pair, also to a pair that was not proposed.
 
         Parameters
         ----------
@@ -219,10 +220,10 @@ class Adaptive:
         except (TypeError, ValueError) as error:
             raise InputError(f"pair {pair!r}: allowed are s1 and s2") from error
         trial = s1, s2, yes
-        single = self._make_subject([trial])  # refuses what is not finite
+        trial_subject = self._make_subject([trial])  # refuses what is not finite
         self._answers.append(trial)
         for particles in self._particles.values():
-            particles.add(single)
+            particles.add(trial_subject)
         self._renew_worst()
 
     def _renew_worst(self) -> None:
@@ -261,9 +262,10 @@ class Adaptive:
             p_answers_of_model = weights @ particles.p_answers  # (answers, pairs)
             p_answers += probability * p_answers_of_model
             if self.about == MODEL:
-                conditional_entropy += probability * _entropy(p_answers_of_model)
+                entropy = _entropy(p_answers_of_model)
             else:
-                conditional_entropy += probability * (weights @ _entropy(particles.p_answers))
+                entropy = weights @ _entropy(particles.p_answers)
+            conditional_entropy += probability * entropy
         return _entropy(p_answers) - conditional_entropy
 
     # --- What is known ----------------------------------------------------------------------------
@@ -294,9 +296,10 @@ class Adaptive:
     @property
     def probabilities(self) -> dict[str, float]:
         """Posterior probability of each of the four models, by the session's own draws."""
+        # The models have the order of MODEL_NAMES, as their prior probabilities have.
         draws = [particles.draws for particles in self._particles.values()]
         models = ModelSet.from_draws(draws, PRIOR_PROBABILITIES)
-        return dict(zip(MODEL_NAMES, models.probabilities.tolist(), strict=True))
+        return dict(zip(self._particles, models.probabilities.tolist(), strict=True))
 
     @property
     def order_effect(self) -> OrderEffect:

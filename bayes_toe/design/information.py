@@ -69,8 +69,8 @@ class Information:
     def utility(self, n_trials: IntArray) -> float:
         """Half the log determinant of the precision of what is asked about, mean over observers.
 
-        Once the others are estimated, that precision is a Schur complement of the total, with the
-        determinant det(total) / det(block of the others).
+        Once all other parameters are estimated, that precision is a Schur complement of the total,
+        with the determinant det(total) / det(block of the other parameters).
         """
         total = self.total(n_trials)
         _, log_total = np.linalg.slogdet(total)  # (observers,)
@@ -123,10 +123,10 @@ def information(
 
     log_answers, slopes = posterior.rows.answer_slopes(points)
     # Slopes of log P times the root of P. The sum over answers of the outer product of a row with
-    # itself is then the information of a trial.
+    # itself is then the information of a trial. Slopes have the shape (1, observers, k, pairs).
     rows = []
     for log_p, slope in zip(log_answers, slopes, strict=True):
-        # An answer that is impossible has no slope, and adds nothing.
+        # An impossible answer has no slope, and adds nothing.
         scaled_slope = times_counts(np.exp(0.5 * log_p)[..., None, :], slope)
         rows.append(np.swapaxes(scaled_slope[0], 1, 2))  # (observers, pairs, k)
 
@@ -176,8 +176,8 @@ def exchange_trials(
     for _ in range(trials // portion):
         n_trials = _add_trials(information, n_trials, turned, portion, most_pairs)
 
-    # Portions of each pair move to the best pair, until no move is worth it. One of both orders
-    # stands for the pair.
+    # Portions of each pair move to the best pair, until no move is worth it. The first of both
+    # orders stands for the pair.
     stands_for_pair = turned >= np.arange(len(turned))
     utility = information.utility(n_trials)
     last_utility = -np.inf
@@ -188,15 +188,16 @@ def exchange_trials(
                 fewer_trials = n_trials.copy()
                 fewer_trials[pair] -= half
                 fewer_trials[turned[pair]] -= half
-                moved = _add_trials(information, fewer_trials, turned, portion, most_pairs)
-                utility_of_move = information.utility(moved)
+                new_trials = _add_trials(information, fewer_trials, turned, portion, most_pairs)
+                utility_of_move = information.utility(new_trials)
                 if utility_of_move < utility + _GAIN:
                     break
-                n_trials = moved
+                n_trials = new_trials
                 utility = utility_of_move
 
-    # What is left of the last portion goes to pairs that the design has: with `most_pairs=0` none
-    # may be new. Two at a time keep both orders equally frequent, and an odd one comes last.
+    # What is left of the last portion goes to pairs that the design has: with `most_pairs=0` no
+    # pair may be new. Two trials at a time keep both orders equally frequent, and an odd trial
+    # comes last.
     for _ in range(trials % portion // 2):
         n_trials = _add_trials(information, n_trials, turned, size=2, most_pairs=0)
     if trials % 2:
@@ -209,19 +210,19 @@ def _add_trials(
 ) -> IntArray:
     """The trials of every pair, with `size` more of the pair for which the utility rises most.
 
-    Half of them are in the other order of that pair. It may be a new pair if the design then has at
-    most `most_pairs` ordered pairs; 0 allows no new one.
+    Half of these trials are in the other order of that pair. The pair may be new if the design then
+    has at most `most_pairs` ordered pairs; 0 allows no new pair.
     """
     is_new = n_trials == 0
-    # With its other order, which equal stimuli lack, a pair makes 0, 1 or 2 new ones.
+    # With its other order, which equal stimuli lack, a pair makes 0, 1 or 2 new pairs.
     has_other_order = turned != np.arange(len(turned))
     n_new = is_new + (is_new[turned] & has_other_order).astype(int)
     is_possible = (n_new == 0) | (np.count_nonzero(n_trials) + n_new <= most_pairs)
     utilities = information.utilities(n_trials, size)
     # Half of the trials are in each order, so that the utilities of both count.
-    best = int(np.where(is_possible, utilities + utilities[turned], -np.inf).argmax())
+    best_pair = int(np.where(is_possible, utilities + utilities[turned], -np.inf).argmax())
 
     more_trials = n_trials.copy()
-    more_trials[turned[best]] += size // 2
-    more_trials[best] += size - size // 2
+    more_trials[turned[best_pair]] += size // 2
+    more_trials[best_pair] += size - size // 2
     return more_trials

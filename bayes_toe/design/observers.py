@@ -41,7 +41,7 @@ from bayes_toe.seeds import generator
 Range = tuple[float, float]
 #: Ranges of parameters by kind.
 Kinds = Mapping[str, Mapping[str, Range]]
-#: Parameters that an observer must have, where its task has them; others are 0 by default.
+#: Parameters that an observer must have, where its task has them; all others are 0 by default.
 REQUIRED = ("noise", "q0")
 #: Ranges of what is not an effect of order; observers are uniform in them.
 COMMON = {
@@ -71,7 +71,7 @@ GROUP_KINDS = {
     "contraction 10 %": {"constant_error": _ABOUT_0, "contraction": (-0.07, 0.27)},
     "contraction 20 %": {"constant_error": _ABOUT_0, "contraction": (0.03, 0.37)},
 }
-#: The name of the source that has all of these kinds.
+#: The name of the source that has all kinds for a group.
 GROUPS = "groups"
 #: The source of observers that are drawn from the prior of the four models.
 PRIOR = "prior"
@@ -185,7 +185,7 @@ def parameter_names(task: Task) -> list[str]:
 
 
 def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task) -> Observer:
-    """An observer with these parameters. Others are 0, but all of :data:`REQUIRED` must be given.
+    """An observer with these parameters. Others are 0, but those in :data:`REQUIRED` must be given.
 
     Raises
     ------
@@ -248,10 +248,10 @@ def assume_observers(
     designs : sequence of StudyDesign
         What will be shown, of one task.
     prior : ObserverPrior
-        The one that observers 'prior' are drawn from.
+        The prior from which observers 'prior' are drawn.
     is_even : bool
         Whether a parameter has evenly spaced values in its range, combined at random, and not
-        random ones. Their mean is then the middle of the range.
+        random values. Their mean is then the middle of the range.
 
     Raises
     ------
@@ -359,11 +359,11 @@ def read_ranges(path: StrPath, task: Task = SAME_DIFFERENT) -> dict[str, dict[st
 
 def _range(value: object) -> Range:
     """Lowest and highest value of a number or of [lowest, highest]; NaN for anything else."""
-    if not isinstance(value, list):
-        return real(value), real(value)
-    if len(value) != 2:
+    ends = value if isinstance(value, list) else [value, value]
+    if len(ends) != 2:
         return np.nan, np.nan
-    return real(value[0]), real(value[1])
+    low, high = map(real, ends)
+    return low, high
 
 
 def _from_prior(prior: ObserverPrior, pairs: Subject, size: int, seed: int) -> list[Observer]:
@@ -386,10 +386,10 @@ def _from_point(name: str, kind: str, posterior: SubjectPosterior, x: FloatArray
 
 
 def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
-    """Observers with the parameters of random subjects in a posterior.nc, and without effects.
+    """Observers like random subjects in a posterior.nc, then a copy of each without effects.
 
-    An observer of the kind 'earlier study' is at a random draw. One of the kind 'none', for false
-    positives, has the same parameters without constant error and contraction.
+    The `size` observers of the kind 'earlier study' are at random draws. Their copies, of the kind
+    'none', have no constant error and no contraction. They are for false positives.
     """
     from bayes_toe.inference.draws import load_draws
 
@@ -404,7 +404,7 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
             f"{', '.join(ORDER_MODELS)} (bayes-toe sample --model both)"
         )
     observers = []
-    without_effect = []
+    copies_without_effects = []
     for number in range(1, size + 1):
         rng = generator(seed, "earlier study", number, "observer")
         subject = draws.names[rng.integers(len(draws.names))]
@@ -414,8 +414,10 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
         observer = _from_point(f"earlier study {number}", "earlier study", posterior, x)
         observers.append(observer)
         no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
-        without_effect.append(Observer(f"none {number}", "none", parameters=no_effects, task=task))
-    return observers + without_effect
+        copies_without_effects.append(
+            Observer(f"none {number}", "none", parameters=no_effects, task=task)
+        )
+    return observers + copies_without_effects
 
 
 def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None:
@@ -425,10 +427,12 @@ def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None
     """
     p_yes = defaultdict(list)
     for observer in observers:
-        attentive = {**observer.parameters, "lapse_rate": 0.0}
+        attentive_observer = replace(
+            observer, parameters={**observer.parameters, "lapse_rate": 0.0}
+        )
         # P of the answer that the first question counts, (pairs,).
-        p_first, *_ = replace(observer, parameters=attentive).p_design(design)
-        p_yes[observer.kind].append(p_first)
+        p_first_question, *_ = attentive_observer.p_design(design)
+        p_yes[observer.kind].append(p_first_question)
     task = design.task
     for kind, p_of_kind in p_yes.items():
         highest_p = {task.yes: np.max(p_of_kind), task.no: 1.0 - np.min(p_of_kind)}
@@ -436,6 +440,6 @@ def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None
             if highest <= 0.01:  # the other answer is practically certain
                 raise InputError(
                     f"observers: of the kind {kind!r} all practically never answer {answer!r} to "
-                    "these pairs, and nothing can be told; allowed: --observers people.toml with "
+                    "these pairs, which then show no effect; allowed: --observers people.toml with "
                     "noise and effects in the unit of the stimuli"
                 )

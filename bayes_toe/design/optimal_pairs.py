@@ -81,7 +81,7 @@ class DesignGoal:
 
 @dataclass(frozen=True, eq=False)
 class OptimalDesign:
-    """An optimised design beside an even one.
+    """An optimised design, and an even design to compare it with.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class OptimalDesign:
     plane : StudyDesign
         Every pair that can be shown, once.
     worth : ndarray, shape (pairs of the plane,)
-        What one more trial of each adds to the utility of the optimised design.
+        What one more trial of each pair adds to the utility of the optimised design.
     unit : StimulusUnit
         The unit in which levels are shown.
     """
@@ -117,21 +117,21 @@ class OptimalDesign:
         """The most frequent first stimuli, and what these pairs cannot show, in sentences."""
         stimuli, index = np.unique(self.design.s1, return_inverse=True)
         share = np.bincount(index, self.design.n_trials / self.design.total)
-        frequent = np.sort(np.argsort(-share)[:4])  # four, in the order of their intensity
+        frequent = np.sort(np.argsort(-share)[:4])  # indices of four, in the order of intensity
         if self.unit.of_stimuli:
             levels, unit_name = self.unit.numbers(stimuli[frequent], stimuli.mean())
         else:
             levels = [f"{value:g}" for value in stimuli[frequent]]
             unit_name = "ln"
-        firsts = ", ".join(
+        first_stimuli = ", ".join(
             f"{level} {unit_name} ({percent:.0f} %)"
             for level, percent in zip(levels, 100 * share[frequent], strict=True)
         )
         lines = []
         if self.name == OPTIMISED:
             lines.append(
-                f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
-                "distinguish a contraction from a constant error."
+                f"Most trials have these first stimuli: {first_stimuli}. Only first stimuli "
+                "far apart distinguish a contraction from a constant error."
             )
         if contraction_information(self.design.unanswered) < 1.0:  # less than the prior has
             lines.append(
@@ -166,7 +166,7 @@ class OptimalDesign:
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:
-    """Levels from lowest to highest; the highest is one of them if whole steps lead to it.
+    """Levels from lowest to highest; the highest is a level if whole steps lead to it.
 
     Examples
     --------
@@ -231,7 +231,7 @@ def levels_between(
         levels = np.linspace(ends[0], ends[1], round(width / size) + 1)
     else:
         levels = log_levels(grid(lowest, highest, size), options)
-    # Intensities get four digits, such as 66.37. Two levels may then be equal, and become one.
+    # Intensities get four digits, such as 66.37. Two equal levels then become one level.
     if options.has_intensities:
         stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
         levels = np.unique(log_levels(np.array(stimuli), options))
@@ -240,7 +240,7 @@ def levels_between(
 
 def read_levels(path: StrPath, options: ReadOptions) -> FloatArray:
     """Levels in the column s or i of a CSV file, in the unit of these options, as natural logs."""
-    (column,), logs = read_stimuli(path, options, logs=("s",), intensities=("i",))
+    (column,), logs = read_stimuli(path, options, s_names=("s",), i_names=("i",))
     levels = np.unique(logs["s"])  # the logs of a column i have this name, too
     if len(levels) < 2:
         raise InputError(
@@ -276,9 +276,9 @@ def optimal_design(
     observers
         As :func:`bayes_toe.design.power.power` takes them.
     data_sets : int
-        Simulated observers of each kind who judge it and its rivals.
+        Simulated observers of each kind, by whom both designs are compared.
     seed, prior, workers, progress
-        As there.
+        As :func:`bayes_toe.design.power.power` takes them.
 
     Raises
     ------
@@ -292,23 +292,24 @@ def optimal_design(
     plane = pairs_to_show(levels, goal)
     # Five observers of each kind are enough for the information, which changes smoothly with their
     # parameters. The power is a share of simulated answers, and needs more.
-    assumed = assume_observers(observers, size=5, seed=root, designs=[plane], prior=observer_prior)
+    assumed_observers = assume_observers(
+        observers, size=5, seed=root, designs=[plane], prior=observer_prior
+    )
     power_observers = assume_observers(
         observers, size=data_sets, seed=root, designs=[plane], prior=observer_prior, is_even=True
     )
 
-    best, worth = best_design(levels, trials, goal, assumed, observer_prior)
+    best, worth = best_design(levels, trials, goal, assumed_observers, observer_prior)
     designs = {OPTIMISED: best}
-    even = even_design(levels, goal, assumed)
+    even = even_design(levels, goal, assumed_observers)
     if even.n_pairs <= trials:
         designs[EVEN] = even.with_total(trials)
     if goal.is_even:  # the design that is asked for comes first
         designs = dict(reversed(designs.items()))
-    simulated = simulate_power(
+    simulated_sets = simulate_power(
         list(designs.items()), power_observers, root, observer_prior, workers, progress
     )
-    table = PowerTable.from_data_sets(simulated, root)
-    return OptimalDesign(designs, table, plane, worth)
+    return OptimalDesign(designs, PowerTable.from_data_sets(simulated_sets, root), plane, worth)
 
 
 def best_design(
@@ -341,14 +342,14 @@ def best_design(
     plane_information = information(plane, observers, goal.aim, prior)
     most_pairs = min(goal.max_pairs, n_left + n_kept_pairs)
     n_trials = exchange_trials(plane_information, n_left, most_pairs, fixed, plane.turned)
-    chosen = np.flatnonzero(n_trials)
+    chosen_pairs = np.flatnonzero(n_trials)
     utilities = plane_information.utilities(n_trials, n_more=1.0)
     worth = utilities - plane_information.utility(n_trials)
-    return plane.select(chosen, n_trials[chosen]), worth
+    return plane.select(chosen_pairs, n_trials[chosen_pairs]), worth
 
 
 def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observer]) -> StudyDesign:
-    """First stimuli evenly over the range, each with itself and with its neighbours, once.
+    """A design with first stimuli evenly over the range, each with itself and its neighbours, once.
 
     Neighbours differ by the mean noise of the observers if so many pairs are allowed.
     """
@@ -360,10 +361,10 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
     # The index of the level nearest to each target. Where levels are uneven, two targets may have
     # the same nearest level, which then counts once.
     nearest = np.unique(np.abs(levels[:, None] - targets).argmin(axis=0))
-    first = levels[nearest]
-    i, j = np.indices((len(first), len(first)))
-    is_near = np.abs(i - j) <= 1
-    return each_once(first[i[is_near]], first[j[is_near]], task=goal.task)
+    stimuli = levels[nearest]
+    i, j = np.indices((len(stimuli), len(stimuli)))
+    is_near = np.abs(i - j) <= 1  # equal stimuli and neighbours
+    return each_once(stimuli[i[is_near]], stimuli[j[is_near]], task=goal.task)
 
 
 def pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:

@@ -182,7 +182,7 @@ class PowerTable(Table[PowerEstimate]):
         return lines
 
     def _describe_detection(self, design: str, trials: int) -> list[str]:
-        """The order effect that a design detects least often, the next one, and false positives.
+        """The two order effects that a design detects least often, and false positives.
 
         As in ['contraction detected in 35 % [17, 57]', 'every other effect in at least 60 %',
         'false positives 2 % [0, 9]'].
@@ -234,9 +234,7 @@ def share(hits: int, size: int) -> tuple[float, float, float]:
     >>> [round(value, 3) for value in share(7, 20)]
     [0.35, 0.172, 0.568]
     """
-    a = hits + 0.5
-    b = size - hits + 0.5
-    low, high = beta.ppf((_TAIL, 1.0 - _TAIL), a, b).tolist()
+    low, high = beta.ppf((_TAIL, 1.0 - _TAIL), hits + 0.5, size - hits + 0.5).tolist()
     if hits == 0:
         low = 0.0
     if hits == size:
@@ -289,18 +287,18 @@ def power(
     require_kind("trials", trials, Iterable, "whole numbers, in a list")
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
-    simulated: list[DataSet] = []
+    simulated_sets: list[DataSet] = []
     # An observer has one task, so the designs of each task have observers of their own.
     if design is None:
         design = {PAPER_PAIRS: paper_study_design()}
     elif isinstance(design, StudyDesign):
         design = {GIVEN_PAIRS: design}
     require_kind("design", design, Mapping, "a StudyDesign, or several by their names")
-    by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
+    designs_by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
     for name, pairs in design.items():
-        by_task[pairs.task][name] = pairs
-    for designs in by_task.values():
-        assumed = assume_observers(
+        designs_by_task[pairs.task][name] = pairs
+    for designs in designs_by_task.values():
+        assumed_observers = assume_observers(
             observers,
             size=data_sets,
             seed=root,
@@ -312,8 +310,10 @@ def power(
         for name, pairs in designs.items():
             for total in dict.fromkeys(trials):  # a number that is given twice counts once
                 sized_designs.append((name, pairs.with_total(total)))
-        simulated += simulate_power(sized_designs, assumed, root, observer_prior, workers, progress)
-    return PowerTable.from_data_sets(simulated, root)
+        simulated_sets += simulate_power(
+            sized_designs, assumed_observers, root, observer_prior, workers, progress
+        )
+    return PowerTable.from_data_sets(simulated_sets, root)
 
 
 def simulate_power(
@@ -556,7 +556,7 @@ def _count_detected_means(
     standard_errors = (precision**-0.5)[drawn]
     estimates = true_sizes[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
     numbers = HyperpriorNumbers.from_rows([hyperprior])
-    # The function has the log Bayes factor for a mean of 0; its negative is the one against it.
+    # The function has the log Bayes factor for a mean of 0, and its negative is against this mean.
     log_factors = -approximate_zero_mean(estimates, standard_errors, numbers)
     return sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
 
@@ -572,8 +572,7 @@ def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]
     >>> predicted_count(35, 50, 20)
     (14, 9, 18)
     """
-    a = hits + 0.5
-    b = size - hits + 0.5
     levels = (0.5, _TAIL, 1.0 - _TAIL)
-    median, low, high = betabinom.ppf(levels, subjects, a, b).astype(int).tolist()
+    quantiles = betabinom.ppf(levels, subjects, hits + 0.5, size - hits + 0.5)
+    median, low, high = quantiles.astype(int).tolist()
     return median, low, high

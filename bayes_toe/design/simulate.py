@@ -55,10 +55,10 @@ from bayes_toe.seeds import generator, root_seed
 #: The population of observers of the paper's kinds.
 PAPER = "paper"
 POPULATIONS = (PAPER, *KINDS)
-#: Of stimuli that are natural logs.
+#: The options for stimuli that are natural logs.
 _IN_LOGS = ReadOptions()
-#: Parameters that may differ between conditions. A size is a difference, and for the noise one of
-#: its logarithm.
+#: Parameters that may differ between conditions. A size is a difference, and for the noise a
+#: difference of its logarithm.
 DIFFERING = ("constant_error", "contraction", "noise")
 _ALLOWED_DIFFERENCE = f"QUANTITY=SIZE of {', '.join(DIFFERING)}, separated by commas"
 _DESIGNS: Mapping[str, Callable[..., StudyDesign]] = {
@@ -237,8 +237,7 @@ def read_differences(
     sizes = {}
     texts = differ.split(",") if differ else []
     for difference in texts:
-        text, _, value = difference.partition("=")
-        name = text.strip()
+        name, _, value = map(str.strip, difference.partition("="))
         if name in sizes:
             raise InputError(f"--differ: found {name} twice, allowed: once")
         try:
@@ -356,16 +355,16 @@ def simulate(  # each is a choice of its own, and has a default
     sizes = dict(differ or {})
     study_conditions = simulated_conditions(conditions, sizes)
     if isinstance(observers, Mapping):
-        simulated = _stated_observers(observers, task)
+        simulated_observers = _stated_observers(observers, task)
     else:
         require_number("observers", observers)
-        simulated = draw_population(population, observers, root, study_design, task)
-    # Without a carry-over, the truth has no column of it.
+        simulated_observers = draw_population(population, observers, root, study_design, task)
+    # Without a carry-over, the truth has no column `carry_over`.
     carry_over_truth = {"carry_over": carry_over} if carry_over else {}
 
     subjects = []
     truth = {}
-    for observer in simulated:
+    for observer in simulated_observers:
         if study_conditions is None:
             by_condition = {"": observer}
         else:
@@ -379,8 +378,7 @@ def simulate(  # each is a choice of its own, and has a default
     study = Study(tuple(subjects), f"simulated, seed {root}", synthetic=True)
     if study_conditions is not None:
         # All conditions of a subject have the same scales, so that their parameters compare.
-        units = with_shared_scales(study)
-        study = replace(study, subjects=units, conditions=study_conditions)
+        study = replace(study, subjects=with_shared_scales(study), conditions=study_conditions)
     return Simulated(study, truth)
 
 
@@ -405,7 +403,7 @@ def draw_population(
     if population not in POPULATIONS:
         return read_observers(population, task)
 
-    # These are named after their kind, such as 'both 1': they get the names of subjects.
+    # These observers have names of their kind, such as 'both 1', and get the names of subjects.
     observers = assume_observers(population, size, seed, [replace(design, task=task)])
     names = subject_names(size)
     return [replace(observer, name=name) for name, observer in zip(names, observers, strict=True)]
@@ -414,7 +412,8 @@ def draw_population(
 def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
     """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
     require_file(path, "--observers", POPULATIONS)
-    # All are optional: what an observer lacks is refused when it is made. Both models have q0.
+    # All columns are optional: what an observer lacks is refused when it is made. Both models have
+    # q0.
     names = dict.fromkeys((*natural_names(task), *parameter_names(task)))
     subjects, columns = read_numbers(path, names=(), key="subject", optional=tuple(names))
     truth = {}
@@ -498,7 +497,7 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
     The first batch of a subject comes in one condition after the other, then the second batch, and
     so on. The column `synthetic` marks the trials in every file.
     """
-    words = np.array(study.task.answers)  # the counted answer and the other, or all three
+    words = np.array(study.task.answers)  # the counted answer and the other answer, or all three
     batch = np.repeat(np.arange(1, design.n_batches + 1), design.total // design.n_batches)
     frames = []
     for units in units_by_subject(study).values():
@@ -513,7 +512,7 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
             s1, s2 = answers.keys.T
             columns |= stimulus_columns(s1, s2, unit)
             word_index = 1 - answers.n_yes  # in each trial: 0 for the counted answer, else 1
-            if answers.n_second is not None:  # of equal, second and first: the rest is 'first'
+            if answers.n_second is not None:  # 0 is 'equal', 1 'second', and 2 'first'
                 word_index = np.where(answers.n_yes + answers.n_second > 0, word_index, 2)
             columns |= {"response": words[word_index], "synthetic": 1}
             parts.append(pd.DataFrame(columns))

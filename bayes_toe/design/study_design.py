@@ -20,7 +20,7 @@ from bayes_toe.data.stimulus_unit import (
     LOG_UNITS,
     UNKNOWN_UNIT,
     StimulusUnit,
-    sign_of_intensities,
+    why_not_logs,
 )
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
@@ -70,13 +70,13 @@ class StudyDesign:
         # A subject checks its pairs and its numbers of trials; a design has the same rules.
         no_answers = np.zeros(np.shape(self.s1), np.int64)
         try:
-            checked = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
+            subject = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
         # The subject has sorted its columns, which a design does not: only their types are taken
         # over.
         for name in DESIGN_COLUMNS:
-            column = np.asarray(getattr(self, name), getattr(checked, name).dtype)
+            column = np.asarray(getattr(self, name), getattr(subject, name).dtype)
             object.__setattr__(self, name, column)
         object.__setattr__(self, "task", task_of(self.task))
 
@@ -127,12 +127,12 @@ class StudyDesign:
 
     @property
     def turned(self) -> IndexArray:
-        """The index of each pair in the other order; its own where the design lacks that pair."""
+        """The index of each pair in the other order; its own index where the design lacks that."""
         index = {pair: i for i, pair in enumerate(self.pairs)}
         return np.array([index.get((s2, s1), i) for (s1, s2), i in index.items()])
 
     def with_total(self, trials: int) -> StudyDesign:
-        """The same pairs with so many trials in all, each pair its share and at least one.
+        """The same pairs with so many trials in all: each pair has its share, and at least one.
 
         Raises
         ------
@@ -233,34 +233,39 @@ def read_study_design(
 def read_stimuli(
     path: StrPath,
     options: ReadOptions,
-    logs: tuple[str, ...] = ("s1", "s2"),
-    intensities: tuple[str, ...] = ("i1", "i2"),
+    s_names: tuple[str, ...] = ("s1", "s2"),
+    i_names: tuple[str, ...] = ("i1", "i2"),
     *,
     required: tuple[str, ...] = (),
     optional: tuple[str, ...] = (),
 ) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
-    """The stimuli of a CSV file in natural logs, and its counts.
+    """The stimuli of a CSV file in natural logs, and other columns of numbers.
 
-    `logs` and `intensities` are names of columns of stimuli. The columns of intensities are read if
-    the options have a unit for them, and else the columns of logs. The first value has the names of
-    the columns that were read. The second value has the stimuli by the names in `logs`, and the
-    counts by the names in `required` and `optional`.
+    If the options have a unit of intensities, the columns `i_names` are read as intensities, or the
+    columns `s_names` where the file lacks them. Without such a unit, the columns `s_names` are read
+    as logs. Other columns are those in `required`, and those in `optional` that the file has; a
+    column `n_trials` must have counts. The first value has the names of the columns of stimuli that
+    were read. The second value has the stimuli by the names in `s_names`, and the other columns by
+    their names.
     """
     # Other columns are not read, whatever the header of the file.
-    table = read_table(path, lambda _: {*logs, *intensities, *required, *optional})
+    table = read_table(path, lambda _: {*s_names, *i_names, *required, *optional})
     header = set(table.names)
-    names = logs
-    if header.issuperset(intensities):
+    stimulus_names = s_names
+    if header.issuperset(i_names):
         if options.has_intensities:
-            names = intensities
-        elif not header.intersection(logs):
+            stimulus_names = i_names
+        elif not header.intersection(s_names):
             raise InputError(
-                f"{table.source}: columns {join_names(intensities)} are intensities without a unit",
+                f"{table.source}: columns {join_names(i_names)} are intensities without a unit",
                 [Remedy("unit", ANY_UNIT, "or the name of their unit")],
             )
-    _, columns = read_numbers(table, (*names, *required), optional=optional, counts=("n_trials",))
-    stimuli = [columns.pop(name) for name in names]
-    return names, columns | dict(zip(logs, _to_logs(path, stimuli, options), strict=True))
+    _, columns = read_numbers(
+        table, (*stimulus_names, *required), optional=optional, counts=("n_trials",)
+    )
+    stimuli = [columns.pop(name) for name in stimulus_names]
+    logs = _to_logs(path, stimuli, options)
+    return stimulus_names, columns | dict(zip(s_names, logs, strict=True))
 
 
 def _to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
@@ -273,10 +278,10 @@ def _to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> 
         raise InputError(f"{path}: found the intensity {smallest:g}, allowed: positive numbers")
     if options.unit is None and not options.has_intensities:
         # A single column stands for both s1 and s2.
-        sign, _ = sign_of_intensities(stimuli[0], stimuli[-1])
-        if sign:  # what speaks for intensities, in words
+        reason, _ = why_not_logs(stimuli[0], stimuli[-1])
+        if reason:
             raise InputError(
-                f"{path}: found {sign}, allowed: natural logs of intensities",
+                f"{path}: found {reason}, allowed: natural logs of intensities",
                 intensity_remedies(np.concatenate(stimuli)),
             )
     return [log_levels(values, options) for values in stimuli]

@@ -21,7 +21,7 @@ from bayes_toe.design.study_design import StudyDesign, stimulus_columns
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.seeds import generator
 
-#: Equal pairs that may follow each other.
+#: The most equal pairs that may follow each other.
 MOST_EQUAL = 3
 
 
@@ -121,20 +121,20 @@ def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> li
     """The trials of each block in a random order, without too many equal pairs in a row.
 
     The first equal pair that is one too many changes places with a random different pair of its
-    block, until there is none.
+    block, until no equal pair is too many.
     """
     order = []
     n_last = 0  # equal pairs in a row at the end of the block before
     for i, trials in enumerate(blocks):
         shuffled = rng.permutation(trials)
-        for _ in range(10_000):  # usually a few are enough; there may be no solution
+        for _ in range(10_000):  # usually a few changes are enough; there may be no solution
             lengths = _run_lengths(is_equal[shuffled], n_last)
-            too_many = np.flatnonzero(lengths > MOST_EQUAL)
+            surplus = np.flatnonzero(lengths > MOST_EQUAL)
             different = np.flatnonzero(~is_equal[shuffled])
-            if not len(too_many) or not len(different):
+            if not len(surplus) or not len(different):
                 break
-            places = [too_many[0], rng.choice(different)]
-            shuffled[places] = shuffled[places[::-1]]  # both change places
+            index = [surplus[0], rng.choice(different)]
+            shuffled[index] = shuffled[index[::-1]]  # both change places
 
         if lengths.max() > MOST_EQUAL:
             raise InputError(

@@ -42,7 +42,7 @@ from bayes_toe.model.posterior_array import LinearLikelihood
 PLAIN_UNITS = ObserverPrior(noise_sd=1.0, constant_error_scale=1.0, contraction_sd=1.0)
 #: Steps of Fisher scoring.
 _SCORING_STEPS = 40
-#: Expected gain, nats, below which rounding errors hide whether a value is the larger one.
+#: Expected gain, nats, below which rounding errors hide which of two values is larger.
 _SMALL_GAIN = 1e-9
 
 
@@ -56,7 +56,7 @@ class SubjectRows(LinearLikelihood):
     Attributes
     ----------
     n_coefficients : int
-        q.
+        q, the number of coefficients of a subject.
     unshared_coordinates : list of int
         The coordinates of the rows that the group does not share.
     """
@@ -85,22 +85,25 @@ class SubjectRows(LinearLikelihood):
             The design of the conditions for each parameter that may differ between them.
         """
         # The observer's parameters by their coordinates, and the coordinates that the group shares.
+        # All rows have one task.
         observer_rows = ObserverRows.from_subjects(rows, PLAIN_UNITS, scales)
         names = [parameter.name for parameter in task_parameters(rows[0].task)]
-        shared = [names.index(parameter.name) for parameter in group_parameters(rows[0].task)]
-        unshared = np.delete(np.arange(len(names)), shared).tolist()
+        shared_coordinates = [
+            names.index(parameter.name) for parameter in group_parameters(rows[0].task)
+        ]
+        unshared_coordinates = np.delete(np.arange(len(names)), shared_coordinates).tolist()
 
         # A loading, (rows, coordinates of a row, coordinates of w), has a column of the identity
-        # for each parameter, and the design of the conditions in the row of what differs.
+        # for each parameter, and the design of the conditions in the row of a differing parameter.
         identity = np.tile(np.eye(len(names)), (len(rows), 1, 1))
-        blocks = [identity.take(shared, axis=2)]
+        blocks = [identity.take(shared_coordinates, axis=2)]
         for name, condition_design in differences.items():
             block = np.zeros((len(rows), len(names), condition_design.shape[1]))
             block[:, names.index(name)] = condition_design
             blocks.append(block)
-        loading = np.concatenate([*blocks, identity.take(unshared, axis=2)], axis=2)
-        n_coefficients = loading.shape[2] - len(unshared)
-        return cls(observer_rows, loading, first_row, n_coefficients, unshared)
+        loading = np.concatenate([*blocks, identity.take(unshared_coordinates, axis=2)], axis=2)
+        n_coefficients = loading.shape[2] - len(unshared_coordinates)
+        return cls(observer_rows, loading, first_row, n_coefficients, unshared_coordinates)
 
     @property
     def n_subjects(self) -> int:
@@ -115,7 +118,7 @@ class SubjectRows(LinearLikelihood):
     def plain_gradient(self, w: FloatArray) -> ArrayPair:
         """Log likelihood and its gradient in w, (subjects, points[, coordinates of w]).
 
-        They come from probabilities, not from logs, which is faster.
+        Both come from probabilities, not from logs, which is faster.
         """
         value, slope = self.rows.plain_gradient(self.row_points(w))
         return self.summed(value), self.summed(slope @ self.loading)
@@ -124,7 +127,7 @@ class SubjectRows(LinearLikelihood):
         """Log prior of the unshared parameters, (..., unshared) -> (...), and their slopes."""
         total = np.zeros(unshared.shape[:-1])
         slopes = np.empty_like(unshared)
-        for j, coordinate in enumerate(self.unshared_coordinates):  # each has a prior of its own
+        for j, coordinate in enumerate(self.unshared_coordinates):  # each has its own prior
             density = self.rows.priors[coordinate]
             u = unshared[..., j]
             total += density.log_density(u)
@@ -133,7 +136,7 @@ class SubjectRows(LinearLikelihood):
 
 
 class SeparateFits(NamedTuple):
-    """Approximate posteriors of each subject without the others.
+    """Approximate posteriors of each subject without the other subjects.
 
     Attributes
     ----------
@@ -157,7 +160,7 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     """Each subject's maximum by Fisher scoring, with the normal that approximates it.
 
     All subjects move at once. A step that lowers the log density of a subject is not made; the next
-    one of that subject is shorter.
+    step of that subject is shorter.
     """
     n = rows.n_subjects
     k = rows.n_coordinates
@@ -175,10 +178,10 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
         The shapes are (n,), (n, k) and (n, k, k).
         """
         value, slope, information = rows.scoring(w[:, None])  # with an axis of one point
-        offset = w - prior_mean
+        deviation = w - prior_mean
         return (
-            value[:, 0] - 0.5 * (prior_precision * np.square(offset)).sum(axis=1),
-            slope[:, 0] - prior_precision * offset,
+            value[:, 0] - 0.5 * (prior_precision * np.square(deviation)).sum(axis=1),
+            slope[:, 0] - prior_precision * deviation,
             information[:, 0] + np.diag(prior_precision),
         )
 
@@ -188,14 +191,16 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     for _ in range(_SCORING_STEPS):
         step = np.linalg.solve(information, slope[..., None])[..., 0]
         trial = w + share * step
-        trial_scores = scored(trial)
+        trial_value, *trial_slopes = scored(trial)
         # Where the gain is lost in rounding errors, any step is as good.
         expected_gain = (step * slope).sum(axis=1)
-        is_better = (trial_scores[0] > value) | (expected_gain < _SMALL_GAIN)
+        is_better = (trial_value > value) | (expected_gain < _SMALL_GAIN)
         # Subjects with a better point move there: their values change in place.
-        for array, new in zip((w, value, slope, information), (trial, *trial_scores), strict=True):
-            array[is_better] = new[is_better]
-        # After a step that is made, the next share is twice as large; after another, a quarter.
+        for values, new_values in zip(
+            (w, value, slope, information), (trial, trial_value, *trial_slopes), strict=True
+        ):
+            values[is_better] = new_values[is_better]
+        # After a step that is made, the next share is twice as large; otherwise it is a quarter.
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
 
     # The precision of the responses is that of the posterior less that of the prior. Where nothing
@@ -206,11 +211,12 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     information_of_responses[precision_of_responses <= 0.0] = 0.0
     # How the mode of the unshared parameters v moves with the coefficients a: -I_vv^-1 I_va.
     ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
-    # The lapse rate comes first. It trades off against the noise along a curve, not a line.
+    # The lapse rate is the first of the unshared parameters. It trades off against the noise along
+    # a curve, not a line.
     ridge[:, 0] = 0.0
     fits = (w, np.sqrt(variance), information_of_responses, precision_of_responses, ridge)
     # Single precision is enough, and the same on processors whose last bits differ.
-    return SeparateFits(*(array.astype(np.float32).astype(np.float64) for array in fits))
+    return SeparateFits(*(values.astype(np.float32).astype(np.float64) for values in fits))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +225,7 @@ class GroupPosterior:
 
     A point theta has the means, scores of the standard deviations and effects, then a block for
     each subject: xi of its coefficients, and the parameters that are not shared, counted from their
-    mode; that of a slope moves with the coefficients, because slopes trade off against p.
+    mode. The mode of a slope moves with the coefficients, because slopes trade off against p.
 
     Attributes
     ----------
@@ -318,7 +324,7 @@ class GroupPosterior:
         """Starting points of chains about the separate fits, farther apart than the posterior.
 
         Means scatter by two of their standard errors, and standard deviations by a factor of about
-        2. These are at least 0.3 of their scale, because separate fits may hardly differ.
+        2. The latter are at least 0.3 of their scale, because separate fits may hardly differ.
         """
         q = self.rows.n_coefficients
         fits = self.fits
@@ -334,7 +340,7 @@ class GroupPosterior:
         effects = np.tile(standard_error, self.x.shape[1])  # about 0, for each covariate
         theta[:, 2 * q : self.n_shared] = effects * rng.standard_normal((n_points, len(effects)))
         block = rng.standard_normal((n_points, self.rows.n_subjects, self.rows.n_coordinates))
-        block[..., q:] *= fits.sd[:, q:]  # xi has the unit 1, unshared parameters have their own
+        block[..., q:] *= fits.sd[:, q:]  # xi has the unit 1, and unshared parameters their SD
         theta[:, self.n_shared :] = block.reshape(n_points, -1)
         return theta
 

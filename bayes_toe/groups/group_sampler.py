@@ -5,8 +5,8 @@ many further draws, or with shorter steps if trajectories diverged. `GroupDraws`
 
 All chains move together: every leapfrog step is one call of the log density for all of them,
 because a gradient in NumPy costs much the same for one point as for a dozen. All trajectories have
-the same mean length. The length of each is random, because a fixed one could bring a coordinate
-back to its start every time.
+the same mean length. The length of each trajectory is random, because a fixed length could bring a
+coordinate back to its start every time.
 The step size and the covariance of the coordinates are learnt during warm-up from all chains; then
 both are fixed. A trajectory on which the energy grows by more than 1000 nats is divergent: it is
 rejected and counted.
@@ -40,7 +40,7 @@ _GUESS_WEIGHT = 5.0
 
 
 class Metric:
-    """Linear map from standard normal coordinates z to those of a group, learnt from draws.
+    """Linear map from standard normal coordinates z to coordinates of a group, learnt from draws.
 
     Given the shared coordinates the subjects are independent, so that
 
@@ -51,23 +51,23 @@ class Metric:
     Parameters
     ----------
     n_shared : int
-        Coordinates that come first.
+        Number of the shared coordinates, which come first.
     n_blocks, block_size : int
-        Blocks behind them.
+        Number and size of the blocks behind the shared coordinates.
     """
 
     def __init__(self, n_shared: int, n_blocks: int, block_size: int) -> None:
         self._shared: FloatArray = np.eye(n_shared)  # S
         self._blocks = np.tile(np.eye(block_size), (n_blocks, 1, 1))  # L_i
-        self._following = np.zeros((n_shared, n_blocks * block_size))  # B_i', side by side
+        self._regression = np.zeros((n_shared, n_blocks * block_size))  # B_i', side by side
 
     def to_position(self, momentum: FloatArray) -> FloatArray:
         """The change of the position by a momentum, by the map; (chains, coordinates) both."""
         n_shared = len(self._shared)
         shared = momentum[:, :n_shared] @ self._shared.T
         # L_i z_i; points are rows, so that factors are transposed.
-        blocks = self._by_block(momentum[:, n_shared:], self._blocks.swapaxes(1, 2))
-        return np.concatenate([shared, blocks + shared @ self._following], axis=1)
+        blocks = self._multiply_blocks(momentum[:, n_shared:], self._blocks.swapaxes(1, 2))
+        return np.concatenate([shared, blocks + shared @ self._regression], axis=1)
 
     def to_momentum(self, gradient: FloatArray) -> FloatArray:
         """The change of the momentum by a slope, by the transpose of the map.
@@ -76,9 +76,9 @@ class Metric:
         """
         n_shared = len(self._shared)
         block_gradient = gradient[:, n_shared:]
-        # Blocks move with the shared coordinates, and add their slopes to those of these.
-        shared = (gradient[:, :n_shared] + block_gradient @ self._following.T) @ self._shared
-        return np.concatenate([shared, self._by_block(block_gradient, self._blocks)], axis=1)
+        # Blocks move with the shared coordinates, and add their slopes to the shared slopes.
+        shared = (gradient[:, :n_shared] + block_gradient @ self._regression.T) @ self._shared
+        return np.concatenate([shared, self._multiply_blocks(block_gradient, self._blocks)], axis=1)
 
     def learn(self, draws: FloatArray) -> None:
         """Learn from draws, (draws, coordinates); the former map counts as a few draws more."""
@@ -90,19 +90,19 @@ class Metric:
         blocks = centred[:, n_shared:]
         (self._shared,) = _shrunk_root(shared[None], self._shared[None])  # (1, draws, n_shared)
 
-        # B is the regression of the blocks on the shared coordinates, L the root of what it leaves.
-        # Before the first draws B is 0, toward which the weight shrinks the covariance.
+        # B is the regression of the blocks on the shared coordinates, L the root of the residual
+        # covariance. Before the first draws B is 0, toward which the weight shrinks the covariance.
         covariance = weight * shared.T @ blocks / len(draws)
         # S S' is the covariance of the shared coordinates.
-        self._following[:] = np.linalg.solve(self._shared @ self._shared.T, covariance)
-        residual = (blocks - shared @ self._following).reshape(-1, n_blocks, size)
+        self._regression[:] = np.linalg.solve(self._shared @ self._shared.T, covariance)
+        residual = (blocks - shared @ self._regression).reshape(-1, n_blocks, size)
         self._blocks = _shrunk_root(residual.swapaxes(0, 1), self._blocks)  # (blocks, draws, size)
 
-    def _by_block(self, values: FloatArray, factors: FloatArray) -> FloatArray:
+    def _multiply_blocks(self, values: FloatArray, factors: FloatArray) -> FloatArray:
         """Each block of values, (chains, blocks x size), times its factor, (blocks, size, size)."""
         n_blocks, size, _ = factors.shape
-        by_block = values.reshape(-1, n_blocks, size).swapaxes(0, 1)  # (blocks, chains, size)
-        return (by_block @ factors).swapaxes(0, 1).reshape(values.shape)
+        blocks = values.reshape(-1, n_blocks, size).swapaxes(0, 1)  # (blocks, chains, size)
+        return (blocks @ factors).swapaxes(0, 1).reshape(values.shape)
 
 
 def _shrunk_root(draws: FloatArray, root: FloatArray) -> FloatArray:
@@ -201,13 +201,13 @@ class Hamiltonian:
             H_t = H_(t-1) + (0.9 - acceptance - H_(t-1)) / (t + t_0)
             log step = mu - H_t t^(1/2) / gamma
 
-        `anchor` is their mu, `error` their H, and `averaged` a mean of the log steps in which the
-        latest one has the share t^-kappa. It gives the step at the end.
+        `anchor` is their mu, `error` their H, and `mean_log_step` a mean of the log steps in which
+        the latest step has the share t^-kappa. This mean gives the step at the end.
         """
         # The source has 10 steps here, for a first step that is a rough guess.
         anchor = np.log(2.0 * self.step)
         error = 0.0
-        averaged = np.log(self.step)
+        mean_log_step = np.log(self.step)
         draws = []
         for t in range(1, n_draws + 1):
             acceptance, _ = self._move(most_steps=most_steps)
@@ -216,12 +216,12 @@ class Hamiltonian:
             self._value, self._gradient = self._density(self._x)
             draws.append(self._x)
 
-            shortfall = 0.9 - float(summary(acceptance))
-            error += (shortfall - error) / (t + 10.0)
+            missing_acceptance = 0.9 - float(summary(acceptance))
+            error += (missing_acceptance - error) / (t + 10.0)
             log_step = np.round(anchor - error * np.sqrt(t) / 0.1, _WARM_UP_DECIMALS)
-            averaged += t**-0.75 * (log_step - averaged)
+            mean_log_step += t**-0.75 * (log_step - mean_log_step)
             self.step = float(np.exp(log_step))
-        self.step = float(np.exp(np.round(averaged, _WARM_UP_DECIMALS)))
+        self.step = float(np.exp(np.round(mean_log_step, _WARM_UP_DECIMALS)))
         return np.stack(draws)
 
     def _move(
@@ -232,10 +232,10 @@ class Hamiltonian:
         The steps of this trajectory are those of the sampler times the factor.
         """
         # A standard normal coordinate is farthest from its start after pi, and back after 2 pi.
-        # The length is between a quarter of pi and 5/4 of it.
+        # The length is between 1/4 and 5/4 of pi.
         length = 0.75 * np.pi * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
-        # With the most steps a trajectory may end early: none is longer than the common step.
+        # With the most steps a trajectory may end early: no step is longer than the common step.
         step = factor * min(length / n_steps, self.step)
 
         metric = self._metric
@@ -248,7 +248,7 @@ class Hamiltonian:
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
             # A leapfrog step. A NaN is not below the limit, and counts as divergent. A chain that
-            # diverged waits for the others without momentum.
+            # diverged waits for the other chains without momentum.
             momentum = momentum + push
             is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST)
             momentum[is_divergent] = 0.0
@@ -314,8 +314,8 @@ class GroupDraws:
 
     @property
     def shortfall(self) -> str:
-        """The reasons why the draws are not reliable, in words; empty if they are."""
-        # The name of a quantity is a number, because these draws do not know what it is.
+        """The reasons why the draws are not reliable, in words; empty if they are reliable."""
+        # The name of a quantity is a number, because these draws do not know the quantities.
         problems = [shortfall(self.convergence, MIN_EFFECTIVE_DRAWS, MAX_R_HAT)]
         if self.n_divergent:
             n_trajectories = math.prod(self.mean.shape[:2])
@@ -326,8 +326,8 @@ class GroupDraws:
 def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraws:
     """Draws of the group from all chains together.
 
-    Where these are too few to be reliable, as many again are added to them. Where trajectories
-    diverged, twice as many by shorter steps take their place.
+    If the draws are too few to be reliable, as many again are added to them. If trajectories
+    diverged, twice as many draws by shorter steps take their place.
     """
     metric = Metric(posterior.n_shared, posterior.rows.n_subjects, posterior.rows.n_coordinates)
     start = posterior.start(N_CHAINS, rng)
@@ -343,8 +343,8 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     n_divergent = sampler.advance(first_half, posterior.points)
     # A matrix product may round otherwise where memory has gaps, as it has in the half of an array.
     # The subjects, by far the largest array, are in no such product.
-    *of_group, subjects = first_half
-    first_draws = [*map(np.copy, of_group), subjects]
+    *group_arrays, subjects = first_half
+    first_draws = [*map(np.copy, group_arrays), subjects]
     draws = GroupDraws(*first_draws, n_divergent=n_divergent)
     if not draws.shortfall:
         return draws

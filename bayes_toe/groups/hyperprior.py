@@ -14,7 +14,7 @@ from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray
 from bayes_toe.model.densities import (
     StandardStudent,
     from_half_normal_score,
-    log_normal,
+    log_normal_density,
 )
 from bayes_toe.model.prior import ParameterHyperprior
 
@@ -49,24 +49,24 @@ class HyperpriorNumbers(NamedTuple):
 
         The score is the standard normal quantile of the probability that a half-normal variable
         is smaller. Where the data do not show that subjects differ, the posterior of a score has
-        a normal tail; that of a log SD has a long one.
+        a normal tail; the posterior of a log SD has a long tail.
         """
         u = from_half_normal_score(score)
         # From 2 Phi(u) - 1 = Phi(score): du/dscore = phi(score) / (2 phi(u)). The density of the
         # score is that of u times this derivative.
         rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
         log_density, slope_in_u = self._density(u)
-        log_prior = log_normal(score) + log_density - log_normal(u)
+        log_prior = log_normal_density(score) + log_density - log_normal_density(u)
         slope = (slope_in_u + u) * rise - score  # of `log_prior`, by the chain rule
         return self.sd_scale * u, self.sd_scale * rise, log_prior, slope
 
     def prior_of_effect(self, effect: FloatArray) -> ArrayPair:
         """Log prior density of a covariate's effects, Normal(0, sd_scale), and its derivative."""
-        log_density = log_normal(effect / self.sd_scale) - np.log(self.sd_scale)
+        log_density = log_normal_density(effect / self.sd_scale) - np.log(self.sd_scale)
         return log_density, -effect / np.square(self.sd_scale)
 
     def _density(self, u: FloatArray) -> ArrayPair:
         """Log density of Student's t or the normal, whichever a coefficient has, and its slope."""
         student = StandardStudent()
-        log_density = np.where(self.has_heavy_tails, student.log_density(u), log_normal(u))
+        log_density = np.where(self.has_heavy_tails, student.log_density(u), log_normal_density(u))
         return log_density, np.where(self.has_heavy_tails, student.slope(u), -u)

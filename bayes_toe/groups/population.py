@@ -85,7 +85,7 @@ _DRAWS = {
     "subjects": ("chain", "draw", "subject", "parameter"),
 }
 _COVARIATES = {"x": ("subject", "covariate")}
-#: What may differ between conditions.
+#: The parameters that may differ between conditions.
 DIFFERING = (*EFFECTS, NOISE.name)
 
 
@@ -120,13 +120,13 @@ def study_scales(study: Study) -> StimulusScales:
     if scales is None:
         raise InputError("no pair has two different stimuli, so no order effect can be seen")
     # First stimuli from their mean in the subject, and trials, for each unit.
-    offsets = []
+    deviations = []
     n_trials = []
     for units in units_by_subject(study).values():
         mean = _mean_first(units)
-        offsets += [unit.s1 - mean for unit in units]
+        deviations += [unit.s1 - mean for unit in units]
         n_trials += [unit.n_trials for unit in units]
-    squares = np.square(np.concatenate(offsets))
+    squares = np.square(np.concatenate(deviations))
     variance = np.average(squares, weights=np.concatenate(n_trials))
     return scales._replace(first_spread=float(np.sqrt(variance)))
 
@@ -165,7 +165,7 @@ class PopulationResult:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters that have a distribution over subjects."""
-        return tuple(row.name for row in group_parameters(self.study.task))
+        return tuple(parameter.name for parameter in group_parameters(self.study.task))
 
     @cached_property
     def subjects(self) -> tuple[str, ...]:
@@ -235,13 +235,13 @@ class PopulationResult:
     def shown_unit(self, name: str) -> StimulusUnit:
         """The unit in which a figure shows a parameter of all subjects and of a new one.
 
-        Per cents become natural logs if an interval of the figure has an end that is too large.
+        Per cents become natural logs if an interval of the figure has an end too large for them.
         """
         j = self.index(name)
-        # A constant error and a JND in UNKNOWN_UNIT are in per cent. The other parameters are
-        # shares, which are never large enough to matter.
-        new_subject = self.in_units(name, self.new_subject[..., j], UNKNOWN_UNIT)
-        subjects = self.in_units(name, self.draws.subjects[..., j], UNKNOWN_UNIT)
+        # By default, a constant error and a JND are in per cent. Other parameters are shares, far
+        # below the limit of per cents.
+        new_subject = self.in_units(name, self.new_subject[..., j])
+        subjects = self.in_units(name, self.draws.subjects[..., j])
         new_interval = np.quantile(new_subject, QUANTILES)
         intervals = np.quantile(subjects, QUANTILES, axis=(0, 1))  # over chains and draws
         return self.study.unit.for_percent(np.append(new_interval, intervals))
@@ -263,7 +263,7 @@ class PopulationResult:
     ) -> tuple[FloatArray, FloatArray, ZeroBayesFactor]:
         """The difference of two conditions in a parameter.
 
-        It is the first level minus the second. Returns draws of its mean and of its standard
+        It is the first level minus the second level. Returns draws of its mean and of its standard
         deviation between subjects, (chains, draws), and the Bayes factor for a mean of 0. The
         coefficients of a subject are independent given the group, so that their variances add up.
         """
@@ -288,10 +288,10 @@ class PopulationResult:
         return self.draws.mean + self.draws.sd * rng.standard_normal(self.draws.mean.shape)
 
     def quantities(self, coefficients: FloatArray) -> dict[str, FloatArray]:
-        """Coefficients by their names, and what follows from them, (..., coefficients) -> (...).
+        """Coefficients by their names, and quantities that follow, (..., coefficients) -> (...).
 
-        The shift of the point of subjective equality and the JND in per cent, and the largest
-        probability of 'equal' where that is a response.
+        These are the shift of the point of subjective equality and the JND in per cent, and the
+        largest probability of 'equal' if that is a response.
         """
         values = {name: coefficients[..., j] for j, name in enumerate(self.names)}
         for name, quantity in COMPUTED.items():
@@ -392,7 +392,7 @@ class PopulationResult:
             n_columns = len(self.difference_columns(name))
             coefficients += [f"difference {i + 1} of {name}" for i in range(n_columns)]
         regressors = self.regressors
-        # The names along each axis, first of the axes that both datasets have.
+        # The names along each axis; both datasets have the first two axes.
         common_axes = {"subject": list(self.subjects), "covariate": regressors.labels}
         parameters = [*coefficients, *self.unshared_names]
         axes = {**common_axes, "coefficient": coefficients, "parameter": parameters}
@@ -437,7 +437,7 @@ def population(
         Number of draws of all chains together.
     seed : int, optional
     hyperprior : Hyperprior or path, optional
-        Or a prior file with the section [group].
+        The prior of the group, or a prior file with the section [group].
 
     Raises
     ------
@@ -470,17 +470,17 @@ def population(
         covariates = {}
     elif not isinstance(covariates, Mapping):  # the path of a file
         covariates = read_covariates(covariates)
-    columns = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
-    if covariates:  # `columns` lacks the subjects that lack a covariate
-        study = study.select(columns.subjects)
-    if len(columns.subjects) < 2:
+    design_columns = regressors(covariates, tuple(units_by_subject(study)), categorical=categorical)
+    if covariates:  # `design_columns` lacks the subjects that lack a covariate
+        study = study.select(design_columns.subjects)
+    if len(design_columns.subjects) < 2:
         raise InputError(
-            f"population: {join_names(columns.subjects)} is one subject; allowed: 2 and more"
+            f"population: {join_names(design_columns.subjects)} is one subject; allowed: 2 and more"
         )
 
-    posterior = group_posterior(study, settings.hyperprior, columns.x)
+    posterior = group_posterior(study, settings.hyperprior, design_columns.x)
     group_draws = sample_group(posterior, draws, generator(settings.seed, "population"))
-    result = PopulationResult(study, settings, columns, group_draws)
+    result = PopulationResult(study, settings, design_columns, group_draws)
     for problem in result.problems:
         warnings.warn(problem, ConvergenceWarning, stacklevel=2)
     return result
@@ -518,13 +518,13 @@ def subject_rows(study: Study) -> SubjectRows:
 def _numbers(hyperprior: Hyperprior, study: Study) -> HyperpriorNumbers:
     """The hyperprior of all coefficients; roved first stimuli narrow that of the contraction."""
     parameters = group_parameters(study.task)
-    rows = {parameter.name: getattr(hyperprior, parameter.name) for parameter in parameters}
-    rows[CONTRACTION.name] = hyperprior.contraction.narrowed(study_scales(study).roving_share)
-    coefficients = list(rows.values())
+    priors = {parameter.name: getattr(hyperprior, parameter.name) for parameter in parameters}
+    priors[CONTRACTION.name] = hyperprior.contraction.narrowed(study_scales(study).roving_share)
+    coefficients = list(priors.values())
     if study.conditions is not None:
         n_columns = study.conditions.design().shape[1]
         for name in DIFFERING:
-            coefficients += [rows[name].difference] * n_columns
+            coefficients += [priors[name].difference] * n_columns
     return HyperpriorNumbers.from_rows(coefficients)
 
 
@@ -548,15 +548,15 @@ def load(path: StrPath) -> Draws | PopulationResult:
 
 
 def _stored_population(tree: xr.DataTree) -> PopulationResult:
-    """The result from the tree that :meth:`PopulationResult.tree` made of it."""
+    """The result from a tree that :meth:`PopulationResult.tree` made."""
     posterior = tree["posterior"].to_dataset()
     covariates = tree[COVARIATES].to_dataset()
     require_numbers(posterior, _DRAWS)
     require_numbers(covariates, _COVARIATES)
     xr.align(posterior, covariates, join="exact")  # refuses other subjects or covariates
     record = json.loads(tree.attrs["settings"])
-    arrays = {name: posterior[name].values for name in _DRAWS}
-    draws = GroupDraws(**arrays, n_divergent=record["n_divergent"])
+    draws_by_name = {name: posterior[name].values for name in _DRAWS}
+    draws = GroupDraws(**draws_by_name, n_divergent=record["n_divergent"])
     stored_regressors = Regressors(
         tuple(map(str, posterior["subject"].values)),
         covariates["x"].values,

@@ -38,7 +38,8 @@ class PopulationRow(NamedTuple):
         `constant_error` (c/D), `contraction` (p), `noise` (log(sigma_d/D)), `q0` (logit q0), or
         a quantity computed from these: `pse_shift_percent`, `jnd_percent`, `peak_probability`.
     quantity : {"mean", "sd", "new_subject", "effect", "difference", "difference_sd"}
-        Of the subjects; effects are those of covariates, differences those of conditions.
+        What the row says of the subjects. An effect is that of a covariate, and a difference is
+        between two conditions.
     level : str
         The covariate of an effect, or the two conditions of a difference. For other quantities,
         the cell is empty.
@@ -74,7 +75,7 @@ class PopulationRow(NamedTuple):
 
 
 #: The columns of population_subjects.csv, of which a row is one parameter of one subject. The last
-#: ones, from q025 to r_hat, are those of :func:`summary`.
+#: columns, from q025 to r_hat, have the numbers of :func:`summary`.
 SUBJECT_COLUMNS = ("subject", "parameter", *PopulationRow._fields[3:9])
 
 
@@ -110,6 +111,7 @@ class PopulationTable(Table[PopulationRow]):
     """The rows of population.csv. The short table has no diagnostics and no standard error."""
 
     seed: int
+    # The first six columns end with the quantiles.
     short_columns = (*PopulationRow._fields[:6], "p_direction", "ln_bf_zero")
 
     def _full_frame(self) -> pd.DataFrame:
@@ -118,8 +120,8 @@ class PopulationTable(Table[PopulationRow]):
         A percentage that is too large for a number is NaN.
         """
         columns = list(PopulationRow._fields)
-        # All columns behind the level, the third one, are numbers, also those in which every entry
-        # is None.
+        # All columns behind the level, the third column, are numbers, also where every entry of a
+        # column is None.
         frame = pd.DataFrame(self.rows, columns=columns).astype(dict.fromkeys(columns[3:], float))
         return frame.replace([np.inf, -np.inf], np.nan)
 

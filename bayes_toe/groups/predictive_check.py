@@ -1,8 +1,8 @@
 """Predictive check of the group: whether the distribution of subjects is normal.
 
 `predictive_check` simulates new groups with as many subjects, the same trials and covariates. Each
-is drawn from the group of one posterior draw, and its responses are simulated. The estimates of the
-observed subjects are not used again, because they would hide a misfit.
+new group is drawn from the group of one posterior draw, and its responses are simulated. The
+estimates of the observed subjects are not used again, because they would hide a misfit.
 
 Five statistics are compared with those of the new groups: the spread and the farthest subject of
 the mean asymmetry, the spread of accuracy, and the skewness and the farthest subject of the share
@@ -73,7 +73,11 @@ class Statistic(NamedTuple):
 
 def contradictions(result: PopulationResult) -> Texts:
     """The statistics that contradict a normal group, a line each."""
-    return tuple(row.warning for row in predictive_check(result) if row.p_value < CONTRADICTED)
+    return tuple(
+        statistic.warning
+        for statistic in predictive_check(result)
+        if statistic.p_value < CONTRADICTED
+    )
 
 
 def predictive_check(result: PopulationResult) -> Iterator[Statistic]:
@@ -96,14 +100,16 @@ def predictive_check(result: PopulationResult) -> Iterator[Statistic]:
 
     likelihood = subject_rows(result.study)
     task = result.study.task
-    by_subject = list(units_by_subject(result.study).values())
-    differences = []
+    units_of_subjects = list(units_by_subject(result.study).values())
+    differences_by_block = []
     # At most 32 subjects at a time, because their responses to every pair in every group are many.
     for block in np.array_split(np.arange(len(points)), 1 + len(points) // 32):
-        units = list(chain.from_iterable(by_subject[i] for i in block.tolist()))
-        differences.append(_differences(task, units, likelihood.part(block), points[block], rng))
+        units = list(chain.from_iterable(units_of_subjects[i] for i in block.tolist()))
+        differences_by_block.append(
+            _differences(task, units, likelihood.part(block), points[block], rng)
+        )
 
-    asymmetry, accuracy, share = map(np.concatenate, zip(*differences, strict=True))
+    asymmetry, accuracy, share = map(np.concatenate, zip(*differences_by_block, strict=True))
     yield from _statistics("mean asymmetry", asymmetry, ("spread", "farthest"))
     yield from _statistics("accuracy", accuracy, ("spread",))
     yield from _statistics(f"share of {task.yes!r}", share, ("skewness", "farthest"))
@@ -118,15 +124,15 @@ def _differences(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What subjects differ in: mean asymmetry, accuracy and share of the counted response.
 
-    All have the shape (subjects, groups). The first group is observed. The responses of the others
-    are simulated at their points, (subjects, groups, coordinates). Subjects without a pair in both
-    orders have no asymmetry, and those without a right response no accuracy; they are left out.
-    Each row of the likelihood has the counts of one of the `units`.
+    All have the shape (subjects, groups). The first group is observed. The responses of the other
+    groups are simulated at their points, (subjects, groups, coordinates). Subjects without a pair
+    in both orders have no asymmetry, and subjects without a right response have no accuracy: they
+    are left out there. Each row of the likelihood has the counts of one of the `units`.
     """
     rows = likelihood.rows
-    by_subject = likelihood.summed  # over the rows of each subject, which are its conditions
-    # Three answers have the counts of a second question behind those of 'equal'. The first stimuli
-    # have one entry for each pair.
+    sum_by_subject = likelihood.summed  # over the rows of each subject, which are its conditions
+    # Three answers have the counts of a second question behind the counts of 'equal'. The first
+    # stimuli have one entry for each pair.
     first_question = slice(rows.first.shape[-1])
     observed = rows.n_yes[:, 0, first_question].astype(np.int64)  # (rows, pairs)
     n_trials = observed + rows.n_no[:, 0, first_question].astype(np.int64)
@@ -137,37 +143,39 @@ def _differences(
     difference = rows.difference  # s2 - s1, (rows, 1, pairs)
     n_wrong = task.wrong(difference, n_yes, n_trials[:, None])
 
-    # 1 for the strong-first row of a pair that was met in both orders, -1 for the weak-first one.
+    # 1 for a pair with the stronger stimulus first, -1 for the same pair in the other order, and 0
+    # for pairs that were met in one order only.
     signs = np.zeros(n_trials.shape)
     for i, unit in enumerate(units):
-        # The indices of each pair in both orders, (pairs, 2), the weak-first one before the other.
+        # The indices of each pair in both orders, (pairs, 2); first that with the weaker stimulus
+        # first.
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
-    n_compared = by_subject((signs > 0.0).sum(axis=1))  # pairs of different stimuli
+    n_compared = sum_by_subject((signs > 0.0).sum(axis=1))  # pairs of different stimuli
     is_compared = n_compared > 0
     # Laplace's estimator of the frequency of a wrong response. Its mean difference between the
     # orders is the mean asymmetry.
     wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)  # (rows, groups, pairs)
-    total = by_subject((signs[:, None] * wrong_shares).sum(axis=2))  # (subjects, groups)
+    total = sum_by_subject((signs[:, None] * wrong_shares).sum(axis=2))  # (subjects, groups)
     asymmetry = total[is_compared] / n_compared[is_compared, None]
 
     # Equal stimuli have no right response in some tasks, where `right` is 0.
-    n_judged = by_subject((n_trials * (task.right(difference[:, 0]) != 0)).sum(axis=1))
+    n_judged = sum_by_subject((n_trials * (task.right(difference[:, 0]) != 0)).sum(axis=1))
     has_right_answer = n_judged > 0
-    n_wrong_of_subject = by_subject(n_wrong.sum(axis=2))
+    n_wrong_of_subject = sum_by_subject(n_wrong.sum(axis=2))
     accuracy = 1.0 - n_wrong_of_subject[has_right_answer] / n_judged[has_right_answer, None]
 
-    share = by_subject(n_yes.sum(axis=2)) / by_subject(n_trials.sum(axis=1))[:, None]
+    share = sum_by_subject(n_yes.sum(axis=2)) / sum_by_subject(n_trials.sum(axis=1))[:, None]
     return asymmetry, accuracy, share
 
 
 def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
-    """Statistics of values, (subjects, groups), of which the first group is the observed one."""
+    """Statistics of values, (subjects, groups), in which the first group is the observed group."""
     if len(values) < 2:  # one subject has no spread
         return
     spread = values.std(axis=0, ddof=1)
-    offsets = values - values.mean(axis=0)
+    deviations = values - values.mean(axis=0)
     # 0 where all subjects have the same value.
-    scores = np.divide(offsets, spread, out=np.zeros_like(offsets), where=spread > 0.0)
+    scores = np.divide(deviations, spread, out=np.zeros_like(deviations), where=spread > 0.0)
     measures = {
         "spread": spread,
         "skewness": (scores**3).mean(axis=0),
@@ -177,7 +185,7 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
         # Two subjects always have the same skewness, and the same distance from their mean in SDs.
         if kind != "spread" and len(values) < 3:
             continue
-        observed = float(measures[kind][0])  # the first group is the observed one
+        observed = float(measures[kind][0])  # the first group is the observed group
         simulated = measures[kind][1:]
         tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
         # Two-sided. The observed group counts as one of the groups, so that p is never 0.

@@ -18,17 +18,17 @@ from bayes_toe.data.covariates import Covariates, level_words, levels
 from bayes_toe.data.messages import display_name, join_names, join_quoted, plural, quoted
 from bayes_toe.errors import InputError
 
-#: A column follows from others if they leave less than this share of it.
+#: A column follows from other columns if these leave less than this share of the column.
 _ROUNDING = 1e-8
 
 
 class Regressor(NamedTuple):
-    """One column, x = (covariate - mean)/sd, or 1 at a level of a category and 0 at others.
+    """One column, x = (covariate - mean)/sd, or 1 at a level of a category and 0 at other levels.
 
     Attributes
     ----------
     level : str
-        Of a category; empty for a numeric covariate.
+        The level of a category; empty for a numeric covariate.
     meaning : str
         What its effect means: 'age, per sd of 11.2 about 34.1', 'group B against A'.
     reference : str
@@ -42,7 +42,7 @@ class Regressor(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name of the column: the covariate, and the level if it has one, as in 'sex f'."""
+        """The name of the column: the covariate, and the level of a category, as in 'sex f'."""
         return " ".join(display_name(part) for part in (self.covariate, self.level) if part)
 
 
@@ -78,7 +78,7 @@ def regressors(
     Parameters
     ----------
     covariates : Covariates
-        Empty for none.
+        Empty without covariates.
     subjects : sequence of str
     categorical : collection of str
         Covariates whose numbers are names of levels, such as a group 0 or 1. Others are categories
@@ -104,17 +104,19 @@ def regressors(
         if name not in covariates:
             names = join_quoted(covariates) or "none, without covariates"
             raise InputError(f"categorical: found {quoted(name)}, allowed: {names}")
-    incomplete = _incomplete_subjects(covariates, subjects)
-    left_out = join_names(f"{quoted(name)} ({reason})" for name, reason in incomplete.items())
-    complete = tuple(name for name in subjects if name not in incomplete)
+    incomplete_subjects = _incomplete_subjects(covariates, subjects)
+    left_out = join_names(
+        f"{quoted(name)} ({reason})" for name, reason in incomplete_subjects.items()
+    )
+    complete_subjects = tuple(name for name in subjects if name not in incomplete_subjects)
     # The columns cannot be made without subjects. Each covariate has a column or more, and the
     # number of columns is known only below.
-    _require_subjects(complete, len(covariates), left_out)
+    _require_subjects(complete_subjects, len(covariates), left_out)
 
     columns = []
-    x = np.empty((len(complete), 0))
+    x = np.empty((len(complete_subjects), 0))
     for name, by_subject in covariates.items():
-        values = [by_subject[subject] for subject in complete]
+        values = [by_subject[subject] for subject in complete_subjects]
         has_text = any(isinstance(value, str) for value in by_subject.values())
         if has_text or name in categorical:
             new_columns, new_x = _columns_of_category(name, values)
@@ -122,28 +124,28 @@ def regressors(
             new_columns, new_x = _column_of_numbers(name, np.array(values, np.float64))
         columns += new_columns
         x = np.hstack([x, new_x])
-    _require_subjects(complete, len(columns), left_out)
+    _require_subjects(complete_subjects, len(columns), left_out)
     _require_independent(columns, x)
 
     notes = []
-    outside = set().union(*covariates.values()).difference(subjects)
-    if outside:
-        names = join_quoted(sorted(outside))
+    unknown_subjects = set().union(*covariates.values()).difference(subjects)
+    if unknown_subjects:
+        names = join_quoted(sorted(unknown_subjects))
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
     if left_out:
         notes.append(f"subjects left out: {left_out}")
-    return Regressors(complete, x, tuple(columns), tuple(notes))
+    return Regressors(complete_subjects, x, tuple(columns), tuple(notes))
 
 
 def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dict[str, str]:
     """Subjects that lack a covariate, with the reason, such as 'no age'."""
     reasons = {}
     for subject in subjects:
-        missing = [name for name, values in covariates.items() if subject not in values]
-        if len(missing) == len(covariates) > 1:  # all of them, where there are several
+        missing_covariates = [name for name, values in covariates.items() if subject not in values]
+        if len(missing_covariates) == len(covariates) > 1:  # all of them, where there are several
             reasons[subject] = "no covariates"
-        elif missing:
-            reasons[subject] = ", ".join(f"no {display_name(name)}" for name in missing)
+        elif missing_covariates:
+            reasons[subject] = ", ".join(f"no {display_name(name)}" for name in missing_covariates)
     return reasons
 
 
@@ -195,7 +197,7 @@ def _does_not_vary(name: str, value: str) -> InputError:
 
 
 def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) -> None:
-    """Refuse fewer subjects than the columns, the intercept and one more, if there are columns."""
+    """Refuse fewer subjects than columns + 2, the intercept and one more, if there are columns."""
     if n_columns and len(subjects) < n_columns + 2:
         ending = f"; left out: {left_out}" if left_out else ""
         raise InputError(
@@ -205,15 +207,15 @@ def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) ->
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
-    """Refuse a column that follows from the earlier ones and the intercept.
+    """Refuse a column that follows from the earlier columns and the intercept.
 
     The diagonal of R in the QR decomposition has, for each column, the length of what remains when
     the earlier columns are projected out.
     """
-    with_intercept = np.column_stack([np.ones(len(x)), x])
-    diagonal = np.diagonal(np.linalg.qr(with_intercept, mode="r"))
+    x_with_intercept = np.column_stack([np.ones(len(x)), x])
+    diagonal = np.diagonal(np.linalg.qr(x_with_intercept, mode="r"))
     remainders = np.abs(diagonal[1:])  # without the intercept
-    lengths = np.linalg.norm(x - x.mean(axis=0), axis=0)  # of what the intercept alone leaves
+    lengths = np.linalg.norm(x - x.mean(axis=0), axis=0)  # without the means
     for i, column in enumerate(columns):
         if remainders[i] < _ROUNDING * lengths[i]:
             earlier = join_names(earlier_column.label for earlier_column in columns[:i])

@@ -56,14 +56,14 @@ class ZeroBayesFactor(NamedTuple):
 def zero_mean(
     draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, j: int
 ) -> ZeroBayesFactor:
-    """The Bayes factor for the mean of coefficient j; with covariates, at their reference."""
-    # Without the effects of covariates, (chains, draws, subjects). The mean of the subjects is e,
-    # and the width is v.
+    """The Bayes factor for the mean of coefficient j, with covariates at their reference."""
+    # Coefficients without the effects of covariates, (chains, draws, subjects). Their mean over the
+    # subjects is e, and the width is v.
     residual = draws.subjects[..., j] - draws.effects[..., j] @ x.T
     centre = residual.mean(axis=-1)
     width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
-    at_zero = _log_normal(centre, np.square(width))  # the likelihood at a mean of 0
-    return _zero_bayes_factor(at_zero - _log_marginal_density(centre, width, numbers, j))
+    log_at_zero = _log_normal_density(centre, np.square(width))  # the likelihood at a mean of 0
+    return _zero_bayes_factor(log_at_zero - _log_marginal_density(centre, width, numbers, j))
 
 
 def approximate_zero_mean(
@@ -78,7 +78,7 @@ def approximate_zero_mean(
     estimates, standard_errors : ndarray, shape (groups, subjects)
         In the unit of the group's parameters.
     numbers : HyperpriorNumbers
-        Those of one coefficient.
+        The numbers of one coefficient.
 
     Returns
     -------
@@ -104,9 +104,9 @@ def approximate_zero_mean(
     centre = (estimates[:, None] / variance).sum(axis=-1) / precision
     squares = np.square(estimates[:, None] - centre[..., None]) / variance
     log_mass = -0.5 * ((squares + np.log(variance)).sum(axis=-1) + np.log(precision))
-    at_zero = logsumexp(log_mass + _log_normal(centre, 1.0 / precision), axis=-1)
+    log_at_zero = logsumexp(log_mass + _log_normal_density(centre, 1.0 / precision), axis=-1)
     log_marginal = _log_marginal_density(centre, 1.0 / np.sqrt(precision), numbers, j=0)
-    return np.asarray(at_zero - logsumexp(log_mass + log_marginal, axis=-1))
+    return np.asarray(log_at_zero - logsumexp(log_mass + log_marginal, axis=-1))
 
 
 def _log_marginal_density(
@@ -120,7 +120,7 @@ def _log_marginal_density(
     mean = numbers.mean[j]
     scale = numbers.mean_scale[j]
     if not numbers.has_heavy_tails[j]:  # both densities are normal, and their variances add up
-        return _log_normal(centre - mean, np.square(width) + scale**2)
+        return _log_normal_density(centre - mean, np.square(width) + scale**2)
 
     # The nodes are on a further axis, the last one.
     score = (centre[..., None] + width[..., None] * _NORMAL_NODES - mean) / scale
@@ -128,7 +128,7 @@ def _log_marginal_density(
     at_normal_nodes = logsumexp(log_prior + _LOG_NORMAL_SHARES, axis=-1)
 
     distance = centre[..., None] - mean - scale * _STUDENT_NODES
-    log_likelihood = _log_normal(distance, np.square(width)[..., None])
+    log_likelihood = _log_normal_density(distance, np.square(width)[..., None])
     at_student_nodes = logsumexp(log_likelihood + _LOG_STUDENT_SHARES, axis=-1)
     return np.where(width < scale, at_normal_nodes, at_student_nodes)
 
@@ -151,8 +151,8 @@ def zero_effect(
 
     # The prior of the effect is Normal(0, sd_scale^2), so that the estimate has both variances.
     prior_variance = np.square(numbers.sd_scale[j])
-    log_marginal = _log_normal(centre, variance + prior_variance)
-    return _zero_bayes_factor(_log_normal(centre, variance) - log_marginal)
+    log_marginal = _log_normal_density(centre, variance + prior_variance)
+    return _zero_bayes_factor(_log_normal_density(centre, variance) - log_marginal)
 
 
 def zero_difference(
@@ -168,13 +168,13 @@ def zero_difference(
     # Given the coefficients, a mean is Normal(share * centre, share * variance).
     share = prior_variance / (prior_variance + variance)
     squares = np.square(weights)
-    # The posterior density of the sum at 0, given a draw, over its prior density there.
-    at_zero = _log_normal((share * centre) @ weights, (share * variance) @ squares)
-    prior_at_zero = _log_normal(np.zeros(1), squares @ prior_variance)
-    return _zero_bayes_factor(at_zero - prior_at_zero)
+    # The log density of the sum at 0: posterior, given a draw, and prior.
+    log_at_zero = _log_normal_density((share * centre) @ weights, (share * variance) @ squares)
+    log_prior_at_zero = _log_normal_density(np.zeros(1), squares @ prior_variance)
+    return _zero_bayes_factor(log_at_zero - log_prior_at_zero)
 
 
-def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
+def _log_normal_density(distance: FloatArray, variance: FloatArray) -> FloatArray:
     """Log of a normal density at a distance from its mean."""
     return -0.5 * (np.square(distance) / variance + np.log(2.0 * np.pi * variance))
 

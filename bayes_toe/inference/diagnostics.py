@@ -23,7 +23,7 @@ from scipy.special import betaincinv
 
 from bayes_toe.arrays import FloatArray, NamedArrays
 
-#: Tail ESS is the smaller of the two at these probabilities.
+#: Tail ESS is the smaller ESS of the quantiles at these probabilities.
 TAIL = (0.05, 0.95)
 
 
@@ -76,16 +76,16 @@ def errors(draws: FloatArray) -> Errors:
 
 def convergence_of(quantities: NamedArrays) -> dict[str, Convergence]:
     """:func:`convergence` of many quantities by name; draws of all have the same shape."""
-    values = _measured(_CONVERGENCE, quantities)
+    values = _measure_all(_CONVERGENCE, quantities)
     return dict(zip(quantities, map(Convergence._make, values), strict=True))
 
 
 def errors_of(quantities: NamedArrays) -> dict[str, Errors]:
     """:func:`errors` of many quantities by name; draws of all have the same shape."""
-    return dict(zip(quantities, map(Errors._make, _measured(_ERRORS, quantities)), strict=True))
+    return dict(zip(quantities, map(Errors._make, _measure_all(_ERRORS, quantities)), strict=True))
 
 
-def _measured(
+def _measure_all(
     measures: tuple[Callable[[FloatArray], FloatArray], ...], quantities: NamedArrays
 ) -> list[list[float]]:
     """A list of the measures for each quantity, whose draws have the shape (chains, draws).
@@ -104,7 +104,7 @@ def _measured(
 def worst(
     convergences: Mapping[str, Convergence],
 ) -> tuple[tuple[str, float], tuple[str, float]]:
-    """The quantity with the fewest effective draws, and the one with the largest R-hat.
+    """The quantity with the fewest effective draws, and the quantity with the largest R-hat.
 
     Each name comes with its number. The effective draws of a quantity are the fewer of bulk and
     tail. NaN counts as the worst value: as 0 effective draws, and as an infinite R-hat.
@@ -112,7 +112,7 @@ def worst(
     ess = {}
     r_hat = {}
     for name, diagnostics in convergences.items():
-        fewest = np.minimum(diagnostics.ess_bulk, diagnostics.ess_tail)  # NaN if one is NaN
+        fewest = np.minimum(diagnostics.ess_bulk, diagnostics.ess_tail)  # NaN if either is NaN
         ess[name] = float(np.nan_to_num(fewest))
         r_hat[name] = float(np.nan_to_num(diagnostics.r_hat, nan=np.inf))
     number = itemgetter(1)
@@ -129,8 +129,8 @@ def shortfall(convergences: Mapping[str, Convergence], required: int, max_r_hat:
     >>> shortfall({"p": Convergence(399.7, 900.0, 1.0103)}, 400, 1.01)
     '399 effective draws of p, 400 required; R-hat 1.011 of p, below 1.01 required'
     """
-    # Neither number is NaN, which would pass its comparison: `worst` has made 0 effective draws or
-    # an infinite R-hat of it.
+    # Neither number is NaN, which would pass its comparison: `worst` turns a NaN into 0 effective
+    # draws or an infinite R-hat.
     (lowest, ess), (highest, r_hat) = worst(convergences)
     problems = []
     # A number is rounded away from its limit, or 399.7 would read "400 effective draws, 400
@@ -196,7 +196,7 @@ def pareto_k(log_weights: FloatArray) -> float:
     with np.errstate(all="ignore"):  # warnings of weights of 0 and of nearly flat tails
         try:
             smoothed, k = array_stats.psislw(-log_weights)  # ArviZ takes the opposite sign
-        except (ValueError, IndexError):  # a tail of fewer than five weights, or of equal ones
+        except (ValueError, IndexError):  # a tail of fewer than five weights, or of equal weights
             return np.inf
     if not np.isfinite(k) or np.isnan(smoothed).any():
         return np.inf

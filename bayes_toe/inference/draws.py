@@ -70,7 +70,7 @@ class Draws:
     """
 
     tree: xr.DataTree
-    # All quantities of the subject that was asked for last, under its name.
+    # All quantities of the subject that was asked for last, by the name of the subject.
     _derived: dict[str, NamedArrays] = field(default_factory=dict, init=False)
 
     def group(self, name: str) -> xr.Dataset:
@@ -89,7 +89,7 @@ class Draws:
 
     @property
     def parameters(self) -> Texts:
-        """The quantities that tables report, in order; :meth:`values` has further ones."""
+        """The quantities that tables report, in order; :meth:`values` has further quantities."""
         return self.posterior(self.names[0]).names.reported
 
     @property
@@ -188,15 +188,15 @@ class Draws:
         Raises
         ------
         InputError
-            For an unknown subject, or where the model does not have all four.
+            For an unknown subject, or if the model does not have all four parameters.
         """
-        missing = [key for key in NATURAL if key not in self.parameters]
-        if missing:
+        missing_names = [parameter for parameter in NATURAL if parameter not in self.parameters]
+        if missing_names:
             raise InputError(
-                f"model {self.model!r} has no {', '.join(missing)}; it has: "
+                f"model {self.model!r} has no {', '.join(missing_names)}; it has: "
                 f"{', '.join(self.parameters)}"
             )
-        return Natural(*(self.values(name, key) for key in NATURAL))
+        return Natural(*(self.values(name, parameter) for parameter in NATURAL))
 
     def values(self, name: str | int, parameter: str) -> FloatArray:
         """Draws of one quantity of one subject, shape (chains, draws).
@@ -224,9 +224,9 @@ class Draws:
                 f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}"
             )
 
-        # All quantities follow at once. They are kept for further calls for the same subject.
+        # All quantities follow at once, and stay here for further calls for the same subject.
         if name not in self._derived:
-            self._derived.clear()  # so that memory holds those of one subject
+            self._derived.clear()  # so that memory holds the quantities of one subject
             self._derived[name] = target.quantities(self.points(name))
         return self._derived[name][parameter]
 
@@ -243,13 +243,13 @@ class Draws:
         would be off in other draws. Posterior contraction is 1 - (posterior width / prior width)^2
         of the ranges from 5 to 95 %: 1 where all comes from the data, 0 where the posterior is as
         wide as the prior. Means and standard deviations of mu1 can be ruled by the prior's tail
-        where gamma may vanish; read its quantiles.
+        where gamma may vanish; read the quantiles of mu1.
         """
         rows: list[SummaryRow] = []
         for name in self.names:
             target = self.posterior(name)
             values = {key: self.values(name, key) for key in target.names.reported}
-            rows += summary_rows(target, values, known={})
+            rows += summary_rows(target, values, known_diagnostics={})
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def to_arviz(self) -> Any:
@@ -276,10 +276,10 @@ class Draws:
             groups["/posterior"][key] = (BY_SUBJECT, values, {"units": QUANTITY_BY_NAME[key].unit})
 
         coords = {**groups["/sample_stats"].coords, **groups["/observed_data"].coords}
-        answers = [self._answers(name) for name in self.names]
+        answers_of_subjects = [self._answers(name) for name in self.names]
         for group in ("log_likelihood", "posterior_predictive"):
             # (chains, draws, obs), which are the pairs of one subject after the other.
-            values = np.concatenate([by_group[group] for by_group in answers], axis=-1)
+            values = np.concatenate([answers[group] for answers in answers_of_subjects], axis=-1)
             variable = (("chain", "draw", "obs"), values)
             groups[f"/{group}"] = xr.Dataset({self.task.count: variable}, coords)
 
@@ -288,7 +288,7 @@ class Draws:
     def _answers(self, name: str) -> Record:
         """Log likelihood and predicted answers of a subject, (chains, draws, pairs) each.
 
-        They have the names of ArviZ's groups. The same draws give the same answers.
+        The names are those of ArviZ's groups. The same draws give the same answers.
         """
         target = self.posterior(name)
         x = self.points(name)  # (chains, draws, k)

@@ -47,7 +47,7 @@ FORMAT = 2
 COVARIATES = "covariates"
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", COVARIATES)
 BY_SUBJECT = ("chain", "draw", "subject")
-_AGAIN = "run `bayes-toe sample` again, or `bayes-toe population` for a group"
+_RUN_AGAIN = "run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
 
 # --- Trees ----------------------------------------------------------------------------------------
@@ -68,10 +68,10 @@ def subjects_tree(
     variables = {}
     for quantity in list(subject_draws[0].quantities):
         # The records lose their arrays here, so that memory holds only one quantity twice.
-        values = np.stack([row.quantities.pop(quantity) for row in subject_draws], axis=-1)
+        values = np.stack([record.quantities.pop(quantity) for record in subject_draws], axis=-1)
         variables[quantity] = (BY_SUBJECT, values)
     n_walkers = settings.sampler.walkers
-    # Draws are walker-major: those of the first walker come first.
+    # Draws are walker-major: the draws of the first walker come first.
     walker = np.repeat(np.arange(n_walkers), n_draws // n_walkers)
     coordinates = {
         "chain": np.arange(n_chains),
@@ -84,14 +84,14 @@ def subjects_tree(
     for name, variable in posterior.items():
         variable.attrs["units"] = QUANTITY_BY_NAME[str(name)].unit
 
-    statistics = [row.statistics for row in subject_draws]
+    statistics = [record.statistics for record in subject_draws]
     # NetCDF has no Boolean values, and a text of any length is an object.
     types: Record = {"converged": np.int8, "shortfall": object, "imprecise": object}
     sample_stats = xr.Dataset(coords=posterior.drop_vars("walker").coords)
     for name in statistics[0]:
         column = [row[name] for row in statistics]
         sample_stats[name] = ("subject", np.array(column, types.get(name)))
-    acceptance = np.stack([row.acceptance for row in subject_draws], axis=-1)
+    acceptance = np.stack([record.acceptance for record in subject_draws], axis=-1)
     sample_stats["acceptance_rate"] = (("chain", "subject"), acceptance)
     target = model_posterior(settings.model, study.subjects[0], settings.prior)
     coordinate_names = ", ".join(target.coordinates)
@@ -189,16 +189,17 @@ def stored_study(tree: xr.DataTree) -> Study:
     for rows in rows_by_subject:
         name = names[rows[0]]
         counts = {key: column[rows] for key, column in columns.items()}
-        condition, scales = record["units"][name]
-        subject = Subject(
-            name,
-            **counts,
-            task=task,
-            unit=stimulus_unit,
-            condition=condition,
-            shared_scales=scales and StimulusScales(*scales),  # None where there are none
+        level, scales = record["units"][name]
+        subjects.append(
+            Subject(
+                name,
+                **counts,
+                task=task,
+                unit=stimulus_unit,
+                condition=level,
+                shared_scales=scales and StimulusScales(*scales),  # None without shared scales
+            )
         )
-        subjects.append(subject)
 
     fields = record["conditions"]
     if fields is None:
@@ -265,7 +266,7 @@ def read_tree(path: StrPath) -> xr.DataTree:
     with reading(path):
         names = _group_names(path)
         tree = xr.DataTree.from_dict({f"/{name}": _read_group(path, name) for name in names})
-        tree.attrs |= _read_group(path, name=None).attrs  # those of the root
+        tree.attrs |= _read_group(path, name=None).attrs  # the attributes of the root
         if tree.attrs.get("format") != FORMAT:
             raise InputError("not a file of draws of this version")
     return tree
@@ -273,18 +274,18 @@ def read_tree(path: StrPath) -> xr.DataTree:
 
 @contextmanager
 def reading(path: StrPath) -> Iterator[None]:
-    """Turn any error of the block, which reads a file of draws, into one of a single line."""
+    """Turn any error of the block, which reads a file of draws, into an error of a single line."""
     name = format_path(Path(path))
     try:
         yield
     except InputError as error:
-        raise InputError(f"{name}: {error}; {_AGAIN}") from error
+        raise InputError(f"{name}: {error}; {_RUN_AGAIN}") from error
     except Exception as error:  # The libraries raise nearly anything for a damaged file.
         if "filter" in str(error) or "checksum" in str(error):  # the words of HDF5
             problem = "damaged: its numbers do not fit their checksums"
         else:
             problem = "not a file of draws that can be read"
-        raise InputError(f"{name}: {problem}; {_AGAIN}") from error
+        raise InputError(f"{name}: {problem}; {_RUN_AGAIN}") from error
 
 
 def _group_names(path: Path) -> list[str]:

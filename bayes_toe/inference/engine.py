@@ -80,7 +80,7 @@ class Precision:
 
 #: Enough for an evidence.
 USUAL = Precision()
-#: For emcee. A walker stays at a draw of weight w for about w steps.
+#: Enough for emcee, where a walker stays at a draw of weight w for about w steps.
 SHARP = Precision(
     standard_error=0.0,
     most_draws=8000,
@@ -150,7 +150,7 @@ class PriorMixture:
         flat_log_weights = 0.3 * draws.log_posterior - draws.log_proposal
         flat_weights = tempered(flat_log_weights, precision.tempered)
         cover = self.cover or _components(points, flat_weights, n=6, df=core.df)
-        # Two steps, because it need not fit well; with a high floor no component disappears.
+        # Two steps, because the cover need not fit well; with a high floor no component disappears.
         for _ in range(2):
             cover = cover.em_step(points, flat_weights, floor=0.4, inertia=inertia)
         return replace(self, core=core, cover=cover)
@@ -159,11 +159,11 @@ class PriorMixture:
         """Draws, shape (n, d), and which of them are to come from the prior instead, (n,)."""
         shape = size, len(self.is_free)
         component = self.student.sample_components(rng, size)
-        # Every model takes a random number for every coordinate, also for those that it does not
-        # have. So later draws do not depend on its coordinates.
+        # Every model takes a random number for every coordinate of the task, also for a coordinate
+        # that it does not have. So later draws do not depend on the coordinates of the model.
         normal = rng.standard_normal(shape)[:, self.is_free]
         points = np.zeros(shape)
-        points[:, self.is_free] = self.student.offset(component, normal, rng)
+        points[:, self.is_free] = self.student.draws_from(component, normal, rng)
         is_from_prior = rng.uniform(size=size) < self.prior_share
         return points, is_from_prior
 
@@ -179,8 +179,8 @@ def _components(
     """
     centre = weights @ points
     # Systematic resampling: one point for each n-th part of the weight.
-    chosen = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
-    means = centre + shrinkage * (points[chosen] - centre)
+    indices = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
+    means = centre + shrinkage * (points[indices] - centre)
     scale = np.atleast_2d(np.cov(points.T, aweights=weights))
     return StudentMixture(np.full(n, 1.0 / n), means, np.repeat(scale[None], n, axis=0), df)
 
@@ -195,33 +195,33 @@ def mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> PriorMixture:
 
 
 def mixture_of_clouds(
-    clouds: Sequence[FloatArray], maxima: Ascent, array: PosteriorArray, rng: Rng
+    clouds: Sequence[FloatArray], maxima: Ascent, posterior: PosteriorArray, rng: Rng
 ) -> PriorMixture:
     """About twelve components in clouds of points about every maximum, (n, d) each.
 
     Six more components with half of the weight are at draws from the prior, chosen from 2,000 by a
-    likelihood that is flattened to 200 effective draws. They find what lies far from every maximum,
-    such as a ridge.
+    likelihood that is flattened to 200 effective draws. These components find what lies far from
+    every maximum, such as a ridge.
 
-    The array has one posterior.
+    `posterior` is an array of one posterior.
     """
-    is_free = array.is_free[0]
+    is_free = posterior.is_free[0]
     n_each = 12 // len(clouds) + 1  # components of each cloud
     df = 8 + int(is_free.sum()) % 2  # `StudentMixture` needs an even sum of df and dimension
     equal_weights = np.full(_CLOUD, 1.0 / _CLOUD)
-    parts = [_components(cloud[:, is_free], equal_weights, n_each, df) for cloud in clouds]
+    cloud_mixtures = [_components(cloud[:, is_free], equal_weights, n_each, df) for cloud in clouds]
 
     weights = np.repeat(_laplace_weights(maxima), n_each) / n_each
-    means = np.concatenate([part.means for part in parts])
-    scales = np.concatenate([part.scales for part in parts])
+    means = np.concatenate([mixture.means for mixture in cloud_mixtures])
+    scales = np.concatenate([mixture.scales for mixture in cloud_mixtures])
     core = StudentMixture(weights, means, scales, df)
 
-    points = array.prior_points(rng.uniform(size=(1, 2000, len(array.names))))
-    log_prior, log_posterior = array.densities(points)
+    points = posterior.prior_points(rng.uniform(size=(1, 2000, len(posterior.names))))
+    log_prior, log_posterior = posterior.densities(points)
     flat_likelihood = tempered((log_posterior - log_prior)[0], least=200.0)
-    from_prior = _components(points[0][:, is_free], flat_likelihood, n=6, df=df)
+    prior_components = _components(points[0][:, is_free], flat_likelihood, n=6, df=df)
     # Only fits of the precision `SHARP` begin with this mixture, so its share of the prior holds.
-    return PriorMixture(is_free, core.joined(from_prior, share=0.5), SHARP.prior_share)
+    return PriorMixture(is_free, core.joined(prior_components, share=0.5), SHARP.prior_share)
 
 
 def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
@@ -250,7 +250,7 @@ def _laplace_weights(maxima: Ascent) -> FloatArray:
     # Laplace's log evidence, but for a constant: the height less half of the log determinant.
     _, log_determinant = np.linalg.slogdet(maxima.curvature)
     log_mass = maxima.value - 0.5 * log_determinant
-    # No weight is below a twentieth of the largest one, because the approximation may be poor.
+    # No weight is below a twentieth of the largest weight, because the approximation may be poor.
     weights = np.exp(0.5 * (log_mass - log_mass.max())) + 0.05
     return np.asarray(weights / weights.sum())
 
@@ -266,7 +266,7 @@ def _degrees_of_freedom(is_free: BoolArray) -> int:
 
 
 def fitted_draws(
-    array: PosteriorArray,
+    posteriors: PosteriorArray,
     mixtures: Sequence[PriorMixture],
     generators: Sequence[Rng],
     precision: Precision,
@@ -276,45 +276,51 @@ def fitted_draws(
 
     Parameters
     ----------
-    array : PosteriorArray
+    posteriors : PosteriorArray
         Posteriors in the coordinates w of the mixtures, (posteriors, points, d).
     mixtures : sequence of PriorMixture
         The mixture of each posterior to begin with.
     generators : sequence of Generator
-        The generator of each posterior; several may share one.
+        The generator of each posterior; several posteriors may share a generator.
     precision : Precision
     families : ndarray of int, shape (posteriors,), optional
-        The family of each posterior, by default one of all. Posteriors that are compared are of one
-        family, in which a posterior that is far less probable than the best needs no precision.
+        The family of each posterior, by default one family of all. Posteriors that are compared are
+        of one family, in which a posterior that is far less probable than the best one needs no
+        precision.
     """
     if families is None:
-        families = np.zeros(len(array), np.intp)
-    no_points = np.empty((0, len(array.names)))
+        families = np.zeros(len(posteriors), np.intp)
+    no_points = np.empty((0, len(posteriors.names)))
     no_draws = WeightedDraws(no_points, *np.empty((3, 0)))  # three log densities of no draw
     states = []
     for mixture, rng in zip(mixtures, generators, strict=True):
         states.append(_State(mixture, rng, pool=no_draws, rounds=[], fresh=no_draws))
 
     # Adapt each mixture to the pool of its draws.
-    active = list(range(len(array)))
+    active = list(range(len(posteriors)))
     for _ in range(precision.pool_rounds):
-        for state, draws in zip(states, _draw_round(array, states, active, precision), strict=True):
+        round_draws = _draw_round(posteriors, states, active, precision)
+        for state, draws in zip(states, round_draws, strict=True):
             state.add_to_pool(draws)
             state.mixture = state.mixture.updated(state.pool, precision)
 
     # Draw from the fixed mixtures, until every posterior has enough draws.
     while active:
-        for i, draws in zip(active, _draw_round(array, states, active, precision), strict=True):
+        round_draws = _draw_round(posteriors, states, active, precision)
+        for i, draws in zip(active, round_draws, strict=True):
             states[i].fresh = states[i].fresh.joined(draws)
         active = _unfinished(active, states, families, precision)
     return [state.mixture for state in states], [state.fresh for state in states]
 
 
 def fresh_draws(
-    array: PosteriorArray, mixtures: Sequence[PriorMixture], generators: Sequence[AnyRng], size: int
+    posteriors: PosteriorArray,
+    mixtures: Sequence[PriorMixture],
+    generators: Sequence[AnyRng],
+    size: int,
 ) -> list[WeightedDraws]:
     """`size` draws of every posterior, each posterior from its own mixture."""
-    shape = (len(array), size, len(array.names))
+    shape = (len(posteriors), size, len(posteriors.names))
     probability = np.empty(shape)
     points = np.empty(shape)
     is_from_prior = np.empty(shape[:2], np.bool_)
@@ -322,16 +328,16 @@ def fresh_draws(
         probability[i] = rng.uniform(size=shape[1:])
         points[i], is_from_prior[i] = mixture.sample(rng, size)
 
-    # Only draws from the prior need its quantiles, which take long. `columns` has their positions,
-    # (posteriors, n_most). A posterior with fewer of them has further positions behind, whose
-    # points stay.
+    # Only draws from the prior need its quantiles, which take long. `positions`, (posteriors,
+    # n_most), has the positions of these draws. A posterior with fewer such draws has further
+    # positions behind them, whose points stay.
     n_most = is_from_prior.sum(axis=1).max()
-    columns = np.argsort(~is_from_prior, axis=1, kind="stable")[:, :n_most]
-    index = np.arange(len(array))[:, None], columns
-    prior_points = array.prior_points(probability[index])
+    positions = np.argsort(~is_from_prior, axis=1, kind="stable")[:, :n_most]
+    index = np.arange(len(posteriors))[:, None], positions
+    prior_points = posteriors.prior_points(probability[index])
     points[index] = np.where(is_from_prior[index][..., None], prior_points, points[index])
 
-    log_prior, log_posterior = array.densities(points)
+    log_prior, log_posterior = posteriors.densities(points)
     draws = []
     for i, mixture in enumerate(mixtures):
         log_proposal = mixture.log_density(points[i], log_prior[i])
@@ -370,28 +376,33 @@ class _State:
         """Add draws of the present mixture to the pool."""
         log_count = np.log(len(draws.x))
         pool = self.pool
-        # The density at the pool grows by that of the present mixture.
-        at_pool = self.mixture.log_density(pool.x, pool.log_prior) + log_count
-        log_at_pool = np.logaddexp(pool.log_proposal, at_pool)
-        # The density at the new draws is the sum of those of all mixtures.
-        at_draws = []
+        # The density at the pool grows by the density of the present mixture.
+        log_added = self.mixture.log_density(pool.x, pool.log_prior) + log_count
+        log_proposal_at_pool = np.logaddexp(pool.log_proposal, log_added)
+        # The density at the new draws is the sum of the densities of all mixtures.
+        terms = []
         for mixture, count in self.rounds:
-            at_draws.append(mixture.log_density(draws.x, draws.log_prior) + np.log(count))
-        at_draws.append(draws.log_proposal + log_count)
-        log_at_draws = np.logaddexp.reduce(at_draws)
+            terms.append(mixture.log_density(draws.x, draws.log_prior) + np.log(count))
+        terms.append(draws.log_proposal + log_count)
+        log_proposal_at_draws = np.logaddexp.reduce(terms)
 
-        log_proposal = np.concatenate([log_at_pool, log_at_draws])
+        log_proposal = np.concatenate([log_proposal_at_pool, log_proposal_at_draws])
         self.pool = replace(pool.joined(draws), log_proposal=log_proposal)
         self.rounds.append((self.mixture, len(draws.x)))
 
 
 def _draw_round(
-    array: PosteriorArray, states: Sequence[_State], active: Sequence[int], precision: Precision
+    posteriors: PosteriorArray,
+    states: Sequence[_State],
+    active: Sequence[int],
+    precision: Precision,
 ) -> list[WeightedDraws]:
     """Draws of some posteriors, each from its own mixture."""
     mixtures = [states[i].mixture for i in active]
     generators = [states[i].rng for i in active]
-    return fresh_draws(array.part(np.array(active)), mixtures, generators, precision.round_draws)
+    return fresh_draws(
+        posteriors.part(np.array(active)), mixtures, generators, precision.round_draws
+    )
 
 
 def _unfinished(
@@ -400,7 +411,7 @@ def _unfinished(
     """The posteriors that need more draws; a mixture that fits badly is refitted.
 
     A posterior needs no more draws if its evidence, even with three standard errors more, is at
-    least 8 nats below the best one of its family: its share of their sum is below exp(-8).
+    least 8 nats below the best evidence of its family: its share of the sum is below exp(-8).
     """
     log_evidences = np.array([state.fresh.log_evidence for state in states])
     unfinished = []
@@ -462,8 +473,8 @@ def _refit(state: _State, precision: Precision) -> None:
     state.add_to_pool(draws)
     state.fresh = draws.part(slice(0))  # no draw
 
-    # The shape of a new component comes from the 120 draws about it.
-    n_near = 120
+    # The shape of a new component comes from the 120 draws nearest to it.
+    n_nearest = 120
     n_added = precision.n_added
     heaviest = np.argsort(-draws.log_weights)[:n_added]
     centres = draws.x[heaviest][:, mixture.is_free]
@@ -471,10 +482,10 @@ def _refit(state: _State, precision: Precision) -> None:
     sds = points.std(axis=0)
     scales = []
     for centre in centres:
-        offsets = points - centre
-        distances = np.square(offsets / sds).sum(axis=1)
-        near = offsets[np.argpartition(distances, n_near)[:n_near]]
-        scales.append(near.T @ near / n_near)  # their covariance about the centre
+        deviations = points - centre
+        distances = np.square(deviations / sds).sum(axis=1)
+        nearest = deviations[np.argpartition(distances, n_nearest)[:n_nearest]]
+        scales.append(nearest.T @ nearest / n_nearest)  # the covariance about the centre
 
     weights = np.full(n_added, 1.0 / n_added)
     core = mixture.core

@@ -79,7 +79,7 @@ class Fitted:
     def original(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points of the posterior, (points, k), and log |dw/du| there, (points,).
 
-        They follow from points w, (points, d), in the coordinates of the mixture. u are the d
+        Both follow from points w, (points, d), in the coordinates of the mixture. u are the d
         coordinates of the task, of which the model has k.
         """
         u, log_volume = self.array.original(w[None])
@@ -109,20 +109,24 @@ def fit_posterior(target: SubjectPosterior, rng: Rng, precision: Precision = SHA
     """
     ends = _distinct_ends(target)
     clouds = normal_clouds(ends, rng)
-    array: PosteriorArray = target.array
+    posterior: PosteriorArray = target.array
     if isinstance(target, PaperPosterior):
-        # A mixture cannot follow the funnel of this posterior. So the array and the clouds get
-        # other coordinates, in which there is no funnel.
+        # A mixture cannot follow the funnel of this posterior. So `posterior`, an array of one
+        # posterior, and the clouds get other coordinates, in which there is no funnel.
         funnel = funnel_of_maxima(target, ends)
-        array = FunnelArray(
-            array.likelihood, array.names, further_priors=(), is_free=array.is_free, funnel=funnel
+        posterior = FunnelArray(
+            posterior.likelihood,
+            posterior.names,
+            further_priors=(),
+            is_free=posterior.is_free,
+            funnel=funnel,
         )
         clouds = [funnel.forward(cloud[None])[0] for cloud in clouds]
 
     # `ends` keep the coordinates of the posterior. They only decide the weights of the clouds.
-    first_mixture = mixture_of_clouds(clouds, ends, array, rng)
-    (mixture,), (draws,) = fitted_draws(array, [first_mixture], [rng], precision)
-    return Fitted(target, _maxima_from(target, ends), array, mixture, draws)
+    first_mixture = mixture_of_clouds(clouds, ends, posterior, rng)
+    (mixture,), (draws,) = fitted_draws(posterior, [first_mixture], [rng], precision)
+    return Fitted(target, _maxima_from(target, ends), posterior, mixture, draws)
 
 
 def find_maxima(target: SubjectPosterior) -> Ascent:
@@ -131,8 +135,8 @@ def find_maxima(target: SubjectPosterior) -> Ascent:
 
 
 def _maxima_from(target: SubjectPosterior, ends: Ascent) -> Ascent:
-    """The distinct maxima that exact searches reach from the ends of coarse ones."""
-    owners = np.zeros(len(ends.x), np.intp)  # all are of one posterior
+    """The distinct maxima that exact searches reach from the ends of coarse searches."""
+    owners = np.zeros(len(ends.x), np.intp)  # all searches are of one posterior
     return polished(target.array, owners, ends.x).distinct()
 
 
@@ -149,7 +153,7 @@ def _distinct_ends(target: SubjectPosterior) -> Ascent:
     else:
         coarse_ends = paper_maxima(cast(PaperPosterior, target))
     starts = coarse_ends.distinct().x
-    owners = np.zeros(len(starts), np.intp)  # all are of one posterior
+    owners = np.zeros(len(starts), np.intp)  # all searches are of one posterior
     return ascend_from(target.array, owners, starts, least_gain=POLISH_GAIN).distinct()
 
 
@@ -163,7 +167,7 @@ class Evidence:
     value: float | None
     se: float | None
     pareto_k: float  # of the importance weights
-    why_not: str = ""  # the reason where the evidence is withheld
+    why_withheld: str = ""  # empty if the evidence is not withheld
 
 
 def importance_evidence(draws: WeightedDraws) -> Evidence:
@@ -180,5 +184,5 @@ def importance_evidence(draws: WeightedDraws) -> Evidence:
             "evidence withheld: importance weights are unreliable "
             f"(Pareto k-hat {k:.2f}, efficiency {efficiency:.3f})"
         )
-        return Evidence(value=None, se=None, pareto_k=k, why_not=reason)
+        return Evidence(value=None, se=None, pareto_k=k, why_withheld=reason)
     return Evidence(draws.log_evidence, draws.standard_error, k)

@@ -43,7 +43,7 @@ def binomial_deviance(
     n = np.asarray(n_trials, np.float64)
     saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
     log_ratio = saturated - times_counts(k, log_q) - times_counts(n - k, log_other)
-    return 2.0 * np.maximum(log_ratio, 0.0)  # rounding can make it negative
+    return 2.0 * np.maximum(log_ratio, 0.0)  # rounding can make the log ratio negative
 
 
 def deviance_p_value(
@@ -53,12 +53,12 @@ def deviance_p_value(
     log_q: FloatArray,
     log_other: FloatArray,
 ) -> float:
-    """Chance of such a deviance or a larger one, with these degrees of freedom; NaN without any.
+    """Chance of a deviance that is at least as large, with these degrees of freedom.
 
-    The reference is chi-square if every pair has many answers of both kinds. Otherwise it is a
-    scaled chi-square: the mean and variance of each pair's deviance follow from the logs of q and
-    1 - q, shape (pairs,). Mean and variance of the sum are multiplied by degrees of freedom over
-    pairs.
+    The chance is NaN without degrees of freedom. The reference is chi-square if every pair has many
+    answers of both kinds. Otherwise it is a scaled chi-square: the mean and variance of each pair's
+    deviance follow from the logs of q and 1 - q, shape (pairs,). Mean and variance of the sum are
+    multiplied by degrees of freedom over pairs.
 
     Examples
     --------
@@ -71,11 +71,11 @@ def deviance_p_value(
         return float("nan")
     moments = _moments(np.asarray(n_trials, np.float64), log_q, log_other)
     mean, variance = (float(by_pair.sum()) for by_pair in moments)
-    if variance == 0.0:  # the answers are certain under the model: 1 if all are as it says, else 0
+    if variance == 0.0:  # the model is certain of all answers: 1 if it is right, else 0
         return float(deviance <= 0.0)
 
-    # a times a chi-square with f degrees of freedom has the mean a f and the variance 2 a^2 f. Both
-    # are multiplied by `freedom` over pairs, so that the scale a does not depend on `freedom`.
+    # a times a chi-square with f degrees of freedom has the mean a f and the variance 2 a^2 f. Mean
+    # and variance are multiplied by `freedom` over pairs, so that a does not depend on `freedom`.
     inverse_scale = 2.0 * mean / variance
     reference_freedom = 2.0 * mean**2 / variance * freedom / len(log_q)
     return float(chdtrc(reference_freedom, inverse_scale * deviance))
@@ -84,14 +84,15 @@ def deviance_p_value(
 def _moments(n: FloatArray, log_q: FloatArray, log_other: FloatArray) -> ArrayPair:
     """Mean and variance of each pair's deviance, over the counts of its less probable answer.
 
-    They are 1 and 2, as of chi-square with one degree of freedom, if this answer is expected 20
-    times or more. Where it is expected less often, counts above 100 have almost no probability.
+    Mean and variance are 1 and 2, as of chi-square with one degree of freedom, if this answer is
+    expected 20 times or more. Where it is expected less often, counts above 100 have almost no
+    probability.
     """
     log_rare = np.minimum(log_q, log_other)
     log_common = np.maximum(log_q, log_other)
     n_counts = min(101, int(n.max()) + 1)  # the counts 0 to 100, or to the largest n
     counts = np.arange(n_counts, dtype=np.float64)[:, None]  # (counts, 1); n is (pairs,)
-    k = np.minimum(counts, n)  # (counts, pairs): a pair of fewer trials does not have the last ones
+    k = np.minimum(counts, n)  # (counts, pairs): a pair of fewer trials lacks the last counts
 
     # The binomial probability of each count.
     log_ways = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
@@ -129,10 +130,10 @@ class GoodnessOfFit:
     Attributes
     ----------
     deviance : float
-        At the maximum of the posterior density, against one free probability per pair.
+        The deviance at the maximum of the posterior density, against one free probability per pair.
     degrees_of_freedom : int
-        Pairs less the free parameters; of three answers a pair counts twice, if it has unequal
-        answers.
+        Pairs less the free parameters. With three answers, a pair that has unequal answers counts
+        twice.
     fit_p : float
         P-value of the deviance; NaN without degrees of freedom.
     worst : tuple of PairResidual
@@ -157,55 +158,60 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     ----------
     posterior : SubjectPosterior
     x : ndarray, shape (draws, k)
-        Draws from it, unconstrained.
+        Draws from the posterior, unconstrained.
     maximum : ndarray, shape (k,)
         The point with the highest posterior density.
     """
     rows = posterior.rows  # counts have the shape (1, 1, questions): there is one row
     trials_of_question = (rows.n_yes + rows.n_no)[0, 0]  # (questions,)
-    # Of three answers, the second question to a pair has no trial where all answers are 'equal'.
-    asked = np.flatnonzero(trials_of_question)
-    n_trials = trials_of_question[asked]
-    n_yes = rows.n_yes[0, 0, asked]
+    # With three answers, the second question to a pair has no trial if all answers are 'equal'.
+    asked_questions = np.flatnonzero(trials_of_question)
+    n_trials = trials_of_question[asked_questions]
+    n_yes = rows.n_yes[0, 0, asked_questions]
 
-    points = np.vstack([maximum, thinned(x, 2000)])  # as many are enough for a mean
-    log_yes, log_no = (logs[:, asked] for logs in posterior.log_answers(points))
+    # The maximum comes first; 2000 draws are enough for a mean.
+    points = np.vstack([maximum, thinned(x, 2000)])
+    log_yes, log_no = (logs[:, asked_questions] for logs in posterior.log_answers(points))
     deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)  # (1 + draws, questions)
     deviance = float(deviances[0].sum())
     n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance
 
-    freedom = len(asked) - len(posterior.coordinates)
+    freedom = len(asked_questions) - len(posterior.coordinates)
     if freedom > 0:
-        n_left = len(asked) - n_determined
-        fit_p = deviance_p_value(deviance, n_left, n_trials, log_yes[0], log_no[0])
+        effective_freedom = len(asked_questions) - n_determined
+        fit_p = deviance_p_value(deviance, effective_freedom, n_trials, log_yes[0], log_no[0])
     else:
         fit_p = float("nan")
 
     shares = np.stack([n_yes / n_trials, np.exp(log_yes[0])])
-    worst = _worst_pairs(posterior.subject, asked, np.sqrt(deviances[0]), shares)
-    return GoodnessOfFit(deviance, freedom, fit_p, worst)
+    return GoodnessOfFit(
+        deviance,
+        freedom,
+        fit_p,
+        _worst_pairs(posterior.subject, asked_questions, np.sqrt(deviances[0]), shares),
+    )
 
 
 def _worst_pairs(
-    subject: Subject, asked: IndexArray, residuals: FloatArray, shares: FloatArray
+    subject: Subject, asked_questions: IndexArray, residuals: FloatArray, shares: FloatArray
 ) -> tuple[PairResidual, ...]:
     """The pairs with the largest residuals, see :class:`GoodnessOfFit`.
 
-    `asked` has the index of every question that was asked: all pairs of the first question, then
-    those of the second one. `shares` has the observed and the expected share of the counted answer
-    to each, shape (2, questions).
+    `asked_questions` has the index of every question that was asked. The indices run over all pairs
+    of the first question, then over all pairs of the second question. `shares` has the observed and
+    the expected share of the counted answer to each question that was asked, (2, questions).
     """
     largest_first = np.argsort(-residuals, kind="stable").tolist()
     worst: list[PairResidual] = []
     for i in largest_first[:3]:
-        if worst and residuals[i] < 2.0:  # all but the first need as much
+        if worst and residuals[i] < 2.0:  # all but the first need a residual of 2
             break
-        # Index 0 to n_pairs - 1 is that of the first question, 0; the next ones of the second, 1.
-        question, pair = divmod(int(asked[i]), subject.n_pairs)
-        share = shares[:, i]
-        if question == 1:  # asked where the answer to the first one, of index `pair`, was no
-            share = share * (1.0 - shares[:, pair])
-        observed, expected = share.tolist()
+        # Indices below n_pairs belong to question 0, and the next n_pairs indices to question 1.
+        question, pair = divmod(int(asked_questions[i]), subject.n_pairs)
+        observed_and_expected = shares[:, i]
+        if question == 1:  # asked where the answer to question 0, of index `pair`, was no
+            observed_and_expected = observed_and_expected * (1.0 - shares[:, pair])
+        observed, expected = observed_and_expected.tolist()
         s1 = float(subject.s1[pair])
         s2 = float(subject.s2[pair])
         worst.append(PairResidual(s1, s2, observed, expected, subject.task.questions[question]))

@@ -23,7 +23,7 @@ POLISH_GAIN = 1e-8  # nats of predicted gain below which a search for an exact m
 class Expansion(NamedTuple):
     """Log densities about points: value, gradient and curvature.
 
-    The curvature is the negative Hessian, or a positive definite approximation of it.
+    The curvature is the negative Hessian, or a positive definite approximation.
     """
 
     value: FloatArray  # (points,)
@@ -31,7 +31,7 @@ class Expansion(NamedTuple):
     curvature: FloatArray  # (points, k, k)
 
 
-#: From points, (points, k), and the start that each of them came from, (points,).
+#: From points, (points, k), and the start that each point came from, (points,), to the expansion.
 Expand = Callable[[FloatArray, IndexArray], Expansion]
 
 
@@ -48,14 +48,14 @@ class Ascent(NamedTuple):
         return Ascent._make([values[is_chosen] for values in self])
 
     def joined(self, other: Ascent) -> Ascent:
-        """These searches and those of another ascent."""
+        """These searches, followed by the searches of another ascent."""
         return Ascent._make([np.concatenate(pair) for pair in zip(self, other, strict=True)])
 
     def distinct(self) -> Ascent:
         """The distinct ends that matter, the highest first.
 
-        An end 8 nats below the highest one does not matter. Two ends within half a standard
-        deviation in every coordinate are one.
+        An end 8 nats below the highest end does not matter. Two ends within half a standard
+        deviation in every coordinate count as one end.
         """
         highest_first = np.argsort(-self.value, kind="stable")
         heights = self.value[highest_first]
@@ -110,10 +110,10 @@ def ascend(
 
         # A step is taken where it does not lower the value.
         trial = ends.x[active] + step[is_promising]
-        reached = expand(trial, active)
-        is_better = reached.value >= ends.value[active]
-        for stored, new in zip(ends, (trial, *reached), strict=True):
-            stored[active[is_better]] = new[is_better]
+        trial_expansion = expand(trial, active)
+        is_better = trial_expansion.value >= ends.value[active]
+        for end_values, new_values in zip(ends, (trial, *trial_expansion), strict=True):
+            end_values[active[is_better]] = new_values[is_better]
 
         old_damping = damping[active]
         lighter = np.maximum(0.1 * old_damping, 1e-12)  # never 0, which would stay 0
@@ -122,10 +122,10 @@ def ascend(
 
         # A gain below the rounding of the value cannot be seen: the search has converged, whether
         # or not the step was taken. A heavily damped step promises little anywhere.
-        gain = np.abs(gains[is_promising]).sum(axis=1)
-        is_small = gain < 5e-13 * (1.0 + 1e-3 * np.abs(ends.value[active]))
+        total_gain = np.abs(gains[is_promising]).sum(axis=1)
+        is_small = total_gain < 5e-13 * (1.0 + 1e-3 * np.abs(ends.value[active]))
         has_converged = is_small & (old_damping <= 1e-2)
-        # No further where slopes are beyond all floats, or where damping does not help.
+        # A search ends where slopes are beyond all floats, or where damping does not help.
         is_finite = np.isfinite(ends.curvature[active]).all(axis=(1, 2))
         active = active[is_finite & ~has_converged & (damping[active] < 1e12)]
     return ends
@@ -166,7 +166,7 @@ def _steps(searches: Ascent, is_moving: BoolArray, damping: FloatArray) -> Array
 
 
 def ascend_from(
-    array: PosteriorArray,
+    posteriors: PosteriorArray,
     owners: IndexArray,
     starts: FloatArray,
     is_held: BoolArray | bool = False,
@@ -176,64 +176,66 @@ def ascend_from(
 
     Parameters
     ----------
-    array : PosteriorArray
+    posteriors : PosteriorArray
     owners : ndarray of int, shape (searches,)
         The posterior of each search.
     starts : ndarray, shape (searches, d)
     is_held : ndarray of bool, shape (searches, d)
         Further coordinates that stay where they start.
     least_gain : float
-        A search ends where the predicted gain, nats, is below this.
+        A search ends where the predicted gain, nats, is below this limit.
     """
     return ascend(
-        lambda x, index: expansion(array.part(owners[index]), x),
+        lambda x, index: expansion(posteriors.part(owners[index]), x),
         starts,
-        is_held=~array.is_free[owners] | is_held,
+        is_held=~posteriors.is_free[owners] | is_held,
         least_gain=least_gain,
         most_steps=12,  # exact maxima are left to `polished`
         retry_damping=0.0,
     )
 
 
-def polished(array: PosteriorArray, owners: IndexArray, starts: FloatArray) -> Ascent:
+def polished(posteriors: PosteriorArray, owners: IndexArray, starts: FloatArray) -> Ascent:
     """Exact maxima from the ends of searches, by Newton's method; arguments as `ascend_from`.
 
     Scoring would need many steps where the answers leave a coordinate open. The curvature is here
     the negative Hessian, by differences of gradients.
     """
-    owned = array.part(owners)
+    search_posteriors = posteriors.part(owners)
     # Sizes of the diagonal of the Hessian, (searches, k): they set the steps of the differences.
     # A search begins with the sizes of scoring, and goes on with the sizes at its last point.
-    sizes = np.diagonal(expansion(owned, starts).curvature, axis1=1, axis2=2).copy()
+    sizes = np.diagonal(expansion(search_posteriors, starts).curvature, axis1=1, axis2=2).copy()
 
     def expand(points: FloatArray, index: IndexArray) -> Expansion:
         """The expansion about the points of some searches; their sizes are updated."""
         n_points, k = points.shape
-        ahead = points + _difference_steps(points, sizes[index])  # (k, points, k)
-        # The points and all `ahead` at once: the index is repeated k + 1 times.
-        part = owned.part(np.resize(index, (k + 1) * n_points))
-        value, gradient, _ = expansion(part, np.concatenate([points, *ahead]))
-        gradients = gradient.reshape(k + 1, n_points, k)  # the first ones at the points
+        shifted_points = points + _difference_steps(points, sizes[index])  # (k, points, k)
+        # All points and shifted points at once: the index is repeated k + 1 times.
+        repeated_posteriors = search_posteriors.part(np.resize(index, (k + 1) * n_points))
+        value, flat_gradients, _ = expansion(
+            repeated_posteriors, np.concatenate([points, *shifted_points])
+        )
+        gradients = flat_gradients.reshape(k + 1, n_points, k)  # the first entry is at the points
 
-        second = hessian(gradients[1:] - gradients[0], ahead - points)
-        diagonal = np.abs(np.diagonal(second, axis1=1, axis2=2))
+        second_derivatives = hessian(gradients[1:] - gradients[0], shifted_points - points)
+        diagonal = np.abs(np.diagonal(second_derivatives, axis1=1, axis2=2))
         sizes[index] = np.where(np.isfinite(diagonal), diagonal, sizes[index])
-        return Expansion(value[:n_points], gradients[0], -second)
+        return Expansion(value[:n_points], gradients[0], -second_derivatives)
 
-    return ascend(expand, starts, is_held=~owned.is_free, least_gain=POLISH_GAIN)
+    return ascend(expand, starts, is_held=~search_posteriors.is_free, least_gain=POLISH_GAIN)
 
 
-def expansion(array: PosteriorArray, points: FloatArray) -> Expansion:
+def expansion(posteriors: PosteriorArray, points: FloatArray) -> Expansion:
     """The log density of each posterior about its own point; `points` has shape (posteriors, d).
 
     The curvature is the Fisher information plus the stand-in for the negative curvature of the log
     prior, see :data:`bayes_toe.model.densities.PriorDensity`.
     """
     w = points[:, None, :]  # one point for each posterior
-    is_free = array.is_free
-    log_likelihood, likelihood_slopes, information = array.likelihood.scoring(w)
-    prior_slopes, negative_curvatures = array.prior_slopes(w)
-    value = log_likelihood[:, 0] + array.log_prior(w)[:, 0]
+    is_free = posteriors.is_free
+    log_likelihood, likelihood_slopes, information = posteriors.likelihood.scoring(w)
+    prior_slopes, negative_curvatures = posteriors.prior_slopes(w)
+    value = log_likelihood[:, 0] + posteriors.log_prior(w)[:, 0]
     gradient = np.where(is_free, (likelihood_slopes + prior_slopes)[:, 0], 0.0)
 
     curvature = _free_part(information[:, 0], is_free)  # 1 in coordinates that are held
@@ -248,22 +250,24 @@ def _free_part(curvature: FloatArray, is_free: BoolArray) -> FloatArray:
     return np.where(both_free, curvature, np.eye(is_free.shape[1]))
 
 
-def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
+def laplace(posteriors: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
     """The highest maximum of every posterior, (n, d), and Laplace's log evidence, (n,).
 
     The evidence is NaN where the curvature at the maximum is not positive definite.
     """
-    owners = np.arange(len(array))
-    highest = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
-    top = polished(array, owners, highest)
+    owners = np.arange(len(posteriors))
+    highest_ends = np.array([ends.x[np.argmax(ends.value)] for ends in maxima])
+    exact_maxima = polished(posteriors, owners, highest_ends)
 
     # ln evidence = ln density at the maximum + (k/2) ln(2 pi) - (1/2) ln det(-Hessian), with the
-    # number k of free coordinates. The determinant does not change by ones on the diagonal.
-    curvature = _free_part(top.curvature, array.is_free)
+    # number k of free coordinates. Ones on the diagonal do not change the determinant.
+    curvature = _free_part(exact_maxima.curvature, posteriors.is_free)
     is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0  # the smallest eigenvalue
     _, log_determinant = np.linalg.slogdet(curvature)
-    log_evidence = top.value + 0.5 * array.is_free.sum(axis=1) * LOG_2PI - 0.5 * log_determinant
-    return top.x, np.where(is_proper, log_evidence, np.nan)
+    log_evidence = (
+        exact_maxima.value + 0.5 * posteriors.is_free.sum(axis=1) * LOG_2PI - 0.5 * log_determinant
+    )
+    return exact_maxima.x, np.where(is_proper, log_evidence, np.nan)
 
 
 # --- Hessians ------------------------------------------------------------------------------------
@@ -272,7 +276,7 @@ def laplace(array: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
 def _difference_steps(x: FloatArray, sizes: FloatArray) -> FloatArray:
     """Steps in one coordinate after the other, (k, points, k).
 
-    They are a millionth of 1/|H_ii|^(1/2), or larger where x would hide them by rounding. `sizes`,
+    Steps are a millionth of 1/|H_ii|^(1/2), or larger where x would hide them by rounding. `sizes`,
     (points, k), has |H_ii|.
     """
     steps = 1e-6 / np.sqrt(np.maximum(sizes, 1e-6))
@@ -282,7 +286,7 @@ def _difference_steps(x: FloatArray, sizes: FloatArray) -> FloatArray:
 def hessian(change: FloatArray, step: FloatArray) -> FloatArray:
     """Hessians, (points, k, k), from changes of gradients over steps, (k, points, k) each.
 
-    The first axis is the one coordinate that a step changes.
+    The first axis is the coordinate that a step changes.
     """
     length = np.einsum("ipi->ip", step)  # step i changes coordinate i only
     rows = change / length[:, :, None]

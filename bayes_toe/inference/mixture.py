@@ -81,7 +81,7 @@ class StudentMixture:
         """Log density at x, shape (N, D) -> (N,)."""
         density = np.empty(len(x))  # over the highest top
         for block in _blocks(len(x)):
-            density[block] = self._tops @ self._kernel(self._distances(x[block]))
+            density[block] = self._tops @ self._kernel(self._density_bases(x[block]))
         return np.log(density) + self._log_tops.max()
 
     def sample_components(self, rng: AnyRng, size: int) -> IndexArray:
@@ -90,14 +90,15 @@ class StudentMixture:
         bounds = np.cumsum(self.weights)[:-1]
         return np.searchsorted(bounds, rng.uniform(size=size), side="right")
 
-    def offset(self, component: IndexArray, normal: FloatArray, rng: AnyRng) -> FloatArray:
-        """Draws from these components, shape (size,), by standard normal numbers, (size, D).
+    def draws_from(self, component: IndexArray, normal: FloatArray, rng: AnyRng) -> FloatArray:
+        """Draws from these components, (size,), by standard normal numbers, (size, D).
 
-        A Student-t vector is a normal one times (df / chi-square)^(1/2).
+        The draws have the shape (size, D). A Student-t vector is a normal one times
+        (df / chi-square)^(1/2).
         """
         stretch = np.sqrt(self.df / rng.chisquare(self.df, size=len(component)))
-        offsets = np.einsum("nij,nj->ni", self._factors[component], normal)
-        return self.means[component] + offsets * stretch[:, None]
+        deviations = np.einsum("nij,nj->ni", self._factors[component], normal)
+        return self.means[component] + deviations * stretch[:, None]
 
     def em_step(
         self, x: FloatArray, weights: FloatArray, floor: float, inertia: float
@@ -108,21 +109,22 @@ class StudentMixture:
         goes from its old shape toward the new one, half of the way if it holds as many effective
         points as `inertia`.
         """
-        weight, near_weight, new_means, new_scales = self._sums(x, weights)
-        n_effective = weight * effective_number(weights)  # points of each component
+        component_weight, scale_weight, new_means, new_scales = self._em_moments(x, weights)
+        n_effective = component_weight * effective_number(weights)  # points of each component
         trust = n_effective / (n_effective + inertia)
 
         means = self.means + trust[:, None] * (new_means - self.means)
         # The new scales are about the new means. The means go only a part of the way there, and the
-        # rest of the way adds to the scales.
-        shift_scatter = _outer(new_means - means) * (near_weight / weight)[:, None, None]
+        # rest of the way adds to the scales. A scale divides a sum with weights of `scale_weight`
+        # by `component_weight`.
+        shift_scatter = _outer(new_means - means) * (scale_weight / component_weight)[:, None, None]
         scales = self.scales + trust[:, None, None] * (new_scales + shift_scatter - self.scales)
         scales += 1e-9 * scales * np.eye(x.shape[1])  # positive definite in spite of rounding
 
-        shares = weight + floor / len(means)
+        shares = component_weight + floor / len(means)
         return StudentMixture(shares / shares.sum(), means, scales, self.df)
 
-    def _sums(self, x: FloatArray, weights: FloatArray) -> tuple[FloatArray, ...]:
+    def _em_moments(self, x: FloatArray, weights: FloatArray) -> tuple[FloatArray, ...]:
         """Sums over points x, (N, D), of each component, as EM for Student-t densities has them.
 
         A point with the weight w, for which a component has the share r of the density, counts
@@ -130,37 +132,42 @@ class StudentMixture:
             w r                          for the weight of the component,
             w r (df + D) / (df + d^2)    for its mean and scale, d the Mahalanobis distance.
 
-        Returns the two sums of these, (J,) each; means by the second one, (J, D); and scales about
-        these means, (J, D, D).
+        Returns the two sums of these numbers, `component_weight` and `scale_weight`, (J,) each; the
+        means by the second sum, (J, D); and the scales about these means, (J, D, D).
         """
         dim = x.shape[1]
         n = len(self.means)
-        weight = np.zeros(n)
+        component_weight = np.zeros(n)
         # Moments of order 0, 1 and 2, about the mean of all points. No component is so far from it
         # that the subtraction below loses as much as `em_step` adds to a scale.
         centre = weights @ x
         moments = np.zeros((n, 1 + dim + dim * dim))
 
         for block in _blocks(len(x)):
-            distances = self._distances(x[block])
-            shares = self._tops[:, None] * self._kernel(distances)  # (J, points)
+            bases = self._density_bases(x[block])
+            shares = self._tops[:, None] * self._kernel(bases)  # (J, points)
             shares *= weights[block] / shares.sum(axis=0)  # w r
-            weight += shares.sum(axis=1)
+            component_weight += shares.sum(axis=1)
             y = x[block] - centre
             powers = np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
-            moments += (shares / distances) @ powers
+            moments += (shares / bases) @ powers
 
-        # Distances are 1 + d^2 / df, so that a factor of (df + D) / df is left.
+        # `bases` are 1 + d^2 / df, so that a factor of (df + D) / df is left.
         moments *= (self.df + dim) / self.df
-        weight = np.maximum(weight, _TINY)
-        near_weight = np.maximum(moments[:, 0], _TINY)
-        offsets = moments[:, 1 : dim + 1] / near_weight[:, None]
+        component_weight = np.maximum(component_weight, _TINY)
+        scale_weight = np.maximum(moments[:, 0], _TINY)
+        from_centre = moments[:, 1 : dim + 1] / scale_weight[:, None]
         second_moments = moments[:, dim + 1 :].reshape(-1, dim, dim)
-        scatter = second_moments - near_weight[:, None, None] * _outer(offsets)
-        return weight, near_weight, centre + offsets, scatter / weight[:, None, None]
+        scatter = second_moments - scale_weight[:, None, None] * _outer(from_centre)
+        return (
+            component_weight,
+            scale_weight,
+            centre + from_centre,
+            scatter / component_weight[:, None, None],
+        )
 
     def joined(self, other: StudentMixture, share: float) -> StudentMixture:
-        """This mixture with another one of the same degrees of freedom, which has the `share`."""
+        """This mixture with another mixture of the same degrees of freedom, which gets `share`."""
         return StudentMixture(
             np.concatenate([(1.0 - share) * self.weights, share * other.weights]),
             np.concatenate([self.means, other.means]),
@@ -168,10 +175,11 @@ class StudentMixture:
             self.df,
         )
 
-    def _distances(self, x: FloatArray) -> FloatArray:
+    def _density_bases(self, x: FloatArray) -> FloatArray:
         """1 + (squared Mahalanobis distance) / df to every component, shape (J, N).
 
-        The whiteners subtract the mean of each component and divide by df^(1/2).
+        The density of the component is proportional to a negative power of this base. The whiteners
+        subtract the mean of each component and divide by df^(1/2).
         """
         dim = x.shape[1]
         points = np.empty((dim + 1, len(x)))  # columns (1, x)
@@ -181,9 +189,9 @@ class StudentMixture:
         return np.einsum("djn,djn->jn", white, white) + 1.0
 
     @np.errstate(over="ignore")  # the density of a point that is far away is 0
-    def _kernel(self, distances: FloatArray) -> FloatArray:
-        """The density over that at the mean, from :meth:`_distances`."""
-        return 1.0 / _power(distances, (self.df + self.means.shape[1]) // 2)
+    def _kernel(self, bases: FloatArray) -> FloatArray:
+        """The density over the density at the mean, from :meth:`_density_bases`."""
+        return 1.0 / _power(bases, (self.df + self.means.shape[1]) // 2)
 
 
 def _blocks(size: int) -> list[slice]:
@@ -192,7 +200,7 @@ def _blocks(size: int) -> list[slice]:
 
 
 def _power(base: FloatArray, exponent: int) -> FloatArray:
-    """A whole power, at least the first one, by repeated squaring.
+    """A whole power, at least the first power, by repeated squaring.
 
     It takes a few multiplications, where numpy's own power takes a logarithm.
     """
@@ -209,7 +217,7 @@ def _outer(vectors: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class WeightedDraws:
-    """Draws with the log densities that their weights need, each of shape (draws,)."""
+    """Draws with the log densities that their weights need, shape (draws,) each."""
 
     x: FloatArray  # (draws, k)
     log_prior: FloatArray
@@ -218,7 +226,7 @@ class WeightedDraws:
 
     @property
     def columns(self) -> tuple[FloatArray, ...]:
-        """The four arrays, in their order."""
+        """The points and the three log densities, in the order of the attributes."""
         return self.x, self.log_prior, self.log_posterior, self.log_proposal
 
     @property
@@ -250,7 +258,7 @@ class WeightedDraws:
 
     @property
     def standard_error(self) -> float:
-        """Standard error of the log evidence: that of the mean weight, relative to it.
+        """Standard error of the log evidence: the relative standard error of the mean weight.
 
         Its square is 1/(effective number) - 1/(number of draws), here without cancellation.
         """
@@ -258,7 +266,7 @@ class WeightedDraws:
         return float(np.linalg.norm(deviations))
 
     def resampled(self, rng: AnyRng, size: int) -> FloatArray:
-        """Draws of equal weight, shape (size, k), chosen by their shares; one may come again."""
+        """Draws of equal weight, shape (size, k), chosen by their shares; a draw may come again."""
         return self.x[rng.choice(len(self.x), size, p=self.shares)]
 
     def joined(self, other: WeightedDraws) -> WeightedDraws:
@@ -282,7 +290,7 @@ def tempered(log_weights: FloatArray, least: float) -> FloatArray:
     beta is the first of 1, 0.8, 0.8^2 and so on that leaves `least` effective draws.
     """
     below_largest = log_weights - log_weights.max()  # the largest weight becomes 1, no overflow
-    for beta in 0.8 ** np.arange(200):  # the last one is 1e-19: all weights are equal
+    for beta in 0.8 ** np.arange(200):  # the last beta is 1e-19: all weights are equal
         weights = np.exp(beta * below_largest)
         if effective_number(weights) >= least:
             break

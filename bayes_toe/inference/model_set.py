@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import Any, Self
 
 import numpy as np
@@ -26,7 +27,7 @@ class ModelSet:
         Nats, without binomial coefficients.
     prior_probabilities : ndarray, shape (models,)
     draws : tuple of WeightedDraws
-        One of each model; empty where only the evidences are known.
+        The draws of each model; empty if only the evidences are known.
 
     Examples
     --------
@@ -78,12 +79,12 @@ class ModelSet:
         return float(expit(self.log_odds(is_chosen)))
 
     def log_odds(self, is_chosen: BoolArray) -> float:
-        """Log of the posterior odds of some models against the others."""
+        """Log of the posterior odds of some models against the other models."""
         log_joint = self._log_joint
         return _log_sum(log_joint[is_chosen]) - _log_sum(log_joint[~is_chosen])
 
     def log_bayes_factor(self, has_effect: BoolArray) -> float:
-        """Log of the mean evidence of the models with an effect over that of the others.
+        """Log of the mean evidence of the models with an effect over that of the other models.
 
         It does not depend on the prior probabilities of the two groups of models.
         """
@@ -110,13 +111,13 @@ class ModelSet:
         """
         weights = []
         probabilities = softmax(self._log_joint[is_chosen])  # among the chosen models
-        for i, probability in zip(np.flatnonzero(is_chosen), probabilities, strict=True):
-            weights.append(probability * self.draws[i].shares)
+        for draws, probability in zip(compress(self.draws, is_chosen), probabilities, strict=True):
+            weights.append(probability * draws.shares)
         return np.concatenate(weights)
 
     def averaged(self, is_chosen: BoolArray) -> AveragedDraws:
         """Draws of some models that have common coordinates."""
-        points = np.concatenate([self.draws[i].x for i in np.flatnonzero(is_chosen)])
+        points = np.concatenate([draws.x for draws in compress(self.draws, is_chosen)])
         return AveragedDraws(points, self.weights(is_chosen))
 
 

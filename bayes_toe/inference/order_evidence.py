@@ -38,14 +38,14 @@ from bayes_toe.seeds import generator
 #: Names of the four models, in the order of all arrays.
 MODEL_NAMES = tuple(ORDER_MODELS)
 _N_MODELS = len(MODEL_NAMES)
-#: Their prior probabilities.
+#: Prior probabilities of the four models.
 PRIOR_PROBABILITIES = np.array(list(MODEL_PRIOR.values()))
 #: Which of the four models have each effect.
 HAS_ERROR = np.array([CONSTANT_ERROR in effects for effects in ORDER_MODELS.values()])
 HAS_CONTRACTION = np.array([CONTRACTION in effects for effects in ORDER_MODELS.values()])
 HAS_EFFECT = HAS_ERROR | HAS_CONTRACTION
 EVERY_MODEL = np.ones(_N_MODELS, np.bool_)
-#: Subjects whose posteriors are one array where there are many.
+#: Largest number of subjects whose posteriors are one array.
 BATCH = 8
 
 
@@ -91,7 +91,7 @@ class OrderEvidence(ModelSet):
         is_finite = np.isfinite(self.log_evidence)
         if is_finite.all():
             return self
-        model = MODEL_NAMES[np.argmin(is_finite)]  # the first one with False
+        model = MODEL_NAMES[np.argmin(is_finite)]  # the first model with False
         raise NumericalError(
             f"subject {self.subject.name!r}: the evidence of the model {model!r} is not a finite "
             "number"
@@ -100,9 +100,10 @@ class OrderEvidence(ModelSet):
     def with_prior_scale(self, effect: Parameter, factor: float) -> ModelSet:
         """The models where the prior of the constant error, or of p, is `factor` times as wide.
 
-        The weights of the draws are multiplied by the other prior density over this one.
+        The weights of the draws are multiplied by the density of the other prior over that of this
+        prior.
         """
-        # The last two coordinates u are those of the constant error and of p, in widths of the
+        # The last two coordinates u belong to the constant error and to p, in widths of the
         # prior. A prior that is `factor` times as wide has the density f(u / factor) / factor. The
         # prior of p ends at -1 and 1, which are fewer widths from 0 if it is wider.
         if effect == CONSTANT_ERROR:
@@ -120,7 +121,7 @@ class OrderEvidence(ModelSet):
         reweighted = list(self.draws)
         for i in np.flatnonzero(has_effect):
             draws = self.draws[i]
-            # A draw beyond the edge of the prior has no weight under either.
+            # A draw beyond the edge of this prior has no weight under either prior.
             is_inside = np.isfinite(draws.log_prior)
             u = draws.x[is_inside, coordinate]
             log_other = other_density.log_density(u / factor) - np.log(factor)
@@ -177,8 +178,8 @@ def unchecked_evidence(
         for start in range(0, len(indices), BATCH):
             batch = indices[start : start + BATCH]
             subjects_of_batch = [subjects[i] for i in batch]
-            array = order_posteriors(ObserverRows.from_subjects(subjects_of_batch, prior))
-            evidences = evidences_of(array, subjects_of_batch, seed, prior, precision)
+            posteriors = order_posteriors(ObserverRows.from_subjects(subjects_of_batch, prior))
+            evidences = evidences_of(posteriors, subjects_of_batch, seed, prior, precision)
             by_index.update(zip(batch, evidences, strict=True))
     return [by_index[i] for i in range(len(subjects))]
 
@@ -192,33 +193,34 @@ def order_posteriors(rows: ObserverRows) -> PosteriorArray:
 
 
 def evidences_of(
-    array: PosteriorArray,
+    posteriors: PosteriorArray,
     subjects: Sequence[Subject],
     seed: int,
     prior: ObserverPrior,
     precision: Precision = USUAL,
 ) -> list[OrderEvidence]:
-    """The evidences of subjects, from an array with the four posteriors of each subject."""
-    maxima = observer_maxima(array)
-    modes, laplace_evidences = laplace(array, maxima)
+    """The evidences of subjects, from the four posteriors of each subject."""
+    maxima = observer_maxima(posteriors)
+    modes, laplace_evidences = laplace(posteriors, maxima)
 
-    mixtures = list(map(mixture_of_maxima, maxima, array.is_free))
+    mixtures = list(map(mixture_of_maxima, maxima, posteriors.is_free))
     generators = []
     for subject in subjects:  # its four models share a generator
         generators += [generator(seed, subject.name, "order evidence")] * _N_MODELS
     families = np.repeat(np.arange(len(subjects)), _N_MODELS)  # the four models of a subject
-    _, draws = fitted_draws(array, mixtures, generators, precision, families)
+    _, draws = fitted_draws(posteriors, mixtures, generators, precision, families)
 
     evidences = []
     for i, subject in enumerate(subjects):
-        models = slice(_N_MODELS * i, _N_MODELS * (i + 1))  # those of this subject
-        evidence = OrderEvidence.from_draws(
-            draws[models],
-            PRIOR_PROBABILITIES,
-            subject=subject,
-            prior=prior,
-            laplace=laplace_evidences[models],
-            modes=modes[models],
+        models = slice(_N_MODELS * i, _N_MODELS * (i + 1))  # the models of this subject
+        evidences.append(
+            OrderEvidence.from_draws(
+                draws[models],
+                PRIOR_PROBABILITIES,
+                subject=subject,
+                prior=prior,
+                laplace=laplace_evidences[models],
+                modes=modes[models],
+            )
         )
-        evidences.append(evidence)
     return evidences

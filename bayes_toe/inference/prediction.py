@@ -44,25 +44,27 @@ class Predictor:
     def answers(self, s1: FloatArray, s2: FloatArray) -> NamedArrays:
         """P of each answer that the model predicts, for any pairs, (draws, pairs) each.
 
-        The paper's model predicts 'equal' alone, of three answers.
+        With three answers, the paper's model predicts 'equal' alone.
         """
         # A subject has each pair once, in sorted order. Its counts do not matter here.
-        pairs, index = np.unique(_columns(s1, s2).T, axis=0, return_inverse=True)
+        pairs, index_of_sorted = np.unique(_stimuli_of_pairs(s1, s2).T, axis=0, return_inverse=True)
         counts = np.ones(len(pairs), np.int64)
-        tested = self.target.subject
-        subject = Subject.from_answers(tested.name, Answers(pairs, counts, counts), tested.task)
+        tested_subject = self.target.subject
+        subject = Subject.from_answers(
+            tested_subject.name, Answers(pairs, counts, counts), tested_subject.task
+        )
 
         # (answers, draws, pairs), in the order of the answers, for the sorted pairs.
-        of_sorted = answer_probabilities(self.target.for_subject(subject), self.x)
-        probabilities = of_sorted[..., index.ravel()]
-        answers = tested.task.answers
+        p_of_sorted_pairs = answer_probabilities(self.target.for_subject(subject), self.x)
+        probabilities = p_of_sorted_pairs[..., index_of_sorted.ravel()]
+        answers = tested_subject.task.answers
         if len(probabilities) < len(answers):  # the paper's model, without 'second' and 'first'
-            return {tested.task.yes: probabilities[0]}
+            return {tested_subject.task.yes: probabilities[0]}
         return dict(zip(answers, probabilities, strict=True))
 
 
-def _columns(s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
-    """Stimuli as numbers, shape (2, pairs). A single one belongs to all of the other argument."""
+def _stimuli_of_pairs(s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
+    """Stimuli as numbers, (2, pairs). A single s1 is in a pair with every s2, and vice versa."""
     try:
         return np.array(np.broadcast_arrays(s1, s2), np.float64).reshape(2, -1)
     except (TypeError, ValueError) as error:
@@ -72,7 +74,7 @@ def _columns(s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
 def answer_probabilities(target: SubjectPosterior, x: FloatArray) -> FloatArray:
     """P of each answer to the pairs of a subject at points, shape (answers, points, pairs).
 
-    Of three answers, the paper's model has 'equal' and all others.
+    With three answers, the paper's model has P of 'equal' and P of the two other answers together.
     """
     n_pairs = target.subject.n_pairs
     yes, no = (np.exp(logs) for logs in target.log_answers(x))  # (points, questions)
@@ -120,7 +122,7 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) ->
     ['s1', 's2', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
     predictor = Predictor.from_draws(draws, subject)
-    first, second = _columns(s1, s2)
+    first, second = _stimuli_of_pairs(s1, s2)
     values = predictor.yes(first, second)
 
     quantiles = np.quantile(values, list(QUANTILES.values()), axis=0)

@@ -20,7 +20,7 @@ from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.seeds import stream
 
-_BATCH = 1024  # draws made at once where those of the judging are used up
+_BATCH = 1024  # draws made at once when the draws of the judging are used up
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class SamplerSettings:
     ensembles : int
         Independent ensembles (chains), at least 4.
     walkers : int
-        Walkers of an ensemble, even and at least 8. 0, the default, stands for one for every forty
-        draws, 64 to 256: many short walks cost less than few long ones, because a step of an
+        Walkers of an ensemble, even and at least 8. 0, the default, stands for a walker for every
+        forty draws, 64 to 256: many short walks cost less than few long ones, because a step of an
         ensemble costs much the same however many walkers it has.
     max_r_hat : float
         Largest rank-normalised split R-hat.
@@ -60,7 +60,7 @@ class SamplerSettings:
 
     def __post_init__(self) -> None:
         require_number("draws", self.draws)
-        if self.walkers == 0:  # one for every forty draws, even, 64 to 256
+        if self.walkers == 0:  # a walker for every forty draws, even, 64 to 256
             object.__setattr__(self, "walkers", 2 * min(128, max(32, self.draws // 80)))
 
     @property
@@ -75,7 +75,7 @@ class SamplerSettings:
 
     @property
     def required(self) -> int:
-        """Effective draws to reach: those asked for, but at least four a walker.
+        """Effective draws to reach: as many as asked for, but at least four a walker.
 
         With fewer, walkers that never moved from dispersed starts would pass for a converged
         sample.
@@ -98,14 +98,14 @@ class Chains:
     acceptance : ndarray, shape (ensembles,)
         Share of accepted proposals.
     diagnostics : dict of Convergence
-        Of every judged quantity.
+        Diagnostics of every judged quantity.
     thin, steps : int
         Steps of a walker for each draw of the final pass, and all its steps with the burn-in.
     reason : str
-        The criteria that were not reached; empty where the chains have converged.
+        The criteria that were not reached; empty if the chains have converged.
     imprecise : str
-        The quantile that is not precise enough, and how many draws would do; empty where there is
-        none.
+        The quantile that is not precise enough, and how many draws would do; empty if all quantiles
+        are precise enough.
     """
 
     x: FloatArray
@@ -144,7 +144,7 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
 
         quantities = posterior.quantities(x)
         for name in posterior.names.monotone:
-            del quantities[name]  # its ranks, and so its diagnostics, are those of another one
+            del quantities[name]  # it has the ranks, and so the diagnostics, of another quantity
         diagnostics = convergence_of(quantities)
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
         if reason:  # the precision of quantiles is known only of converged chains
@@ -177,9 +177,9 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
     """Independence Metropolis move: all walkers propose from the fitted mixture at once.
 
     The first proposals are the draws by which the mixture was judged, because their posterior
-    densities are known. Later ones are drawn in large batches. The first draws are selected, since
-    draws with very large weights would have led to another mixture. The selection concerns some
-    ten-thousandths of the posterior, far less than the Monte Carlo error of as many draws.
+    densities are known. Later proposals are drawn in large batches. The first draws are selected,
+    since draws with very large weights would have led to another mixture. The selection concerns
+    some ten-thousandths of the posterior, far less than the Monte Carlo error of as many draws.
     """
 
     def __init__(self, fitted: Fitted, first_draws: WeightedDraws) -> None:
@@ -195,7 +195,7 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
         self._unused_draws = self._unused_draws.part(slice(n_walkers, None))
 
         # An independence move accepts with the ratio of importance weights, new over old.
-        log_proposal = state.blobs  # of the mixture where the walkers stand: see compute_log_prob
+        log_proposal = state.blobs  # the density of the mixture at the walkers: compute_log_prob
         log_weights = state.log_prob - log_proposal
         log_ratio = draws.log_weights - log_weights
         is_accepted = np.log(model.random.rand(n_walkers)) < log_ratio
@@ -208,8 +208,8 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
     """One ensemble with a random stream of its own, after its burn-in.
 
     Walkers have the coordinates of the mixture. The better the mixture, the fewer moves are local;
-    most are if the mixture cannot be trusted. emcee's snooker move is never used: in release 3.1.6
-    it is biased.
+    most moves are local if the mixture cannot be trusted. emcee's snooker move is never used: in
+    release 3.1.6 it is biased.
     """
 
     def __init__(self, fitted: Fitted, settings: SamplerSettings, seed: int, index: int) -> None:
@@ -241,7 +241,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches
         # it.
         self.random_state = random.get_state()
-        start = self._dispersed(random)
+        start = self._dispersed_starts(random)
         self._state = self._run(start, burn_in(fitted), store=False)
 
     def advance(self, thin: int, n_steps: int) -> tuple[FloatArray, FloatArray, float]:
@@ -262,8 +262,8 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
     def compute_log_prob(self, coords: FloatArray) -> ArrayPair:
         """Log posterior density, and the log density of the mixture, (points,) each.
 
-        emcee stores the second with each walker, as its blob: a global move needs it where the
-        walker stands.
+        emcee stores the density of the mixture with each walker, as its blob: a global move needs
+        this density where the walker stands.
         """
         w = self._fitted.target.full_points(coords)
         (log_prior,), (log_posterior,) = self._fitted.array.densities(w)
@@ -280,7 +280,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         """
         return self.run_mcmc(state, steps, skip_initial_state_check=True, **options)
 
-    def _dispersed(self, random: np.random.RandomState) -> emcee.State:
+    def _dispersed_starts(self, random: np.random.RandomState) -> emcee.State:
         """Starting points wider than the posterior: draws, at twice the distance from the mean.
 
         A point of zero density is replaced: emcee would leave a walker there for good, without a
@@ -293,8 +293,8 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         starts = np.empty((0, self.ndim))
         while len(starts) < self.nwalkers:
             resampled = draws.resampled(random, self.nwalkers)[:, is_free]
-            # Resampled points repeat, and walkers must not: each goes a tenth of the way away from
-            # another one.
+            # Resampled points repeat, and walkers must not: each point goes a tenth of the way away
+            # from another point.
             jitter = 0.1 * (resampled - resampled[::-1])
             points = mean + 2.0 * (resampled + jitter - mean)
             log_density, _ = self.compute_log_prob(points)

@@ -22,8 +22,8 @@ from bayes_toe.model.paper_model import Funnel, PaperPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE, NOISE, PEAK
 from bayes_toe.model.posterior_array import PosteriorArray
 
-#: Constant errors at which searches start, over the D of the prior. The first one is that of a
-#: model without constant error.
+#: Constant errors at which searches start, over the D of the prior. The first one, 0, is that
+#: of a model without constant error.
 _ERRORS = np.array([0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0])
 #: Searches hold the lapse rate at these normal scores of its prior.
 _LAPSE_STARTS = (-1.0, 0.6, 1.8)
@@ -35,89 +35,92 @@ _FLAT = 2.0
 _PEAK_START = 2.0
 
 
-def observer_maxima(array: PosteriorArray) -> list[Ascent]:
+def observer_maxima(posteriors: PosteriorArray) -> list[Ascent]:
     """The ends of searches of every posterior with the observer's coordinates.
 
     First, searches hold a constant error, or start from a flat curve. From the best of their ends,
     further searches are free, or hold a lapse rate.
 
     The posterior of a model without constant error must stand right before that of the same model
-    with it. At the constant error 0 both are equal, and both begin with one search.
+    with a constant error. At the constant error 0 both are equal, and both begin with one search.
     """
-    has_error = array.is_free[:, array.names.index(CONSTANT_ERROR.name)]
-    lapse = array.names.index(LAPSE_RATE.name)
-    profile, profile_owners = _profile(array, has_error)
-    first_from_flat = len(profile.x) - len(array)  # the last searches, one of each posterior
+    has_error = posteriors.is_free[:, posteriors.names.index(CONSTANT_ERROR.name)]
+    lapse_index = posteriors.names.index(LAPSE_RATE.name)
+    profile, profile_owners = _profile(posteriors, has_error)
+    # The last searches of the profile, one for each posterior, start from a flat curve.
+    first_flat_search = len(profile.x) - len(posteriors)
 
-    # Positions of the searches of the profile from whose ends further ones start.
-    starts_of_free = []
+    # Positions of the searches of the profile from whose ends further searches start.
+    starts_of_free_searches = []
     free_owners = []
-    starts_of_held = []
-    # The search that holds the constant error 0, of a posterior or, if it has no constant error, of
-    # the next one. The searches at other errors follow.
-    at_zero = 0
-    for i in range(len(array)):
+    starts_of_held_searches = []
+    # Position of the search that holds the constant error 0: of this posterior or, if it has no
+    # constant error, of the next posterior. The searches at other errors follow.
+    zero_search = 0
+    for i in range(len(posteriors)):
         if has_error[i]:
-            heights = profile.value[at_zero : at_zero + len(_ERRORS)]
-            candidates = (at_zero + _two_best_local(heights)).tolist()
-            at_zero += len(_ERRORS)
+            heights = profile.value[zero_search : zero_search + len(_ERRORS)]
+            candidates = (zero_search + _two_best_local_maxima(heights)).tolist()
+            zero_search += len(_ERRORS)
         else:
-            candidates = [at_zero]
-        starts_of_free += candidates
+            candidates = [zero_search]
+        starts_of_free_searches += candidates
         free_owners += [i] * len(candidates)
 
-        best = max(candidates[0], first_from_flat + i, key=lambda search: profile.value[search])
-        starts_of_held += [best] * len(_LAPSE_STARTS)
+        best = max(candidates[0], first_flat_search + i, key=lambda search: profile.value[search])
+        starts_of_held_searches += [best] * len(_LAPSE_STARTS)
 
     # From the best end of each posterior, one search holds each lapse rate.
-    n_free = len(starts_of_free)
-    starts = profile.x[starts_of_free + starts_of_held]
-    starts[n_free:, lapse] = np.tile(_LAPSE_STARTS, len(array))
+    n_free = len(starts_of_free_searches)
+    starts = profile.x[starts_of_free_searches + starts_of_held_searches]
+    starts[n_free:, lapse_index] = np.tile(_LAPSE_STARTS, len(posteriors))
     is_held = np.zeros(starts.shape, np.bool_)
-    is_held[n_free:, lapse] = True
-    owners = np.append(free_owners, np.repeat(np.arange(len(array)), len(_LAPSE_STARTS)))
+    is_held[n_free:, lapse_index] = True
+    owners = np.append(free_owners, np.repeat(np.arange(len(posteriors)), len(_LAPSE_STARTS)))
 
-    ends = profile.joined(ascend_from(array, owners, starts, is_held))
+    ends = profile.joined(ascend_from(posteriors, owners, starts, is_held))
     all_owners = np.append(profile_owners, owners)
-    return [ends.part(all_owners == i) for i in range(len(array))]
+    return [ends.part(all_owners == i) for i in range(len(posteriors))]
 
 
-def _profile(array: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, IndexArray]:
-    """Ends of searches that hold a constant error, then of one from a flat curve per posterior.
+def _profile(posteriors: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, IndexArray]:
+    """Ends of searches that hold a constant error, then of a search from a flat curve for each.
 
-    Posteriors without constant error have only the last. The second value has the posterior of each
-    search.
+    Posteriors without constant error have only the search from a flat curve. The second value has
+    the posterior of each search.
     """
-    rows = cast(ObserverRows, array.likelihood.rows)
-    noise, error = map(array.names.index, (NOISE.name, CONSTANT_ERROR.name))
-    with_error = np.flatnonzero(has_error)
+    rows = cast(ObserverRows, posteriors.likelihood.rows)
+    noise_index, error_index = map(posteriors.names.index, (NOISE.name, CONSTANT_ERROR.name))
+    indices_with_error = np.flatnonzero(has_error)
 
-    # Starts of the searches, (searches, d). All coordinates but these and the peak start at 0.
-    at_errors = np.zeros((len(with_error) * len(_ERRORS), len(array.names)))
-    at_errors[:, noise] = _STEEP
-    at_errors[:, error] = np.tile(_ERRORS / rows.prior.constant_error_scale, len(with_error))
-    from_flat = np.zeros((len(array), len(array.names)))
-    from_flat[:, noise] = _FLAT
+    # Starts of the searches, (searches, d). All coordinates but noise, error and peak start at 0.
+    starts_at_errors = np.zeros((len(indices_with_error) * len(_ERRORS), len(posteriors.names)))
+    starts_at_errors[:, noise_index] = _STEEP
+    starts_at_errors[:, error_index] = np.tile(
+        _ERRORS / rows.prior.constant_error_scale, len(indices_with_error)
+    )
+    starts_from_flat = np.zeros((len(posteriors), len(posteriors.names)))
+    starts_from_flat[:, noise_index] = _FLAT
 
-    owners = np.append(np.repeat(with_error, len(_ERRORS)), np.arange(len(array)))
-    starts = np.concatenate([at_errors, from_flat])
-    if PEAK.name in array.names:
-        starts[:, array.names.index(PEAK.name)] = _PEAK_START
+    owners = np.append(np.repeat(indices_with_error, len(_ERRORS)), np.arange(len(posteriors)))
+    starts = np.concatenate([starts_at_errors, starts_from_flat])
+    if PEAK.name in posteriors.names:
+        starts[:, posteriors.names.index(PEAK.name)] = _PEAK_START
     is_held = np.zeros(starts.shape, np.bool_)
-    is_held[: len(at_errors), error] = True
-    return ascend_from(array, owners, starts, is_held), owners
+    is_held[: len(starts_at_errors), error_index] = True
+    return ascend_from(posteriors, owners, starts, is_held), owners
 
 
-def _two_best_local(heights: FloatArray) -> IndexArray:
+def _two_best_local_maxima(heights: FloatArray) -> IndexArray:
     """Indices of the two highest local maxima along `_ERRORS`, the highest first.
 
-    Where there is one local maximum only, the second index is that of the next highest value.
+    If there is one local maximum only, the second index is that of the next highest value.
     """
     order = np.argsort(_ERRORS)
-    ordered = heights[order]  # from the lowest constant error to the highest one
+    ordered = heights[order]  # from the lowest to the highest constant error
     padded = np.pad(ordered, 1, constant_values=-np.inf)  # the neighbours at both ends
     is_local = (ordered >= padded[:-2]) & (ordered >= padded[2:])
-    # The last key counts most: local maxima first, then the others, each by height.
+    # The last key counts most: local maxima come first, then other points, each kind by height.
     return order[np.lexsort((-ordered, ~is_local))[:2]]
 
 
@@ -133,40 +136,42 @@ def step_of_pairs(subject: Subject) -> float:
 
 
 def paper_maxima(posterior: PaperPosterior) -> Ascent:
-    """The ends of searches of one posterior, from a grid over offset, gamma, width and lapses.
+    """The ends of searches of one posterior, from a grid over offset, gamma, width and share.
 
     Offset and width count in steps, see :func:`step_of_pairs`.
     """
     subject = posterior.subject
-    row = posterior.rows
+    rows = posterior.rows
     step = step_of_pairs(subject)
-    if row.task.lapses == "q0":  # the largest share of 'equal' of a pair, by Laplace's estimator
+    if rows.task.lapses == "q0":  # the largest share of 'equal' of a pair, by Laplace's estimator
         largest_q0 = ((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max()
-        share_logits = [logit(largest_q0)]
+        share_logit_values = [logit(largest_q0)]
     else:
-        share_logits = [-3.0, -0.5]  # lapse rates of 5 and 38 %
+        share_logit_values = [-3.0, -0.5]  # lapse rates of 5 and 38 %
 
     # At a round offset the distance of a pair may be 0, and its slope too.
-    offsets = (-0.93, 0.07, 1.01)
-    gammas = (0.12, 0.88)
-    log_widths = (-1.0, 0.0, 1.0)
-    axes = np.meshgrid(offsets, gammas, log_widths, share_logits)
+    offset_values = (-0.93, 0.07, 1.01)
+    gamma_values = (0.12, 0.88)
+    log_width_values = (-1.0, 0.0, 1.0)
+    axes = np.meshgrid(offset_values, gamma_values, log_width_values, share_logit_values)
     offset, gamma, log_width, share_logit = np.reshape(axes, (4, -1))
 
-    # The four coordinates of each point of the grid.
+    # The coordinates of each point of the grid: scores of mu1 and of the spread, then the probits
+    # of gamma and of the share, which is q0 or the lapse rate.
     p = pull(gamma)
     width = step * np.exp(log_width)  # the grid has the log of the width in steps
-    mu1 = subject.mean_first + offset * step / p  # as offset = p (mu1 - sbar)
-    mean, sd = row.prior.mu1_normal
+    mu1 = subject.mean_first + offset * step / p  # as offset = p (mu1 - mean_first)
+    mean, sd = rows.prior.mu1_normal
     starts = np.column_stack(
         [
             (mu1 - mean) / sd,
-            row.spread_score(np.log(width), p),
+            rows.spread_score(np.log(width), p),
             ndtri(gamma),
             probit_of_logit(share_logit),
         ]
     )
-    return ascend_from(posterior.array, np.zeros(len(starts), np.intp), starts)
+    owners = np.zeros(len(starts), np.intp)  # all searches are of one posterior
+    return ascend_from(posterior.array, owners, starts)
 
 
 def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
@@ -179,23 +184,24 @@ def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
 
     Maxima at least 3 nats below the highest one have little of the posterior and do not count.
     """
-    row = posterior.rows
+    rows = posterior.rows
     u = maxima.x[None, maxima.value > maxima.value[0] - 3.0]  # (1, points, 4)
     mean_first = posterior.subject.mean_first
-    mean, sd = row.prior.mu1_normal
-    offsets = row.pull(u)[0] * (row.mu1(u)[0] - mean_first)
-    log_width = row.log_width(u)[0, 0]  # of the one row at its highest maximum, as below
-    _, _, informations = row.scoring(u[:, :1])  # (1, 1, 4, 4)
-    information = informations[0, 0, 0, 0]  # on the score of mu1
+    mean, sd = rows.prior.mu1_normal
+    offsets = rows.pull(u)[0] * (rows.mu1(u)[0] - mean_first)
+    log_width = rows.log_width(u)[0, 0]  # of the one row, at the highest maximum
+    # Of the one row and the one point: the information on the first coordinate, the score of mu1.
+    _, _, information_matrices = rows.scoring(u[:, :1])  # (rows, points, 4, 4)
+    information = information_matrices[0, 0, 0, 0]
 
     # The SD of the offset that the answers leave: that of mu1, 1/information^(1/2) scores, times p.
-    # If there is no information, the width stands for it.
+    # If there is no information, the width stands for this SD.
     if information > 0.0:
-        spread = row.pull(u)[0, 0] * sd / np.sqrt(information)
+        spread = rows.pull(u)[0, 0] * sd / np.sqrt(information)
     else:
         spread = np.exp(log_width)
 
-    # Several maxima: the answers leave the offset as open as the maxima are apart.
+    # With several maxima, the offset is as uncertain as the maxima are apart.
     distance = offsets.std()
     follows_width = 1.0 if distance < spread else 0.0
     # The log of kappa sd^2, with the factor 2 w_0^2 if the precision follows the width.
@@ -203,4 +209,4 @@ def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
     log_precision += follows_width * (2.0 * log_width + np.log(2.0))
 
     centre = (mean_first - mean) / sd
-    return Funnel(row, centre, offsets.mean() / sd, log_precision, log_width, follows_width)
+    return Funnel(rows, centre, offsets.mean() / sd, log_precision, log_width, follows_width)

@@ -20,7 +20,7 @@ from bayes_toe.inference.diagnostics import (
     errors_of,
     worst,
 )
-from bayes_toe.inference.engine import FOR_EVIDENCE, SHARP
+from bayes_toe.inference.engine import SHARP, Precision
 from bayes_toe.inference.fitted import (
     Evidence,
     Fitted,
@@ -70,10 +70,10 @@ class Settings:
         require_seed(self.seed)
 
 
-def fit_subject(target: SubjectPosterior, seed: int, *, has_chains: bool = False) -> Fitted:
-    """The mixture of one posterior; more draws judge it if chains follow, which begin with them."""
+def fit_subject(target: SubjectPosterior, seed: int, precision: Precision) -> Fitted:
+    """The mixture of one posterior."""
     rng = generator(seed, target.subject.name, target.model.name, "proposal")
-    return fit_posterior(target, rng, SHARP if has_chains else FOR_EVIDENCE)
+    return fit_posterior(target, rng, precision)
 
 
 def model_evidence(fitted: Fitted, seed: int, size: int) -> Evidence:
@@ -106,10 +106,10 @@ class SubjectDraws:
         the unconstrained coordinates.
     acceptance : ndarray, shape (chains,)
     statistics : mapping
-        By column: convergence, effort, quality of the proposal and of the fit.
+        Numbers by column: convergence, effort, quality of the proposal and of the fit.
     fit : GoodnessOfFit
     summary : tuple of tuple
-        Rows with the columns of summary.csv; empty where not asked for.
+        Rows with the columns of summary.csv; empty if no summary is asked for.
     """
 
     quantities: NamedArrays
@@ -154,19 +154,19 @@ def subject_draws(
 
 
 def summary_rows(
-    target: SubjectPosterior, values: NamedArrays, known: Mapping[str, Convergence]
+    target: SubjectPosterior, values: NamedArrays, known_diagnostics: Mapping[str, Convergence]
 ) -> tuple[SummaryRow, ...]:
     """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws).
 
-    `known` has the diagnostics of some quantities, but not of all. They take most of the time.
+    `known_diagnostics` are those of some quantities, because diagnostics take most of the time.
     """
-    others = {name: draws for name, draws in values.items() if name not in known}
-    diagnostics = {**known, **convergence_of(others)}
+    further_draws = {name: draws for name, draws in values.items() if name not in known_diagnostics}
+    diagnostics = {**known_diagnostics, **convergence_of(further_draws)}
     errors = errors_of(values)
     rows = []
     for name, draws in values.items():
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
-        # The first quantile is that of 5 %, and the last one that of 95 %.
+        # QUANTILES begin with that of 5 % and end with that of 95 %.
         contraction = posterior_contraction(target, name, low=quantiles[0], high=quantiles[-1])
         row = (  # in the order of SUMMARY_COLUMNS
             target.subject.name,

@@ -1,12 +1,12 @@
 """Log probabilities of both answers, their derivatives, and the log likelihood of counts.
 
-They are functions of the distance z between two stimuli. The distance counts in standard deviations
-of the noise. An observer who is asked which stimulus is stronger answers 'second' with P = Phi(z).
+All are functions of the distance z between two stimuli, which counts in standard deviations of the
+noise. An observer who is asked which stimulus is stronger answers 'second' with P = Phi(z).
 An observer who is asked 'same or different' answers 'equal' where the noisy distance lies within a
 criterion k: P = Phi(k - z) - Phi(-k - z).
 
 Both answers have a log probability of their own, formed from positive terms, so that each is
-accurate where the other one is near 1.
+accurate where the other probability is near 1.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from scipy.special import expit, log_expit, log_ndtr
 
 from bayes_toe.arrays import FloatArray, IndexArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
-from bayes_toe.model.densities import Priors, half_normal_quantile, log_normal
+from bayes_toe.model.densities import Priors, half_normal_quantile, log_normal_density
 from bayes_toe.model.paper_equations import LN2
 
 #: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level:
-#: there, twelve leave no error but rounding. NumPy gives those of (-1, 1).
+#: there, twelve nodes leave no error but rounding. NumPy has nodes and weights on (-1, 1).
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS
 
 
 class LogAnswers(NamedTuple):
-    """Log probabilities of the answer that the task counts, and of the other one."""
+    """Log probabilities of the answer that the task counts, and of the other answer."""
 
     yes: FloatArray
     no: FloatArray
@@ -58,9 +58,9 @@ def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def with_complement(yes: FloatArray, no: FloatArray) -> LogAnswers:
-    """Both log probabilities, the larger one computed as the complement of the smaller one.
+    """Both log probabilities, the larger computed as the complement of the smaller.
 
-    The log of the larger one is near 0, where its own digits are lost.
+    The log of the larger probability is near 0, where its own digits are lost.
     """
     yes_is_rare = yes < no
     larger = np.log1p(-np.exp(np.minimum(yes, no)))
@@ -98,7 +98,7 @@ def criterion(logit_peak: FloatArray) -> FloatArray:
 
 def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:
     """Derivative dk/dl of :func:`criterion`, from 2 phi(k) dk/dl = expit(l) expit(-l)."""
-    return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_normal(k) - LN2)
+    return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_normal_density(k) - LN2)
 
 
 def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
@@ -112,10 +112,10 @@ def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
     distance, k = np.broadcast_arrays(np.abs(z), k)
     # Infinite arguments give logs of 0, which are -inf, and inf - inf, which `near_edge` replaces.
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        near = near_edge(distance, k)
-        inside = _log_inside(distance, k, near)
-        outside = np.logaddexp(log_ndtr(-near), log_ndtr(-distance - k))
-        return with_complement(inside, outside)
+        near_end = near_edge(distance, k)
+        log_inside = _log_inside(distance, k, near_end)
+        log_outside = np.logaddexp(log_ndtr(-near_end), log_ndtr(-distance - k))
+        return with_complement(log_inside, log_outside)
 
 
 def near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
@@ -125,20 +125,20 @@ def near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
     return edge
 
 
-def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatArray:
-    """Log of Phi(k - d) - Phi(-k - d) for d, k >= 0; `near` is k - d."""
-    upper = log_ndtr(near)
-    lower = log_ndtr(-k - distance)
+def _log_inside(distance: FloatArray, k: FloatArray, near_end: FloatArray) -> FloatArray:
+    """Log of Phi(k - d) - Phi(-k - d) for d, k >= 0; `near_end` is k - d."""
+    log_upper = log_ndtr(near_end)
+    log_lower = log_ndtr(-k - distance)
     # Where Phi(k - d) is 0 even as a logarithm, so is the difference.
-    log_ratio = np.where(np.isfinite(upper), lower - upper, -np.inf)
-    result = np.asarray(upper + np.log1p(-np.exp(log_ratio)))
+    log_ratio = np.where(np.isfinite(log_upper), log_lower - log_upper, -np.inf)
+    result = np.asarray(log_upper + np.log1p(-np.exp(log_ratio)))
 
     # In a narrow window, in which the density changes by a factor of less than e, the two terms
     # would cancel. There the density is integrated.
     is_narrow = (k < 0.5) & (k * distance < 0.5)
     if is_narrow.any():
         d = distance[is_narrow]
-        result[is_narrow] = _log_window(d, k[is_narrow]) + log_normal(d)
+        result[is_narrow] = _log_window(d, k[is_narrow]) + log_normal_density(d)
     return result
 
 
@@ -166,7 +166,7 @@ def pair_arrays(
     """Stimuli and counts of several subjects by name, shape (rows, 1, pairs) each.
 
     The stimuli of each subject count from its origin, in its unit. Subjects with fewer pairs than
-    others get further pairs that nobody answered: their counts are 0.
+    other subjects get further pairs that nobody answered: their counts are 0.
     """
     n_pairs = max(subject.n_pairs for subject in subjects)
     arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))  # with an axis of one point
@@ -191,8 +191,8 @@ class AnswerRows(ABC):
     first, difference, middle : ndarray, shape (rows, 1, pairs)
         s1, s2 - s1 and (s1 + s2)/2, from the origin of the model and in its unit.
     n_yes, n_no : ndarray, shape (rows, 1, pairs)
-        Of three answers, (rows, 1, 2 pairs): 'equal' and 'unequal' to each pair, then 'second' and
-        'first' to each pair.
+        How often each answer was given. With three answers, (rows, 1, 2 pairs): 'equal' and
+        'unequal' to each pair, then 'second' and 'first' to each pair.
     """
 
     first: FloatArray
@@ -240,7 +240,7 @@ class AnswerRows(ABC):
         return times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
-        """:meth:`log_likelihood` by a cheaper form, where a model has one."""
+        """:meth:`log_likelihood` by a cheaper form, if the model has it."""
         return self.log_likelihood(u)
 
     def scoring(self, u: FloatArray) -> tuple[FloatArray, ...]:

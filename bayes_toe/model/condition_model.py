@@ -9,17 +9,18 @@ parameter differs, its coordinate in condition i is
     u_i = u + h unit X_i a,    a ~ N(0, I),    h = 1/2,
 
 with row i of the design X of :meth:`bayes_toe.data.conditions.Conditions.design`. Any two levels
-then differ by N(0, (h unit)^2), whichever is the reference. The units are
+then differ by N(0, (h unit)^2), whichever is the reference. The units, and the prior SDs of a
+difference between two levels, are
 
-    constant error   D/2                so the prior sd of the difference of c is D/4
-    contraction      0.25               that of p is 0.125; less where first stimuli are roved
-    noise            1 of log sigma_d   that of log sigma_d is 0.5
-    lapse rate       1 of its normal score, whose sd is 0.5
-    q0               1.2 of its logit, whose sd is 0.6
+    constant error   D/2                      D/4
+    contraction      0.25                     0.125; less where first stimuli are roved
+    noise            1 of log sigma_d         0.5 of log sigma_d
+    lapse rate       1 of its normal score    0.5 of its normal score
+    q0               1.2 of its logit         0.6 of its logit
 
-The mean first stimulus sbar and the scales D and R are those over all conditions: otherwise c would
-move with the stimuli of a condition. The evidence is one integral over all conditions; where
-nothing differs it is that of the pooled answers.
+The mean first stimulus sbar and the scales D and R come from all conditions: otherwise c would move
+with the stimuli of a condition. The evidence is one integral over all conditions. If nothing
+differs, it is the evidence of the pooled answers.
 
 The conditions may be tasks. Then one observer does all tasks, and has one criterion in the tasks
 with the answer 'equal'. Only parameters of all tasks can differ.
@@ -53,8 +54,8 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray
 
-#: Prior standard deviation of the difference between two levels, h unit, as a multiple of the
-#: parameter's coordinate; that of the noise is over its sd.
+#: Prior standard deviation of the difference between two levels, h unit: of the parameter's
+#: coordinate, but for the noise of log sigma_d.
 DIFFERENCE_SDS: Mapping[Parameter, float] = {
     CONSTANT_ERROR: 0.5,
     CONTRACTION: 0.5,
@@ -66,7 +67,7 @@ DIFFERENCE_SDS: Mapping[Parameter, float] = {
 
 @dataclass(frozen=True, eq=False)
 class ConditionModels:
-    """The posteriors of a subject's conditions, one for each choice of what differs.
+    """The posteriors of a subject's conditions, one for each choice of the differing parameters.
 
     Points have the k coordinates of the observer 'both', then a coordinate for each parameter that
     may differ and each column of the design.
@@ -83,8 +84,8 @@ class ConditionModels:
     >>> left = Subject("S@left", [0.0, 0.3], [0.3, 0.0], [5, 9], [20, 20], condition="left")
     >>> right = Subject("S@right", [0.0, 0.3], [0.3, 0.0], [15, 9], [20, 20], condition="right")
     >>> models = ConditionModels((left, right), np.array([[-0.5], [0.5]]))
-    >>> array = models.array([(), (CONTRACTION,)])
-    >>> array.is_free[:, array.names.index("contraction 1")].tolist()
+    >>> posteriors = models.posteriors([(), (CONTRACTION,)])
+    >>> posteriors.is_free[:, posteriors.names.index("contraction 1")].tolist()
     [False, True]
     """
 
@@ -105,16 +106,16 @@ class ConditionModels:
 
     @cached_property
     def subject(self) -> Subject:
-        """All answers of the subject; of several tasks, those to the first of `units_by_task`."""
+        """All answers of the subject; with several tasks, all answers to the first task."""
         subject = pooled([self.units[i] for i in self.units_by_task[0]])
         if len(self.units_by_task) == 1:
             return subject
-        # The scales are those of all tasks, and so of all units.
+        # The scales come from the answers to all tasks, and so from all units.
         return replace(subject, shared_scales=common_scales(*self.units))
 
     @cached_property
-    def shared(self) -> ObserverPosterior:
-        """The posterior of these answers, where nothing differs."""
+    def shared_observer(self) -> ObserverPosterior:
+        """The posterior of the answers of :attr:`subject`, where nothing differs."""
         return OrderModel("both").posterior(self.subject, self.prior)
 
     @cached_property
@@ -123,8 +124,8 @@ class ConditionModels:
         return task_parameters(self.subject.task)
 
     @cached_property
-    def differing(self) -> Parameters:
-        """The parameters that may differ between units: those that all their tasks have."""
+    def differing_parameters(self) -> Parameters:
+        """The parameters that may differ between units, because all tasks have them."""
         tasks = {unit.task for unit in self.units}
         return tuple(parameter for parameter in DIFFERENCE_SDS if tasks.issubset(parameter.tasks))
 
@@ -136,9 +137,9 @@ class ConditionModels:
         """
         n_conditions, n_columns = self.design.shape
         k = len(self.parameters)
-        loading = np.zeros((n_conditions, k, k + len(self.differing) * n_columns))
+        loading = np.zeros((n_conditions, k, k + len(self.differing_parameters) * n_columns))
         loading[:, :, :k] = np.eye(k)  # what the conditions share
-        for i, parameter in enumerate(self.differing):
+        for i, parameter in enumerate(self.differing_parameters):
             sd = DIFFERENCE_SDS[parameter]
             if parameter == NOISE:
                 sd /= self.prior.noise_sd  # a unit of its coordinate is noise_sd of log sigma_d
@@ -149,44 +150,46 @@ class ConditionModels:
     def _likelihood(self, positions: Sequence[int]) -> LinearLikelihood:
         """The likelihood of the answers of some units, which have one task."""
         units = [self.units[i] for i in positions]
-        rows = ObserverRows.from_subjects(units, self.prior, [self.shared.scales] * len(units))
-        # The task of these units may have fewer parameters than the first one.
+        rows = ObserverRows.from_subjects(
+            units, self.prior, [self.shared_observer.scales] * len(units)
+        )
+        # The task of these units may have fewer parameters than the first task.
         is_of_task = np.isin([parameter.name for parameter in self.parameters], rows.coordinates)
         loading = self.loading[positions][:, is_of_task]
         # All rows belong to one posterior.
         return LinearLikelihood(rows, loading, np.zeros(1, np.intp))
 
-    def array(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
-        """The posteriors for these choices of parameters that differ."""
-        # One likelihood for each task. That of the first task has the further ones as a part.
-        first, *further = map(self._likelihood, self.units_by_task)
-        likelihood = replace(first, further=tuple(further))
+    def posteriors(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
+        """A posterior for each choice of the parameters that differ."""
+        # One likelihood for each task. The first likelihood has the further likelihoods as a part.
+        first_task, *further_tasks = map(self._likelihood, self.units_by_task)
+        likelihood = replace(first_task, further_tasks=tuple(further_tasks))
         # Every choice has this one likelihood.
         repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
         # After the observer's coordinates: 'contraction 1', 'contraction 2', one for each column.
         n_columns = self.design.shape[1]
         names = [parameter.name for parameter in self.parameters]
-        for parameter in self.differing:
+        for parameter in self.differing_parameters:
             names += [f"{parameter.name} {i + 1}" for i in range(n_columns)]
 
         is_free = np.ones((len(choices), len(names)), np.bool_)
         for i, choice in enumerate(choices):
-            differs = [parameter in choice for parameter in self.differing]
+            differs = [parameter in choice for parameter in self.differing_parameters]
             is_free[i, len(self.parameters) :] = np.repeat(differs, n_columns)
         further_priors = (StandardNormal(),) * (len(names) - len(self.parameters))
         return PosteriorArray(repeated, tuple(names), further_priors, is_free)
 
     @property
-    def without_differences(self) -> PosteriorArray:
+    def posteriors_without_differences(self) -> PosteriorArray:
         """The posteriors of the four models for a design without columns: nothing differs."""
-        array = self.array([()] * len(ORDER_MODELS))
+        posteriors = self.posteriors([()] * len(ORDER_MODELS))
         task = self.subject.task
         is_free = [
-            np.isin(array.names, OrderModel(name).coordinates(task)) for name in ORDER_MODELS
+            np.isin(posteriors.names, OrderModel(name).coordinates(task)) for name in ORDER_MODELS
         ]
-        return replace(array, is_free=np.array(is_free))
+        return replace(posteriors, is_free=np.array(is_free))
 
     def quantities(self, points: FloatArray) -> NamedArrays:
         """The observer's quantities in each condition, natural units, (conditions, points) each."""
-        return self.shared.quantities(points @ self.loading.swapaxes(1, 2))
+        return self.shared_observer.quantities(points @ self.loading.swapaxes(1, 2))

@@ -1,4 +1,4 @@
-"""The densities of coordinates: the prior of every coordinate of every model is one of them.
+"""The densities of coordinates: the prior of every coordinate of every model is here.
 
 A score is the standard normal quantile of the probability that the prior gives to smaller values. A
 coordinate that is a score has the density :class:`StandardNormal`.
@@ -32,7 +32,7 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 _LOWEST_SCORE = -20.0
 
 
-def log_normal(u: FloatArray) -> FloatArray:
+def log_normal_density(u: FloatArray) -> FloatArray:
     """Log of the standard normal density, -u^2/2 - ln(2 pi)/2."""
     return -0.5 * (np.square(u) + LOG_2PI)
 
@@ -43,7 +43,7 @@ class StandardNormal:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """-u^2/2 - ln(2 pi)/2."""
-        return log_normal(u)
+        return log_normal_density(u)
 
     def slope(self, u: FloatArray) -> FloatArray:
         """-u."""
@@ -90,12 +90,12 @@ class CutNormal(StandardNormal):
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density of the normal over its mass inside; -inf outside."""
         log_mass = np.log1p(-2.0 * ndtr(-self.limit))
-        return np.where(np.abs(u) < self.limit, log_normal(u) - log_mass, -np.inf)
+        return np.where(np.abs(u) < self.limit, log_normal_density(u) - log_mass, -np.inf)
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
-        below = ndtr(-self.limit)  # of a normal without limits, and as much above
-        return ndtri(below + probability * (1.0 - 2.0 * below))
+        mass_below = ndtr(-self.limit)  # of the normal without limits; as much is above
+        return ndtri(mass_below + probability * (1.0 - 2.0 * mass_below))
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class LogitOfBeta:
         return self.a * log_expit(u) + self.b * log_expit(-u) - betaln(self.a, self.b)
 
     def slope(self, u: FloatArray) -> FloatArray:
-        """Its derivative, a (1 - q) - b q."""
+        """Derivative of `log_density`, a (1 - q) - b q."""
         return self.a * expit(-u) - self.b * expit(u)
 
     def curvature(self, u: FloatArray) -> FloatArray:
@@ -143,15 +143,15 @@ class ProbitOfBeta:
         return log_shares - 0.5 * np.square(u) - log_norm
 
     def slope(self, u: FloatArray) -> FloatArray:
-        """Its derivative; that of ln Phi(v) is phi(v) / Phi(v)."""
+        """Derivative of `log_density`; ln Phi(v) has the derivative phi(v) / Phi(v)."""
         return (self.a - 1.0) * normal_hazard(-u) - (self.b - 1.0) * normal_hazard(u) - u
 
     def curvature(self, u: FloatArray) -> FloatArray:
         """The negative second derivative, without the terms that are negative for a, b < 1."""
-        below = normal_hazard(-u)
-        above = normal_hazard(u)
-        share_term = max(self.a - 1.0, 0.0) * below * (below + u)
-        complement_term = max(self.b - 1.0, 0.0) * above * (above - u)
+        lower_hazard = normal_hazard(-u)
+        upper_hazard = normal_hazard(u)
+        share_term = max(self.a - 1.0, 0.0) * lower_hazard * (lower_hazard + u)
+        complement_term = max(self.b - 1.0, 0.0) * upper_hazard * (upper_hazard - u)
         return 1.0 + share_term + complement_term
 
     def quantile(self, probability: FloatArray) -> FloatArray:
@@ -229,18 +229,18 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 
 
 def half_normal_score(u: FloatArray) -> FloatArray:
-    """Inverse of :func:`from_half_normal_score`, from the smaller one of P and 1 - P."""
+    """Inverse of :func:`from_half_normal_score`, from the smaller of P and 1 - P."""
     probability = erf(u * np.sqrt(0.5))  # 2 Phi(u) - 1
     log_complement = log_ndtr(-u) + LN2
     return np.where(probability < 0.5, ndtri(probability), -ndtri_exp(log_complement))
 
 
-def log_half_normal(score: FloatArray) -> FloatArray:
-    """Log of :func:`from_half_normal_score`, finite also where that is too small for a float.
+def log_half_normal_value(score: FloatArray) -> FloatArray:
+    """Log of :func:`from_half_normal_score`, finite also where the value is too small for a float.
 
     Examples
     --------
-    >>> log_half_normal(np.array([-100.0, 0.0])).round(4).tolist()
+    >>> log_half_normal_value(np.array([-100.0, 0.0])).round(4).tolist()
     [-5005.2984, -0.3938]
     """
     # At lower scores, u might be 0, whose logarithm is not finite.
@@ -250,12 +250,12 @@ def log_half_normal(score: FloatArray) -> FloatArray:
 
 
 def log_half_normal_slope(score: FloatArray) -> FloatArray:
-    """Derivative of :func:`log_half_normal`: phi(score) / (2 phi(u) u).
+    """Derivative of :func:`log_half_normal_value`: phi(score) / (2 phi(u) u).
 
-    With 2 Phi(-u) = Phi(-score), that is the ratio of two hazards over u. Where u is proportional
-    to P = Phi(score), it is the derivative of ln P.
+    With 2 Phi(-u) = Phi(-score), the slope is the ratio of two hazards over u. Where u is
+    proportional to P = Phi(score), the slope is the derivative of ln P.
     """
-    raised_score = np.maximum(score, _LOWEST_SCORE)  # at lower ones, u might be 0
+    raised_score = np.maximum(score, _LOWEST_SCORE)  # at lower scores, u might be 0
     u = from_half_normal_score(raised_score)
     slope = normal_hazard(raised_score) / (normal_hazard(u) * u)
     return np.where(score > _LOWEST_SCORE, slope, normal_hazard(-score))

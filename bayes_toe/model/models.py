@@ -2,7 +2,7 @@
 
 The four models of the observer (:mod:`bayes_toe.model.observer`) are 'none', 'constant error',
 'contraction' and 'both'. An effect that a model does not have is held at 0. `ObserverPosterior` is
-the posterior of one subject under one of them.
+the posterior of one subject under one of these models.
 
 `require_model` finds a model by the name that a user types, and `model_posterior` makes the
 posterior by the name in files. The paper's model keeps the name 'predictive update' in files and in
@@ -49,7 +49,7 @@ class OrderModel:
     name: str
 
     @property
-    def held(self) -> frozenset[Parameter]:
+    def held_parameters(self) -> frozenset[Parameter]:
         """The order effects that the model does not have: they are held at 0."""
         return frozenset((CONSTANT_ERROR, CONTRACTION)).difference(ORDER_MODELS[self.name])
 
@@ -63,7 +63,9 @@ class OrderModel:
         False
         """
         parameters = task_parameters(task)
-        return tuple(parameter.name for parameter in parameters if parameter not in self.held)
+        return tuple(
+            parameter.name for parameter in parameters if parameter not in self.held_parameters
+        )
 
     def posterior(
         self, subject: Subject, prior: ObserverPrior = DEFAULT_PRIOR
@@ -96,7 +98,7 @@ class ObserverPosterior(SubjectPosterior):
 
     @cached_property
     def scales(self) -> StimulusScales:
-        """Location and scales of the stimuli: those given, or those of the subject's stimuli."""
+        """Location and scales of the stimuli: the given scales, or those of the subject."""
         return self.given_scales or self.subject.scales
 
     @property
@@ -133,8 +135,8 @@ class ObserverPosterior(SubjectPosterior):
     def quantities(self, x: FloatArray) -> NamedArrays:
         """Every named quantity, each with the shape of x without its last axis.
 
-        They are in the unit of the subject's stimuli, natural-log intensity. The rows compute in
-        units of D (`scales.step`). An effect that the model does not have is 0.
+        Quantities are in the unit of the subject's stimuli, natural-log intensity. The rows compute
+        in units of D (`scales.step`). An effect that the model does not have is 0.
         """
         full_points = np.zeros((*x.shape[:-1], len(self.array.names)))
         full_points[..., self.is_free] = x
@@ -156,7 +158,7 @@ class ObserverPosterior(SubjectPosterior):
         for parameter in task_parameters(self.subject.task):
             if parameter.name in values:
                 by_name[parameter.name] = values[parameter.name] * factors[parameter.unit]
-        # A unit of the row, shape (1, 1), may have added axes to those of x.
+        # A unit of the row, shape (1, 1), may have added axes to the axes of x.
         return {name: by_name[name].reshape(x.shape[:-1]) for name in self.names.all}
 
     def points(self, quantities: NamedArrays) -> FloatArray:
@@ -247,7 +249,7 @@ def model_posterior(
     Raises
     ------
     InputError
-        For another name, such as that of a model of an earlier state.
+        For another name, such as the name of a model of an earlier state.
     """
     if name == PAPER_MODEL:
         return PaperPosterior(subject, prior)
@@ -258,4 +260,4 @@ def describe_prior(name: str, prior: Prior, task: Task) -> str:
     """The prior of every parameter of the model that has this name in files, in words."""
     if name == PAPER_MODEL:
         return prior.describe(task)
-    return prior.observer.describe(task, OrderModel(name).held)
+    return prior.observer.describe(task, OrderModel(name).held_parameters)

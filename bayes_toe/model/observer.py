@@ -50,7 +50,7 @@ from bayes_toe.model.densities import (
     Priors,
     StandardNormal,
     StandardStudent,
-    log_normal,
+    log_normal_density,
     normal_hazard,
 )
 from bayes_toe.model.parameters import ObserverPrior, lapse_logs, task_parameters
@@ -65,14 +65,14 @@ Slopes = tuple[FloatArray, FloatArray | None, FloatArray]
 
 
 class Curve(NamedTuple):
-    """The parameters at points, and what follows from them for every pair.
+    """The parameters at points, and the numbers that follow for every pair.
 
-    Where nothing else is said, the shape is (rows, points, pairs).
+    The shape is (rows, points, pairs), unless a comment gives another shape.
     """
 
     values: NamedArrays  # the quantities, and the criterion at the middle, (rows, points) each
-    log_lapse: FloatArray  # log of the lapse rate, and of its complement, (rows, points, 1)
-    log_attend: FloatArray
+    log_lapse: FloatArray  # log of the lapse rate, (rows, points, 1)
+    log_attend: FloatArray  # log of 1 minus the lapse rate, (rows, points, 1)
     log_scale: FloatArray  # log of the noise
     z: FloatArray  # the distance
     k: FloatArray | None  # the criterion k_m; None in 'which is stronger'
@@ -108,14 +108,18 @@ class ObserverRows(AnswerRows):
     ) -> ObserverRows:
         """A row for each subject. All subjects have one task.
 
-        Without `scales`, each subject has its own.
+        Without `scales`, each subject has the scales of its own stimuli.
         """
         if scales is None:
             scales = [subject.scales for subject in subjects]
-        pairs = pair_arrays(subjects, [row.sbar for row in scales], [row.step for row in scales])
+        pairs = pair_arrays(
+            subjects,
+            [row_scales.sbar for row_scales in scales],
+            [row_scales.step for row_scales in scales],
+        )
         task = subjects[0].task
         if task.has_three_answers:
-            # The answers to the second question stand behind those to the first one.
+            # The answers to the second question stand behind the answers to the first question.
             n_second, n_first = np.zeros((2, *pairs["first"].shape))
             for i, subject in enumerate(subjects):
                 n_second[i, 0, : subject.n_pairs] = subject.n_second
@@ -126,8 +130,10 @@ class ObserverRows(AnswerRows):
             **pairs,
             task=task,
             prior=prior,
-            slope_unit=np.array([[row.step / row.spread] for row in scales]),  # D / R
-            contraction_sd=np.array([[prior.contraction_sd * row.roving_share] for row in scales]),
+            slope_unit=np.array([[row_scales.step / row_scales.spread] for row_scales in scales]),
+            contraction_sd=np.array(
+                [[prior.contraction_sd * row_scales.roving_share] for row_scales in scales]
+            ),
         )
 
     @property
@@ -166,7 +172,7 @@ class ObserverRows(AnswerRows):
         # An axis for the pairs: (rows, points) becomes (rows, points, 1).
         slope = values["noise_slope"][..., None]
         log_scale = values["log_noise"][..., None] + slope * self.middle
-        contraction = values["contraction"][..., None] * self.lever_at(values)
+        contraction = values["contraction"][..., None] * self.first_from_centre(values)
         shift = contraction - values["constant_error"][..., None]
         z = over_scale(self.difference + shift, log_scale)
 
@@ -182,7 +188,7 @@ class ObserverRows(AnswerRows):
         log_lapse, log_attend = (log_share[..., None] for log_share in logs)
         return Curve(values, log_lapse, log_attend, log_scale, z, k)
 
-    def lever_at(self, values: NamedArrays) -> FloatArray:
+    def first_from_centre(self, values: NamedArrays) -> FloatArray:
         """The first stimulus less the centre of the contraction, here sbar, in units of D."""
         return self.first
 
@@ -191,8 +197,8 @@ class ObserverRows(AnswerRows):
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each.
 
-        If there are three answers, those to the second question stand behind those to the first
-        one, (rows, points, 2 pairs) each.
+        Three answers are two questions. The answers to the second question stand behind those to
+        the first question, (rows, points, 2 pairs) each.
         """
         curve = self.curve_at(u)
         answers = _first_answers(curve)
@@ -206,7 +212,7 @@ class ObserverRows(AnswerRows):
         """:meth:`log_likelihood` by plain probabilities, at a third of its cost.
 
         Each answer has a sum of positive terms of its own. Both forms agree to 1e-12 within 200
-        nats of the best point; far from there this one may be -inf.
+        nats of the best point; far from there the plain form may be -inf.
         """
         return self._multinomial(self.plain_answers_at(self.curve_at(u)))
 
@@ -236,15 +242,15 @@ class ObserverRows(AnswerRows):
         k = curve.k
         if k is None:
             return 0.5 * lapse + attend * ndtr(z), 0.5 * lapse + attend * ndtr(-z)
-        inside, near, far = _window_and_tails(z, k)
+        p_inside, p_near_tail, p_far_tail = _window_and_tails(z, k)
         # At z = 0, P(equal) is 2 Phi(k) - 1 = erf(k / 2^(1/2)).
-        equal = lapse * erf(k * np.sqrt(0.5)) + attend * inside
+        equal = lapse * erf(k * np.sqrt(0.5)) + attend * p_inside
         if not self.task.has_three_answers:
-            return equal, lapse * 2.0 * ndtr(-k) + attend * (near + far)
+            return equal, lapse * 2.0 * ndtr(-k) + attend * (p_near_tail + p_far_tail)
         guessed = lapse * ndtr(-k)
-        # The answer that names the stronger stimulus, and the answer that names the weaker one.
-        expected = guessed + attend * near
-        opposite = guessed + attend * far
+        # The answer that names the stronger stimulus, then that which names the weaker stimulus.
+        expected = guessed + attend * p_near_tail
+        opposite = guessed + attend * p_far_tail
         second_is_expected = z > 0.0
         second = np.where(second_is_expected, expected, opposite)
         first = np.where(second_is_expected, opposite, expected)
@@ -261,11 +267,11 @@ class ObserverRows(AnswerRows):
         curve = self.curve_at(u)
         probabilities = self.plain_answers_at(curve)
         # The slope n / P of n ln P in P, for each answer; 0 for an answer that was never given.
-        by_answer = []
+        slopes_by_answer = []
         for counts, probability in zip(self.answer_counts, probabilities, strict=True):
             zeros = np.zeros(probability.shape)
-            by_answer.append(np.divide(counts, probability, out=zeros, where=counts > 0.0))
-        terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, by_answer))
+            slopes_by_answer.append(np.divide(counts, probability, out=zeros, where=counts > 0.0))
+        terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, slopes_by_answer))
         sums = [term.sum(axis=-1) for term in terms]
         gradient = np.stack(sums, axis=-1) * self._slope_units(curve.values)
         return self._multinomial(probabilities), gradient
@@ -282,9 +288,11 @@ class ObserverRows(AnswerRows):
         slopes = []
         for i, probability in enumerate(probabilities):
             # ln P is the log likelihood of this answer, given once.
-            by_answer = [np.zeros(1)] * len(probabilities)
-            by_answer[i] = 1.0 / probability
-            terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, by_answer))
+            slopes_by_answer = [np.zeros(1)] * len(probabilities)
+            slopes_by_answer[i] = 1.0 / probability
+            terms = self._slope_terms(
+                curve, self._pair_slopes(curve, probabilities, slopes_by_answer)
+            )
             slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2) * units)
         return list(map(np.log, probabilities)), slopes
 
@@ -292,7 +300,7 @@ class ObserverRows(AnswerRows):
         self,
         curve: Curve,
         probabilities: Sequence[FloatArray],
-        by_answer: Sequence[FloatArray],
+        slopes_by_answer: Sequence[FloatArray],
     ) -> Slopes:
         """Slopes of the log likelihood of each pair, from its slope in the P of each answer.
 
@@ -306,36 +314,38 @@ class ObserverRows(AnswerRows):
         k = curve.k
         if k is not None and self.task.has_three_answers:
             equal, second, first = probabilities
-            by_equal, by_second, by_first = by_answer
+            by_equal, by_second, by_first = slopes_by_answer
             # P(second) has Phi(z - k), P(first) has Phi(-z - k), and the rest is 'equal'. So each
             # criterion, k or -k, separates two answers: what one gains, the other loses.
             upper = attend * _density(z - k) * (by_second - by_equal)
             lower = attend * _density(z + k) * (by_first - by_equal)
-            in_lapses = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
+            lapse_term = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
             in_lapse_rate = (
                 by_equal * (erf(k * np.sqrt(0.5)) - equal)
                 + by_second * (ndtr(-k) - second)
                 + by_first * (ndtr(-k) - first)
             )
-            return upper - lower, -k * (upper + lower + in_lapses), in_lapse_rate
+            return upper - lower, -k * (upper + lower + lapse_term), in_lapse_rate
 
-        # There are two answers: what is added to P of one is taken from P of the other.
-        by_yes = by_answer[0] - by_answer[1]
+        # There are two answers: what P of one answer gains, P of the other answer loses.
+        by_counted, by_other = slopes_by_answer
+        by_yes = by_counted - by_other
+        p_yes, _ = probabilities
         if k is None:  # P(second) has Phi(z), and is 1/2 in a lapse
-            return attend * by_yes * _density(z), None, by_yes * (0.5 - probabilities[0])
+            return attend * by_yes * _density(z), None, by_yes * (0.5 - p_yes)
         # P(equal) has Phi(k - z) - Phi(-k - z), with the slopes phi(k + z) - phi(k - z) in z and
-        # phi(k - z) + phi(k + z) in k. The nearer edge has phi(|z| - k), and the far one
+        # phi(k - z) + phi(k + z) in k. The near edge has phi(|z| - k), and the far edge
         # phi(|z| + k) = phi(|z| - k) exp(-2 |z| k). In a lapse P(equal) is 2 Phi(k) - 1.
         edge = attend * by_yes * _density(np.abs(z) - k)
         far_ratio = np.exp(-2.0 * np.abs(z) * k)
         in_z = edge * np.sign(z) * np.expm1(-2.0 * np.abs(z) * k)
         in_k = edge * (1.0 + far_ratio) + 2.0 * lapse * by_yes * _density(k)
-        return in_z, in_k * k, by_yes * (erf(k * np.sqrt(0.5)) - probabilities[0])
+        return in_z, in_k * k, by_yes * (erf(k * np.sqrt(0.5)) - p_yes)
 
     def _slope_terms(self, curve: Curve, slopes: Slopes) -> list[FloatArray]:
         """Slopes of each pair in every quantity, in the order of the coordinates.
 
-        They follow from `slopes` by the chain rule, where z is
+        These slopes follow from `slopes` by the chain rule, where z is
         ((s2 - s1) - c + p (s1 - sbar)) / scale.
         """
         in_z, in_log_k, in_lapse = slopes
@@ -353,7 +363,7 @@ class ObserverRows(AnswerRows):
     def _slope_units(self, values: NamedArrays) -> FloatArray:
         """Slope of each quantity in its coordinate, (rows, points, coordinates).
 
-        They are in the order of :attr:`units`. The slope of the lapse rate lambda is divided by
+        Slopes are in the order of :attr:`units`. The slope of the lapse rate lambda is divided by
         1 - lambda.
         """
         # phi(u) / (b (1 - Phi(u))): d lambda/du over 1 - lambda, which `_pair_slopes` leaves out.
@@ -403,7 +413,7 @@ def _direction_answers(curve: Curve) -> LogAnswers:
     Where k is infinite, every answer is 'equal' and the share of 'second' is not defined: it is
     1/2 here.
     """
-    k = cast(FloatArray, curve.k)  # three answers have one
+    k = cast(FloatArray, curve.k)  # a task with three answers has a criterion
     log_guess = curve.log_lapse + log_ndtr(-k)
     log_second = np.logaddexp(log_guess, curve.log_attend + log_ndtr(curve.z - k))
     log_first = np.logaddexp(log_guess, curve.log_attend + log_ndtr(-curve.z - k))
@@ -419,18 +429,18 @@ def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatAr
     """
     distance = np.abs(z)
     with np.errstate(invalid="ignore"):  # `distance` and k may both be infinite
-        near = near_edge(distance, k)
-    far = -k - distance
-    inside = ndtr(near) - ndtr(far)
+        near_end = near_edge(distance, k)
+    far_end = -k - distance
+    inside = ndtr(near_end) - ndtr(far_end)
     # Rounding could turn this difference negative if the window from -k to k is narrow. There it is
     # the width times the density in the middle, from which the mean density of the window differs
     # by a share of k^2 (z^2 - 1) / 6.
     is_narrow = k < 1e-6
     if is_narrow.any():
         inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)
-    return inside, ndtr(-near), ndtr(far)
+    return inside, ndtr(-near_end), ndtr(far_end)
 
 
 def _density(x: FloatArray) -> FloatArray:
     """Standard normal density."""
-    return np.exp(log_normal(x))
+    return np.exp(log_normal_density(x))

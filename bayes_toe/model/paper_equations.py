@@ -53,7 +53,7 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
 def gain(gamma: npt.ArrayLike) -> FloatArray:
     """Kalman gain K = sigma_1^2 / (sigma_1^2 + sigma_l^2) = 1/G.
 
-    It is the weight of the first stimulus in `evolved_mean`.
+    K is the weight of the first stimulus in `evolved_mean`.
 
     Source: Eq. axis2, slope, with (G - 1)/gamma = 1/G.
 
@@ -68,7 +68,7 @@ def gain(gamma: npt.ArrayLike) -> FloatArray:
 def pull(gamma: npt.ArrayLike) -> FloatArray:
     """Contraction towards the prior mean, p = 1 - K = gamma / G^2.
 
-    It is accurate down to the smallest gamma.
+    The form is accurate down to the smallest gamma.
 
     Source: Eq. axis2, prefactor of mu_1.
 
@@ -87,7 +87,7 @@ def pull(gamma: npt.ArrayLike) -> FloatArray:
 def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
     """Width of the 'equal' curve, w = sigma_2 + sigma_l^2/sigma_2 = sigma_p G^(3/2).
 
-    It is in natural-log intensity.
+    The width is in natural-log intensity.
 
     Source: Eq. mod:q, denominator.
 
@@ -100,7 +100,7 @@ def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
 
 
 def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
-    """Gamma = sigma_l^2 / sigma_p^2; the ratio is squared, because a square may be no float.
+    """Gamma = sigma_l^2 / sigma_p^2; the ratio is squared, because a square alone may be no float.
 
     Source: Eq. axis1.
     """
@@ -185,8 +185,8 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0
         result = np.asarray(np.log(lapse + (1.0 - lapse) * fall))
         np.log1p(-q, out=result, where=q < 0.5)
-        # 1 - q0 = exp(-logit) is too small for a float there, but its logarithm is -logit; q0 is 1
-        # to all digits.
+        # Beyond a logit of 700, 1 - q0 = exp(-logit) is too small for a float, but its logarithm is
+        # -logit, and q0 is 1 to all digits.
         is_extreme = (q >= 0.5) & (logit > 700.0)
         if is_extreme.any():
             result = np.where(is_extreme, np.logaddexp(-logit, np.log(fall)), result)

@@ -42,9 +42,9 @@ from bayes_toe.model.densities import (
     ProbitOfBeta,
     StandardNormal,
     half_normal_score,
-    log_half_normal,
     log_half_normal_slope,
-    log_normal,
+    log_half_normal_value,
+    log_normal_density,
     logit_of_probit,
     logit_rise,
     normal_hazard,
@@ -63,7 +63,7 @@ from bayes_toe.model.posterior import Determined, Names, SubjectPosterior
 from bayes_toe.model.posterior_array import PosteriorArray
 from bayes_toe.model.prior import DEFAULT, Prior
 
-#: Its name in files and in the keys of its random streams.
+#: The name of the paper's model in files and in the keys of its random streams.
 PAPER_MODEL = "predictive update"
 PRIOR_DRAWS = 100_000
 #: The power of G = 1 / (1 - p) in the width sigma_p G^power, by the fourth parameter of the task.
@@ -147,7 +147,7 @@ class PaperRows(AnswerRows):
         """
         score = u[..., 1]
         sd = self.prior.spread_sd
-        log_ratio = log_half_normal(score) if sd is None else sd * score
+        log_ratio = log_half_normal_value(score) if sd is None else sd * score
         return np.log(self.prior.spread_scale) + log_ratio - self._log_spread_share(self.pull(u))
 
     def spread_score(self, log_width: FloatArray, pull: FloatArray) -> FloatArray:
@@ -164,9 +164,12 @@ class PaperRows(AnswerRows):
         return np.full(u.shape[:-1], self.prior.spread_sd)
 
     def distance(self, u: FloatArray) -> FloatArray:
-        """Distance z of the second stimulus from the evolved mean, in w, (rows, points, pairs)."""
-        lever = self.first - self.mu1(u)[..., None]
-        numerator = self.difference + self.pull(u)[..., None] * lever
+        """Distance of the second stimulus from the evolved mean, in widths, (rows, points, pairs).
+
+        z = (s2 - s1 + p (s1 - mu1)) / w.
+        """
+        first_from_mu1 = self.first - self.mu1(u)[..., None]
+        numerator = self.difference + self.pull(u)[..., None] * first_from_mu1
         return over_scale(numerator, self.log_width(u)[..., None])
 
     # --- Answers ---------------------------------------------------------------------------------
@@ -194,8 +197,8 @@ class PaperRows(AnswerRows):
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log probability of each answer, and its slopes, (rows, points, 4, pairs).
 
-        The first three coordinates act through z, the distance in widths, the fourth one through
-        the share of lapses or q0.
+        The first three coordinates act through z, the distance in widths. The fourth coordinate
+        acts through q0 or the lapse rate.
         """
         z = self.distance(u)  # (rows, points, pairs)
         logit_share = logit_of_probit(u[..., 3:])  # (rows, points, 1)
@@ -215,14 +218,14 @@ class PaperRows(AnswerRows):
             width_by_gamma = self.power * pull_slope / (1.0 - p)
 
         # Slopes of z = (s2 - s1 + p (s1 - mu1)) / w in the first three coordinates.
-        lever = self.first - self.mu1(u)[..., None]
+        first_from_mu1 = self.first - self.mu1(u)[..., None]
         _, mu1_sd = self.prior.mu1_normal
         slopes = []
         with np.errstate(over="ignore", invalid="ignore"):  # far out, where the density is 0
             inverse_width = np.exp(-self.log_width(u))[..., None]
             z_by_mu1 = -(p * mu1_sd)[..., None] * inverse_width
             z_by_spread = -z * width_by_spread[..., None]
-            z_by_pull = pull_slope[..., None] * lever * inverse_width
+            z_by_pull = pull_slope[..., None] * first_from_mu1 * inverse_width
             z_by_gamma = z_by_pull - z * width_by_gamma[..., None]
             for log_p_by_z, log_p_by_share in zip(in_z, in_share, strict=True):
                 terms = [log_p_by_z * slope for slope in (z_by_mu1, z_by_spread, z_by_gamma)]
@@ -245,7 +248,7 @@ def bell_slopes(
 ) -> tuple[ArrayPair, ArrayPair]:
     """Slopes of :func:`bell_answers` in z, and in the logit of q0; both answers in each.
 
-    With the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0).
+    With the odds r = q/(1 - q), the slopes of log(1 - q) are 2 ln2 r z and -r (1 - q0).
     """
     lapse = expit(-logit_q0)  # 1 - q0, the slope of log q
     with np.errstate(over="ignore", invalid="ignore"):
@@ -264,9 +267,9 @@ def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
     >>> round(float(np.exp(far.yes)[0, 0]), 12)
     0.1
     """
-    log_guessed, attended = _guessing_parts(z, logit_rate)
-    yes = np.logaddexp(log_guessed, attended.yes)
-    return with_complement(yes, np.logaddexp(log_guessed, attended.no))
+    log_guessed, log_attended = _guessing_parts(z, logit_rate)
+    yes = np.logaddexp(log_guessed, log_attended.yes)
+    return with_complement(yes, np.logaddexp(log_guessed, log_attended.no))
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -278,7 +281,7 @@ def guessing_slopes(
     In the logit, ln lambda has the slope 1 - lambda, and ln(1 - lambda) has -lambda.
     """
     log_guessed, log_attended = _guessing_parts(z, logit_rate)
-    log_density = log_expit(-logit_rate) + log_normal(z)
+    log_density = log_expit(-logit_rate) + log_normal_density(z)
     yes_in_z = np.exp(log_density - answers.yes)
     no_in_z = -np.exp(log_density - answers.no)
     in_rate = []
@@ -291,7 +294,7 @@ def guessing_slopes(
 
 
 def _guessing_parts(z: FloatArray, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:
-    """Log of lambda/2, a guess, and of what the curve adds to the probability of each answer."""
+    """Log of lambda/2, a guess, and of the part of the curve in the probability of each answer."""
     curve = second_answers(z)
     log_attend = log_expit(-logit_rate)
     return log_expit(logit_rate) - LN2, LogAnswers(log_attend + curve.yes, log_attend + curve.no)
@@ -383,11 +386,11 @@ class PaperPosterior(SubjectPosterior):
     @property
     def monotone_in(self) -> Determined:
         """The quantities that one coordinate alone determines, see :data:`Determined`."""
-        by_coordinate = {name: (name, 1) for name in self.coordinates}
-        by_coordinate |= {"pull": ("gamma", 1), "gain": ("gamma", -1)}
+        by_quantity = {name: (name, 1) for name in self.coordinates}
+        by_quantity |= {"pull": ("gamma", 1), "gain": ("gamma", -1)}
         if self.prior.spread == "width":
-            by_coordinate["jnd"] = ("width", 1)
-        return by_coordinate
+            by_quantity["jnd"] = ("width", 1)
+        return by_quantity
 
     def quantities(self, x: FloatArray) -> NamedArrays:
         """Every named quantity, each with the shape of x without its last axis.
@@ -397,7 +400,7 @@ class PaperPosterior(SubjectPosterior):
         its peak, or P(second) 75 % without lapses.
         """
         rows = self.rows
-        fourth = self.subject.task.lapses  # q0 or lapse_rate
+        share_name = self.subject.task.lapses  # q0 or lapse_rate
         mu1 = rows.mu1(x)
         width = np.exp(rows.log_width(x))
         p = rows.pull(x)
@@ -418,8 +421,8 @@ class PaperPosterior(SubjectPosterior):
             "width": width,
             "offset": offset,
             "pull": p,
-            fourth: ndtr(x[..., 3]),
-            "jnd": width * _JND_OVER_WIDTH[fourth],
+            share_name: ndtr(x[..., 3]),
+            "jnd": width * _JND_OVER_WIDTH[share_name],
             "pse_shift": offset,
         }
 
@@ -441,7 +444,7 @@ class PaperPosterior(SubjectPosterior):
         mean, sd = self.prior.mu1_normal
 
         with np.errstate(divide="ignore"):  # on the edge, see above
-            columns = (
+            columns = (  # in the order of the coordinates
                 (mu1 - mean) / sd,
                 rows.spread_score(log_width, pull=1.0 - 1.0 / ratio),
                 probit_of_logit(_logit_gamma(sigma_p, sigma_l)),
@@ -456,7 +459,7 @@ def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-
     1 - gamma = d (1 + sigma_l/sigma_p) with d = 1 - sigma_l/sigma_p. A d from -`rounding` to 0 is a
     rounded 0.
     """
-    difference = (sigma_p - sigma_l) / sigma_p
+    difference = (sigma_p - sigma_l) / sigma_p  # d
     is_rounding = (difference < 0.0) & (difference >= -rounding)
     complement = difference * (1.0 + sigma_l / sigma_p)
     log_complement = np.log(np.where(is_rounding, 0.0, complement))
@@ -468,7 +471,7 @@ def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-
 
 @dataclass(frozen=True, eq=False)
 class Funnel:
-    """The normal distribution of the score of mu1 given pull and width, and coordinates without it.
+    """Coordinates without a funnel, by the distribution of the score of mu1 given pull and width.
 
     The answers determine the offset c = p (mu1 - sbar), so that mu1 is the more open the smaller
     the pull p is. Given pull and width, the score of mu1 is about normal with
@@ -478,25 +481,25 @@ class Funnel:
     where m and sd are those of the prior of mu1, and the answers give c, kappa and w_0 at the
     highest maximum. A curve that is much steeper than the steps of the stimuli (w below w_0) does
     not determine c better. The coordinates y have (u_0 - mean)/s in the place of u_0, the log width
-    in the place of a score of sigma_p, and the others as they are.
+    in the place of a score of sigma_p, and all other coordinates of u.
 
     Attributes
     ----------
-    row : PaperRows
-        The answers of one subject.
+    rows : PaperRows
+        The answers of one subject, as one row.
     centre : float
         The score at which mu1 is sbar.
     offset : float
         c over the prior standard deviation of mu1.
     log_precision : float
-        Of kappa sd^2.
+        Log of kappa sd^2.
     log_least_width : float
-        Of w_0.
+        Log of w_0.
     follows_width : float
-        1, or 0 where the precision does not depend on the width: several maxima leave c open.
+        1 if the precision depends on the width. It is 0 if several maxima leave c open.
     """
 
-    row: PaperRows
+    rows: PaperRows
     centre: float
     offset: float
     log_precision: float
@@ -508,13 +511,13 @@ class Funnel:
 
         These are the equations above, in logs.
         """
-        log_pull = self.row.log_pull(u)
-        # w^2 + w_0^2
-        log_square = np.logaddexp(2.0 * self.row.log_width(u), 2.0 * self.log_least_width)
+        log_pull = self.rows.log_pull(u)
+        # Log of w^2 + w_0^2.
+        log_square = np.logaddexp(2.0 * self.rows.log_width(u), 2.0 * self.log_least_width)
         # The precision that the answers add to that of the prior, which is 1.
         log_information = self.log_precision + 2.0 * log_pull - self.follows_width * log_square
         log_sd = -0.5 * np.logaddexp(0.0, log_information)  # s = (1 + information)^(-1/2)
-        log_share = log_information + 2.0 * log_sd  # of the answers in the precision, 1 - s^2
+        log_share = log_information + 2.0 * log_sd  # 1 - s^2, the answers' share of the precision
 
         # c/p in logs, because p may be below the smallest float.
         mean = np.exp(log_share) * self.centre + np.exp(log_share - log_pull) * self.offset
@@ -525,22 +528,22 @@ class Funnel:
         mean, log_sd = self.conditional(u)
         y = u.copy()
         y[..., 0] = (u[..., 0] - mean) * np.exp(-log_sd)
-        if self.row.prior.spread != "width":  # the score of the width is linear in its log
-            y[..., 1] = self.row.log_width(u)
+        if self.rows.prior.spread != "width":  # the score of the width is linear in its log
+            y[..., 1] = self.rows.log_width(u)
         return y
 
     def inverse(self, y: FloatArray) -> ArrayPair:
         """Coordinates u of y, and log |dy/du| there, (posteriors, points)."""
         u = y.copy()
-        has_log_width = self.row.prior.spread != "width"  # y[..., 1] is the log width
+        has_log_width = self.rows.prior.spread != "width"  # y[..., 1] is the log width
         if has_log_width:
-            u[..., 1] = self.row.spread_score(y[..., 1], self.row.pull(y))
+            u[..., 1] = self.rows.spread_score(y[..., 1], self.rows.pull(y))
         # Mean and s depend on pull and width only, which u has now.
         mean, log_sd = self.conditional(u)
         u[..., 0] = mean + y[..., 0] * np.exp(log_sd)
         log_volume = -log_sd
         if has_log_width:
-            log_volume += np.log(self.row.spread_slope(u))
+            log_volume += np.log(self.rows.spread_slope(u))
         return u, log_volume
 
 

@@ -38,7 +38,7 @@ PURE_NUMBER = "1"
 SCALES = "D is the root mean square of s2 - s1 over unequal pairs, and R is the SD of the stimuli"
 
 
-#: What may stand for a number of a prior that a subject's stimuli give.
+#: The word in a prior for a number that the stimuli of a subject give.
 STIMULI: Final = "stimuli"
 
 
@@ -70,7 +70,7 @@ class PriorNumber:
         """
         is_omitted = value is None and self.default is None
         is_of_stimuli = value == STIMULI and self.stimuli != ""
-        # Of what is no number, `real` is NaN, which is in no range.
+        # A value that is no number becomes NaN by `real`, and NaN is in no range.
         is_in_range = self.smallest <= real(value) <= self.largest
         if is_omitted or is_of_stimuli or is_in_range:
             return ""
@@ -98,8 +98,12 @@ class PriorNumbers:
     @classmethod
     def declared(cls) -> dict[str, PriorNumber]:
         """The numbers by name, in the order of their declaration."""
-        # Other fields, such as `has_heavy_tails`, have no metadata.
-        return {row.name: row.metadata["number"] for row in fields(cls) if row.metadata}
+        # Other attributes, such as `has_heavy_tails`, have no metadata.
+        return {
+            attribute.name: attribute.metadata["number"]
+            for attribute in fields(cls)
+            if attribute.metadata
+        }
 
     def require_valid(self, source: str) -> None:
         """Refuse numbers out of range, a line each that begins with the source."""
@@ -148,16 +152,21 @@ class ObserverPrior(PriorNumbers):
     def __post_init__(self) -> None:
         self.require_valid("prior: ")
 
-    def describe(self, task: Task, held: Collection[Parameter] = ()) -> str:
-        """The prior of a task's parameters in words, without those that are held at 0.
+    def describe(self, task: Task, held_parameters: Collection[Parameter] = ()) -> str:
+        """The prior of a task's parameters in words, without parameters that are held at 0.
 
         Examples
         --------
         >>> ObserverPrior().describe(TASKS[1], (CONSTANT_ERROR, CONTRACTION))[:56]
         'noise ~ LogNormal(1 D, 0.7), lapse_rate ~ Beta(1, 9), no'
         """
-        free = [parameter for parameter in task_parameters(task) if parameter not in held]
-        priors = [f"{row.name} ~ {row.prior.format_map(vars(self))}" for row in free]
+        free_parameters = [
+            parameter for parameter in task_parameters(task) if parameter not in held_parameters
+        ]
+        priors = [
+            f"{parameter.name} ~ {parameter.prior.format_map(vars(self))}"
+            for parameter in free_parameters
+        ]
         return f"{', '.join(priors)}; {SCALES}"
 
 
@@ -197,18 +206,19 @@ class Quantity:
     Attributes
     ----------
     name : str
-        In files and in the interface.
+        Its name in files and in the interface.
     symbol : str
         The label of an axis, with formulas in TeX.
     label : str
-        The same in plain text.
+        The label of an axis in plain text.
     words : str
-        What it is.
+        The quantity in words.
     unit : str
-        In files; '1' for a pure number.
+        Its unit in files; '1' for a pure number.
     display : str
-        What an axis shows: 'difference' in the unit of differences, 'known difference' only if the
-        unit of the stimuli is known, 'stimulus' in this unit, 'percent'. Empty: the number itself.
+        How an axis shows the number: 'difference' in the unit of differences, 'known difference'
+        too, but only if the unit of the stimuli is known, 'stimulus' in the unit of the stimuli,
+        'percent' in per cent. If it is empty, the axis shows the number itself.
     """
 
     name: str
@@ -220,7 +230,7 @@ class Quantity:
 
     @property
     def scale(self) -> float:
-        """The factor by which tables and figures multiply it: 100 of a share in per cent."""
+        """The factor by which tables and figures multiply the number: 100 for per cent."""
         return 100.0 if self.display == PERCENT else 1.0
 
 
@@ -233,14 +243,14 @@ class Parameter(Quantity):
     prior : str
         Its distribution; fields of :class:`ObserverPrior` stand in braces.
     limits : tuple of (float, float, str)
-        The two numbers between which the parameter lies, which it never has, and the same in words.
+        The two numbers between which the parameter lies, both excluded, and the rule in words.
     typical : float
-        Its value in an observer without order effects; that of the noise is in D.
+        Its value in an observer without order effects; the noise is in D.
     tasks : tuple of Task
-        Those whose observer has it.
+        The tasks whose observer has the parameter.
     group_label : str
-        In words on the scale on which subjects of a group are normally distributed; empty if a
-        group has no distribution of it.
+        Its name on the scale on which subjects of a group are normally distributed; empty if a
+        group has no distribution of the parameter.
     """
 
     prior: str = ""

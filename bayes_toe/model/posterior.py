@@ -1,7 +1,8 @@
 """The posterior of one subject under one model.
 
-`SubjectPosterior` has what the posteriors of all models have in common: their densities, as those
-of a :class:`bayes_toe.model.posterior_array.PosteriorArray` of one, and the quantiles of the prior.
+`SubjectPosterior` has what the posteriors of all models have in common: their densities, by a
+:class:`bayes_toe.model.posterior_array.PosteriorArray` of one posterior, and the quantiles of the
+prior.
 """
 
 from __future__ import annotations
@@ -31,11 +32,11 @@ DOMINATED = 0.5
 
 @dataclass(frozen=True)
 class Names:
-    """Names of quantities: as many natural and as many identified ones as there are coordinates."""
+    """Names of quantities: as many natural and as many identified names as coordinates."""
 
     natural: Texts  # what the model is written in
     identified: Texts  # what the answers depend on
-    derived: Texts = ()  # further ones that tables report
+    derived: Texts = ()  # further quantities that tables report
     # Monotone functions of another quantity, which have its ranks.
     monotone: Texts = ()
 
@@ -46,7 +47,7 @@ class Names:
 
     @property
     def all(self) -> Texts:
-        """Every name, in the same order."""
+        """Every name, in the order of tables and files."""
         return _in_table_order({*self.natural, *self.identified, *self.derived})
 
 
@@ -116,7 +117,7 @@ class SubjectPosterior(ABC):
 
     @cached_property
     def array(self) -> PosteriorArray:
-        """The same posterior as an array of one, with all coordinates of the task."""
+        """This posterior as an array of one posterior, with all coordinates of the task."""
         return independent_array(self.rows, [self.coordinates])
 
     @property
@@ -142,9 +143,10 @@ class SubjectPosterior(ABC):
     def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
         """Log probability of both answers to every pair, (points, pairs) each.
 
-        Of three answers, those of the second question follow: (points, 2 pairs).
+        Three answers are two questions. The answers to the second question follow those to the
+        first question: (points, 2 pairs).
         """
-        yes, no = self.rows.log_answers(self.full_points(x))  # of one row, (1, points, pairs)
+        yes, no = self.rows.log_answers(self.full_points(x))  # (1, points, pairs), of the one row
         return LogAnswers(yes[0], no[0])
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
@@ -185,15 +187,15 @@ class SubjectPosterior(ABC):
         if name not in self.monotone_in:
             return float(np.quantile(self._prior_quantities[name], probability))
 
-        # The quantile of the coordinate on which the quantity depends gives that of the quantity. A
-        # quantity that falls where the coordinate rises has the opposite one.
+        # The quantity has its quantile where its coordinate has the same quantile. If the quantity
+        # falls where the coordinate rises, the probability counts from above.
         coordinate, direction = self.monotone_in[name]
         # All other coordinates, which do not matter, are at their medians.
         probabilities = np.full((1, len(self.array.names)), 0.5)  # (points, coordinates)
         coordinate_probability = probability if direction > 0 else 1.0 - probability
         probabilities[0, self.array.names.index(coordinate)] = coordinate_probability
-        values = self.quantities(self._prior_points(probabilities))[name]  # at one point
-        return float(values[0])
+        (value,) = self.quantities(self._prior_points(probabilities))[name]  # at the one point
+        return float(value)
 
     @cached_property
     def _prior_quantities(self) -> NamedArrays:
@@ -211,7 +213,7 @@ def posterior_contraction(
     """How much the answers narrow a parameter, with posterior quantiles `low` and `high`.
 
     contraction = 1 - (posterior width / prior width)^2, widths from the 5 % to the 95 % quantile.
-    For normal densities that is one minus the ratio of variances. Where mu1 has a funnel, rare far
+    For normal densities it is one minus the ratio of variances. Where mu1 has a funnel, rare far
     draws determine its variance, but not its quantiles. 1: all from the data; 0: as wide as the
     prior; negative: wider.
 
@@ -222,5 +224,5 @@ def posterior_contraction(
     >>> round(posterior_contraction(paper_posterior(subject), "q0", 0.5, 0.59), 2)
     0.97
     """
-    prior_low, prior_high = (target.prior_quantile(parameter, share) for share in RANGE)
+    prior_low, prior_high = (target.prior_quantile(parameter, probability) for probability in RANGE)
     return 1.0 - ((high - low) / (prior_high - prior_low)) ** 2

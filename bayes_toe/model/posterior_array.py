@@ -34,16 +34,16 @@ class LinearLikelihood:
     rows : AnswerRows
     loading : ndarray, shape (rows, k, d)
     first_row : ndarray of int, shape (posteriors,)
-        The rows of a posterior stand together.
-    further : tuple of LinearLikelihood
-        The likelihoods of the answers to further tasks, with rows of every posterior. `rows` are
-        those of the task that has all coordinates of the observer.
+        The first row of each posterior, whose rows stand together.
+    further_tasks : tuple of LinearLikelihood
+        The likelihoods of the answers to further tasks, with rows of every posterior. `rows` are of
+        the task that has all coordinates of the observer.
     """
 
     rows: AnswerRows
     loading: FloatArray
     first_row: IndexArray
-    further: tuple[LinearLikelihood, ...] = field(default=(), kw_only=True)
+    further_tasks: tuple[LinearLikelihood, ...] = field(default=(), kw_only=True)
 
     @cached_property
     def sizes(self) -> IndexArray:
@@ -51,21 +51,21 @@ class LinearLikelihood:
         return np.diff(np.append(self.first_row, len(self.loading)))
 
     def part(self, index: IndexArray) -> LinearLikelihood:
-        """The likelihood of some posteriors, in this order; one may come more than once."""
+        """The likelihood of some posteriors, in this order; an index may come more than once."""
         sizes = self.sizes[index]
         first_row = np.cumsum(sizes) - sizes  # of each posterior in the part
-        # Row i of the part is row i + shift of these, with one shift for each posterior.
+        # Row i of the part is row i + shift of all rows, with one shift for each posterior.
         shift = np.repeat(self.first_row[index] - first_row, sizes)
         rows = np.arange(sizes.sum()) + shift
-        further = tuple(task.part(index) for task in self.further)
+        further_tasks = tuple(task.part(index) for task in self.further_tasks)
         return LinearLikelihood(
-            self.rows.part(rows), self.loading[rows], first_row, further=further
+            self.rows.part(rows), self.loading[rows], first_row, further_tasks=further_tasks
         )
 
     def row_points(self, w: FloatArray) -> FloatArray:
         """Coordinates u = L w of the rows, (posteriors, points, d) -> (rows, points, k)."""
-        of_rows = np.repeat(w, self.sizes, axis=0)  # each row has the points of its posterior
-        return of_rows @ self.loading.swapaxes(1, 2)
+        w_of_rows = np.repeat(w, self.sizes, axis=0)  # each row has the points of its posterior
+        return w_of_rows @ self.loading.swapaxes(1, 2)
 
     def plain_value(self, w: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (posteriors, points).
@@ -73,27 +73,27 @@ class LinearLikelihood:
         It comes from plain probabilities, at a third of the cost of :meth:`scoring`.
         """
         value = self.summed(self.rows.plain_log_likelihood(self.row_points(w)))
-        for task in self.further:
+        for task in self.further_tasks:
             value = value + task.plain_value(w)
         return value
 
     def scoring(self, w: FloatArray) -> tuple[FloatArray, ...]:
         """Log likelihood, gradient and Fisher information, (posteriors, points[, d[, d]])."""
         value, slope, information = self.rows.scoring(self.row_points(w))
-        # By the chain rule of u = L w. Where an answer is impossible, an infinite slope times 0 is
+        # The chain rule of u = L w. Where an answer is impossible, an infinite slope times 0 is
         # NaN; the value is -inf there, so that no search goes there.
         loading = self.loading[:, None]  # with an axis for the points
         with np.errstate(invalid="ignore"):
             slope = slope @ self.loading
             information = loading.swapaxes(2, 3) @ information @ loading
         sums = tuple(map(self.summed, (value, slope, information)))
-        for task in self.further:
+        for task in self.further_tasks:
             sums = tuple(map(np.add, sums, task.scoring(w)))
         return sums
 
     def summed(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Sums over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
-        if len(self.first_row) == len(values):  # each has one row
+        if len(self.first_row) == len(values):  # each posterior has one row
             return values
         return np.add.reduceat(values, self.first_row, axis=0)
 
@@ -108,9 +108,9 @@ class PosteriorArray:
     ----------
     likelihood : LinearLikelihood
     names : tuple of str
-        Of the d coordinates.
+        Names of the d coordinates.
     further_priors : tuple of PriorDensity
-        Of the coordinates after those of the observer.
+        Priors of the coordinates that follow those of the observer.
     is_free : ndarray of bool, shape (posteriors, d)
         The coordinates that each posterior's model has.
     """
@@ -124,7 +124,7 @@ class PosteriorArray:
         return len(self.is_free)
 
     def part(self, index: IndexArray) -> PosteriorArray:
-        """Some posteriors, in this order; one may come more than once."""
+        """Some posteriors, in this order; an index may come more than once."""
         return replace(self, likelihood=self.likelihood.part(index), is_free=self.is_free[index])
 
     @cached_property
@@ -181,11 +181,11 @@ def independent_array(rows: AnswerRows, free_names: Sequence[Sequence[str]]) -> 
     ----------
     rows : AnswerRows
     free_names : sequence of (sequence of str)
-        For each row the coordinates that its model has.
+        The coordinates that the model of each row has.
     """
     names = rows.coordinates
     n_rows = len(rows.n_yes)
-    # The coordinates of a row are those of its posterior: L is the identity.
+    # A row has the coordinates of its posterior: L is the identity.
     loading = np.broadcast_to(np.eye(len(names)), (n_rows, len(names), len(names)))
     likelihood = LinearLikelihood(rows, loading, np.arange(n_rows))
     is_free = np.array([np.isin(names, list(free)) for free in free_names])

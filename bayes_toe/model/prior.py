@@ -1,12 +1,13 @@
-"""The prior: that of the paper's model (H1), of the observer, and of a group.
+"""The prior of the paper's model (H1), of the observer, and of a group.
 
 The default takes location and scales from the stimuli of each subject, so that adding a constant to
 all stimuli, or multiplying them, changes no probability. With M the mean of all stimuli, R their
 standard deviation and D the root mean square of s2 - s1 over unequal pairs, H1 has
 mu1 ~ Normal(M, 2.5 R), log w ~ Normal(log D, 1), gamma ~ Uniform(0, 1) and q0 ~ Beta(4, 1).
 
-`Prior()` is the paper's in H1's four parameters, whatever the stimuli are: mu1 ~ Normal(0, 10),
-sigma_p ~ HalfNormal(1), gamma and q0 uniform (V_1 = 10^2, 0 < sigma_l < sigma_p).
+`Prior()` is the paper's prior of H1's four parameters, whatever the stimuli are:
+mu1 ~ Normal(0, 10), sigma_p ~ HalfNormal(1), gamma and q0 uniform (V_1 = 10^2,
+0 < sigma_l < sigma_p).
 
 The numbers of a prior are those of H1 (`Prior`), of the observer in the four models
 (`Prior.observer`) and of a group (`Prior.group`):
@@ -17,9 +18,9 @@ The numbers of a prior are those of H1 (`Prior`), of the observer in the four mo
     log(sigma_d/D):    m ~ Normal(0, .6)                tau ~ half-normal, scale .4
     logit q0:          m ~ Normal(1.8, 1)               tau ~ half-normal, scale 1
 
-D is here that of the whole study. The other parameters of the observer have the prior of a single
-subject. Effects of covariates have the scale of tau; differences between conditions are normal,
-with half the scales.
+D is here the scale of the whole study. The other parameters of the observer have the prior of a
+single subject. Effects of covariates have the scale of tau; differences between conditions are
+normal, with half the scales.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from bayes_toe.model.parameters import (
 #: Sections of a prior file: that of the paper's model (H1), and that of a group.
 PAPER = "paper"
 GROUP = "group"
-#: Beyond these a square would leave the range of floats.
+#: The square of a number beyond these limits would leave the range of floats.
 _SMALLEST = 1e-100
 _LARGEST = 1e100
 
@@ -65,7 +66,7 @@ class ParameterHyperprior(PriorNumbers):
     mean_scale, sd_scale : float
         Scale of the prior of the mean, and of the prior of the standard deviation.
     has_heavy_tails : bool
-        Whether both are Student's t with 3 degrees of freedom; otherwise they are normal.
+        Whether both priors are Student's t with 3 degrees of freedom; otherwise they are normal.
     """
 
     mean: float = prior_number(smallest=-1e3)
@@ -112,21 +113,21 @@ class Hyperprior:
     'mean ~ Normal(0, 0.6); SD between subjects ~ half-normal, scale 0.15'
     """
 
-    # Each with the mean, the scale of the mean, and the scale of the SD between subjects.
+    # Each prior has the mean, the scale of the mean, and the scale of the SD between subjects.
     constant_error: ParameterHyperprior = ParameterHyperprior(0.0, 0.5, 0.3, has_heavy_tails=True)
     contraction: ParameterHyperprior = ParameterHyperprior(0.0, 0.2, 0.15)
     noise: ParameterHyperprior = ParameterHyperprior(0.0, 0.6, 0.4)
     q0: ParameterHyperprior = ParameterHyperprior(1.8, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        for name, row in vars(self).items():
-            require_kind(f"hyperprior: {name}", row, ParameterHyperprior, "a ParameterHyperprior")
-            row.require_valid(f"hyperprior: [{name}] ")
+        for name, prior in vars(self).items():
+            require_kind(f"hyperprior: {name}", prior, ParameterHyperprior, "a ParameterHyperprior")
+            prior.require_valid(f"hyperprior: [{name}] ")
 
     @classmethod
-    def from_record(cls, rows: Mapping[str, Mapping[str, Any]]) -> Self:
+    def from_record(cls, record: Mapping[str, Mapping[str, Any]]) -> Self:
         """The hyperprior that a file of results holds."""
-        return cls(**{name: ParameterHyperprior(**row) for name, row in rows.items()})
+        return cls(**{name: ParameterHyperprior(**numbers) for name, numbers in record.items()})
 
     def describe(self, task: Task) -> Texts:
         """A line for each parameter of a task."""
@@ -136,7 +137,7 @@ class Hyperprior:
         )
 
 
-# --- The paper's model (H1), and all others -------------------------------------------------------
+# --- The paper's model (H1), and all other models -------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -155,8 +156,8 @@ class Prior(PriorNumbers):
         Median of a lognormal prior of the width w, natural-log intensity, in the place of
         sigma_p's; standard deviation of its logarithm.
     gamma_a, gamma_b, q0_a, q0_b, lapse_rate_a, lapse_rate_b : float
-        Of the beta distributions of gamma, q0 and the lapse rate, the share of answers given
-        without regard to the stimuli.
+        The numbers a and b of the beta distributions of gamma, q0 and the lapse rate, the share of
+        answers given without regard to the stimuli.
     observer : ObserverPrior
         The prior of the observer in the four models.
     group : Hyperprior
@@ -173,7 +174,7 @@ class Prior(PriorNumbers):
     'mu1 ~ Normal(0, 10), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)'
     """
 
-    # Each with its default, its smallest and its largest value, and what "stimuli" stands for.
+    # Each number has a default, a smallest and a largest value, and what "stimuli" stands for.
     mu1_mean: float | Literal["stimuli"] = prior_number(0.0, -_LARGEST, _LARGEST, "M")
     mu1_sd: float | Literal["stimuli"] = prior_number(10.0, _SMALLEST, _LARGEST, "2.5 R")
     sigma_p_scale: float | Literal["stimuli"] = prior_number(1.0, _SMALLEST, _LARGEST, "D")
@@ -206,7 +207,7 @@ class Prior(PriorNumbers):
         require_kind("prior: group", self.group, Hyperprior, "a Hyperprior")
 
     def paper_parameters(self, task: Task = SAME_DIFFERENT) -> Texts:
-        """The parameters of H1 that have a distribution: either the width or sigma_p has one."""
+        """The parameters of H1 that have a distribution: the width or sigma_p is one of them."""
         return ("mu1", self.spread, "gamma", task.lapses)
 
     @property
@@ -252,7 +253,7 @@ class Prior(PriorNumbers):
 
         scales = common_scales(*subjects)
         if scales is None:
-            # A number that H1 does not use may stay open.
+            # A number that H1 does not use may stay "stimuli".
             if any(map(self.depends_on_stimuli, self.paper_parameters())):
                 raise InputError(
                     f"subject {subjects[0].name!r}: the prior takes its scale from pairs of "
@@ -336,14 +337,14 @@ def sections() -> dict[str, dict[str, PriorNumber]]:
     >>> list(sections()["group.noise"])
     ['mean', 'mean_scale', 'sd_scale']
     """
-    keys: dict[str, dict[str, PriorNumber]] = defaultdict(dict)
+    numbers_by_section: dict[str, dict[str, PriorNumber]] = defaultdict(dict)
     for name, number in ObserverPrior.declared().items():
         parameter, _, key = name.rpartition("_")  # 'noise_slope_scale' -> 'noise_slope', 'scale'
-        keys[parameter][key] = number
-    keys[PAPER] = Prior.declared()
-    for row in fields(Hyperprior):
-        keys[f"{GROUP}.{row.name}"] = ParameterHyperprior.declared()
-    return keys
+        numbers_by_section[parameter][key] = number
+    numbers_by_section[PAPER] = Prior.declared()
+    for attribute in fields(Hyperprior):
+        numbers_by_section[f"{GROUP}.{attribute.name}"] = ParameterHyperprior.declared()
+    return numbers_by_section
 
 
 def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
@@ -366,27 +367,27 @@ def changed_prior(prior: Prior, table: Mapping[str, Any], source: str) -> Prior:
     if problems:
         raise InputError([f"{source}: {problem}" for problem in problems])
 
-    # The changed fields of `Prior`, of `ObserverPrior` and of `Hyperprior`.
-    changed: Record = {}
-    observer: Record = {}
-    group: Record = {}
+    # The new values of attributes of `Prior`, of `ObserverPrior` and of `Hyperprior`.
+    changes: Record = {}
+    observer_changes: Record = {}
+    group_changes: Record = {}
     for section, values in contents.items():
         numbers = dict(values)
         for key, value in values.items():
             if value != STIMULI:
-                numbers[key] = float(value)  # of an integer, too
+                numbers[key] = float(value)  # an integer becomes a float
 
         part, _, parameter = section.partition(".")  # 'group.noise' -> ('group', '.', 'noise')
         if part == PAPER:
-            changed |= numbers
+            changes |= numbers
         elif part == GROUP:
-            group[parameter] = replace(getattr(prior.group, parameter), **numbers)
+            group_changes[parameter] = replace(getattr(prior.group, parameter), **numbers)
         else:  # the section [noise] has the numbers noise_median and noise_sd
-            observer |= {f"{section}_{key}": number for key, number in numbers.items()}
+            observer_changes |= {f"{section}_{key}": number for key, number in numbers.items()}
 
-    changed["observer"] = replace(prior.observer, **observer)
-    changed["group"] = replace(prior.group, **group)
-    return replace(prior, **changed)
+    changes["observer"] = replace(prior.observer, **observer_changes)
+    changes["group"] = replace(prior.group, **group_changes)
+    return replace(prior, **changes)
 
 
 def _section_problems(section: str, values: object) -> list[str]:
@@ -394,17 +395,19 @@ def _section_problems(section: str, values: object) -> list[str]:
     all_sections = sections()
     if section not in all_sections or not isinstance(values, Mapping):
         # The name may be a key, such as 'sd', outside of its section.
-        places = [name for name, keys in all_sections.items() if section in keys]
-        names = ", ".join(f"[{name}]" for name in places or all_sections)
+        sections_with_key = [name for name, keys in all_sections.items() if section in keys]
+        names = ", ".join(f"[{name}]" for name in sections_with_key or all_sections)
         return [f"{display_name(section)}: found no such section, allowed: {names}"]
 
-    keys = all_sections[section]
+    numbers = all_sections[section]
     problems = []
     for key, value in values.items():
-        if key not in keys:
-            problems.append(f"[{section}] {quoted(key)}: unknown key, allowed: {', '.join(keys)}")
+        if key not in numbers:
+            problems.append(
+                f"[{section}] {quoted(key)}: unknown key, allowed: {', '.join(numbers)}"
+            )
             continue
-        problem = keys[key].problem(value)
+        problem = numbers[key].problem(value)
         if problem:
             problems.append(f"[{section}] {key}: {problem}")
     return problems

@@ -46,7 +46,7 @@ def read_prior(path: StrPath) -> Prior:
 
 
 def hyperprior_from(source: Hyperprior | StrPath | None) -> Hyperprior:
-    """The prior of a group: the given one, that of a prior file, or (None) the default.
+    """The prior of a group: the given prior, that of a prior file, or (None) the default.
 
     A file may also have nothing but the sections of [group], without `group.` in their names.
 
@@ -67,7 +67,7 @@ def hyperprior_from(source: Hyperprior | StrPath | None) -> Hyperprior:
         source, "[SECTION] and NAME = NUMBER, as in [group.contraction] and sd_scale = 0.3"
     )
 
-    if GROUP not in table:  # its sections are those of the group
+    if GROUP not in table:  # the sections of the file are those of the group
         table = {GROUP: table}
     return changed_prior(DEFAULT, table, format_path(Path(source))).group
 
@@ -78,7 +78,7 @@ PRESETS = {"default": DEFAULT, "paper": Prior()}
 
 
 def preset_or_file(source: Prior | StrPath | None) -> Prior:
-    """The prior given, the preset of this name, the prior in this file, or (None) the default."""
+    """The given prior, the preset of this name, the prior in this file, or (None) the default."""
     if source is None:
         return DEFAULT
     if isinstance(source, Prior):
@@ -87,14 +87,14 @@ def preset_or_file(source: Prior | StrPath | None) -> Prior:
     require_kind("prior", source, (str, os.PathLike), kinds)
     if str(source) in PRESETS:
         return PRESETS[str(source)]
-    # Without a suffix it is more probably a misspelt preset than a file.
+    # A text without a suffix is more probably a misspelt preset than a file.
     if not Path(source).suffix and not Path(source).exists():
         raise InputError(f"prior {str(source)!r}: no such preset or file, allowed: {kinds}")
     return read_prior(source)
 
 
 def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
-    """The prior that is asked for, if every subject of a study has a scale for it.
+    """The prior that is asked for; every subject of a study needs a scale for the prior.
 
     Scales that come from the stimuli become numbers subject by subject
     (:meth:`bayes_toe.model.prior.Prior.for_subjects`), because subjects may have different stimuli.
@@ -109,8 +109,8 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     Raises
     ------
     InputError
-        If there is no such preset, or no scale for it: a subject without pairs of different
-        stimuli; for something else than a study.
+        If there is no such preset, or no scale for the prior, because a subject has no pairs of
+        different stimuli; for something else than a study.
 
     Examples
     --------
@@ -122,5 +122,5 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     require_study(study, several_tasks=True)
     study_prior = preset_or_file(prior)
     for subject in study:
-        study_prior.for_subjects(subject)
+        study_prior.for_subjects(subject)  # refuses a subject that gives no scale
     return study_prior

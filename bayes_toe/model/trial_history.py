@@ -1,19 +1,19 @@
-"""Effects of the trial before on the next one, added to the observer.
+"""Effects of the trial before on the next trial, added to the observer.
 
 `TrialHistoryPosterior` is the posterior with these effects, and `TrialSequence` has the trials in
-their order. `looks_sorted` finds files in which that order was lost.
+their order. `looks_sorted` finds files in which the order of the trials was lost.
 
     previous response   k_m exp(kappa r) in 'same or different', z + kappa r in the other tasks
     carry-over          sbar + E takes the place of sbar in p (s1 - sbar)
 
-r is the answer of the trial before: 1 for the one that the task counts, -1 for the other one, 0
-where there is none. Of three answers r is 1 after 'second', 0 after 'equal' and -1 after 'first'.
+r is the answer of the trial before: 1 for the answer that the task counts, -1 for the other answer,
+0 without an answer. With three answers r is 1 after 'second', 0 after 'equal' and -1 after 'first'.
 So kappa > 0 repeats answers and kappa < 0 alternates them. E is 0 at the start of a session or
 block, and afterwards
 
     E' = rho ((1 - p) (s2 - sbar) + p (1 - p) (s1 - sbar) + p^2 E)
 
-of the trial before, whether that has an answer or not: its stimuli were perceived all the same.
+of the trial before, also if that trial has no answer: its stimuli were perceived all the same.
 rho = 0 is the observer without carry-over.
 
 kappa has the prior Normal(0, 0.5), in 'same or different' Normal(0, 0.25); rho has Uniform(0, 1).
@@ -43,7 +43,7 @@ from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 
 @dataclass(frozen=True)
 class TrialHistory:
-    """A model of the order of stimuli with what the trial before does.
+    """A model of the order of stimuli, with effects of the trial before.
 
     Attributes
     ----------
@@ -51,7 +51,8 @@ class TrialHistory:
     has_previous_response : bool
         Whether the answer of the trial before has an effect.
     has_carry_over : bool
-        Whether its stimuli have; the order model then has a contraction.
+        Whether the stimuli of the trial before have an effect. The order model then has a
+        contraction.
     """
 
     order: OrderModel
@@ -79,9 +80,9 @@ class TrialHistory:
 class HistoryRows(ObserverRows):
     """One row of the trials of a subject, whose responses also depend on the trial before.
 
-    In the place of a pair, it has a cell: an answered trial, or without carry-over all trials of a
-    pair after the same answer. Points have the observer's coordinates, then those of kappa and rho
-    where the model has them. The class has no slopes in these, only values.
+    In the place of a pair, the row has a cell: an answered trial, or without carry-over all trials
+    of a pair after the same answer. Points have the observer's coordinates, then those of kappa and
+    rho if the model has them. The class has no slopes in kappa and rho, only values.
 
     Attributes
     ----------
@@ -89,7 +90,7 @@ class HistoryRows(ObserverRows):
     trials : TrialSequence
     previous : ndarray, shape (cells,)
         r, the answer before.
-    cell : ndarray of int, shape (answered trials,)
+    cell_of_trial : ndarray of int, shape (answered trials,)
         The cell of each answered trial.
     first_of_trial, second_of_trial : ndarray, shape (trials, 1)
         Stimuli from sbar, in D.
@@ -98,7 +99,7 @@ class HistoryRows(ObserverRows):
     history: TrialHistory
     trials: TrialSequence
     previous: FloatArray
-    cell: IndexArray
+    cell_of_trial: IndexArray
     first_of_trial: FloatArray
     second_of_trial: FloatArray
 
@@ -111,35 +112,37 @@ class HistoryRows(ObserverRows):
         """
         trials = TrialSequence.from_subject(observer.subject)
         # Pair and answer of each answered trial, and the answer before it.
-        answered = np.flatnonzero(trials.is_answered)
-        pair = trials.pair[answered]
-        answer = trials.answer[answered]
-        earlier = trials.previous[answered]
-        # The first trial of a session has no earlier one.
-        previous = np.where(earlier >= 0, trials.answer[earlier], 0.0)
+        answered_trials = np.flatnonzero(trials.is_answered)
+        pair_of_trial = trials.pair[answered_trials]
+        answer_of_trial = trials.answer[answered_trials]
+        trials_before = trials.previous[answered_trials]
+        # The first trial of a session has no earlier trial.
+        previous_of_trial = np.where(trials_before >= 0, trials.answer[trials_before], 0.0)
 
         # The cell of each answered trial, and the pair and the answer before of each cell.
         if history.has_carry_over:
-            cell = np.arange(len(answered))
-            pair_of_cell, previous_of_cell = pair, previous
+            cell_of_trial = np.arange(len(answered_trials))
+            pair_of_cell, previous_of_cell = pair_of_trial, previous_of_trial
         else:
-            cells, cell = np.unique(np.stack([pair, previous]), axis=1, return_inverse=True)
-            cell = cell.ravel()
-            pair_of_cell = cells[0].astype(np.intp)
-            previous_of_cell = cells[1]
+            pair_and_previous, cell_of_trial = np.unique(
+                np.stack([pair_of_trial, previous_of_trial]), axis=1, return_inverse=True
+            )
+            cell_of_trial = cell_of_trial.ravel()
+            float_pairs, previous_of_cell = pair_and_previous
+            pair_of_cell = float_pairs.astype(np.intp)
 
-        n_positive = np.bincount(cell, answer > 0.0)
-        n_negative = np.bincount(cell, answer < 0.0)
+        n_positive = np.bincount(cell_of_trial, answer_of_trial > 0.0)
+        n_negative = np.bincount(cell_of_trial, answer_of_trial < 0.0)
         if observer.subject.task.has_three_answers:
-            # The first question is whether the stimuli are equal, and the second one which of them
-            # is stronger.
-            n_equal = np.bincount(cell, answer == 0.0)
+            # The first question is whether the stimuli are equal, and the second question which
+            # stimulus is stronger.
+            n_equal = np.bincount(cell_of_trial, answer_of_trial == 0.0)
             n_yes = np.append(n_equal, n_positive)
             n_no = np.append(n_positive + n_negative, n_negative)
         else:
             n_yes, n_no = n_positive, n_negative
 
-        # Task, scales and prior are those of the posterior. A cell has the stimuli of its pair.
+        # Task, scales and prior come from the posterior. A cell has the stimuli of its pair.
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
             values[name] = values[name][..., pair_of_cell]
@@ -152,14 +155,14 @@ class HistoryRows(ObserverRows):
             history=history,
             trials=trials,
             previous=previous_of_cell,
-            cell=cell,
+            cell_of_trial=cell_of_trial,
             first_of_trial=((trials.first - scales.sbar) / scales.step)[:, None],
             second_of_trial=((trials.second - scales.sbar) / scales.step)[:, None],
         )
 
     @property
     def coordinates(self) -> Texts:
-        """Names of the observer's coordinates, then of those of kappa and rho."""
+        """Names of the observer's coordinates, then the coordinates of kappa and rho."""
         return (*super().coordinates, *self.history.effects)
 
     @cached_property
@@ -178,8 +181,8 @@ class HistoryRows(ObserverRows):
             values["carry_over"] = ndtr(scores["carry_over"])
         return values
 
-    def lever_at(self, values: NamedArrays) -> FloatArray:
-        """The first stimulus from the centre of the contraction, in D: from sbar + E."""
+    def first_from_centre(self, values: NamedArrays) -> FloatArray:
+        """The first stimulus less the centre of the contraction, here sbar + E, in units of D."""
         if not self.history.has_carry_over:
             return self.first
         expected = expectations(
@@ -189,7 +192,7 @@ class HistoryRows(ObserverRows):
             values["carry_over"][0],
             self.trials.is_session_start,
         )
-        # From (trials, points) to (1, points, answered trials), which are the cells.
+        # From (trials, points) to (1, points, answered trials). Each answered trial is a cell.
         return self.first - expected[self.trials.is_answered].T[None]
 
     def curve_at(self, u: FloatArray) -> Curve:
@@ -206,41 +209,41 @@ class HistoryRows(ObserverRows):
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
         """Log likelihood, (1, points); -inf where abs(p) is 1 or more.
 
-        There is no such contraction, and an expectation would grow from trial to trial.
+        A contraction of that size does not exist. An expectation would grow from trial to trial.
         """
         is_possible = np.abs(super().quantities(u)["contraction"]) < 1.0  # (1, points)
-        at_possible = []
-        for part in self._parts(u[:, is_possible[0]]):
-            at_possible.append(super().plain_log_likelihood(part))
+        log_likelihood_of_blocks = []
+        for block in self._point_blocks(u[:, is_possible[0]]):
+            log_likelihood_of_blocks.append(super().plain_log_likelihood(block))
 
         log_likelihood = np.full(u.shape[:2], -np.inf)
-        log_likelihood[is_possible] = np.concatenate(at_possible, axis=1)[0]
+        log_likelihood[is_possible] = np.concatenate(log_likelihood_of_blocks, axis=1)[0]
         return log_likelihood
 
     def trial_probabilities(self, u: FloatArray) -> FloatArray:
-        """P of the answer that the task counts in every answered trial, (points, trials).
+        """P of the counted answer in every answered trial, (points, trials).
 
-        Of three answers, that is 'second' here.
+        With three answers, it is P('second').
         """
-        cells = []
-        for part in self._parts(u):
-            probabilities = self.plain_answers_at(self.curve_at(part))
-            # The last answer is 'different' or 'first'. The one before it is 'equal' or 'second'.
-            cells.append(probabilities[-2][0])  # (points, cells), of the one row
-        return np.concatenate(cells)[:, self.cell]
+        p_of_cells = []
+        for block in self._point_blocks(u):
+            # The last answer is 'different' or 'first'. Before it stands 'equal' or 'second'.
+            *_, counted, _ = self.plain_answers_at(self.curve_at(block))
+            p_of_cells.append(counted[0])  # (points, cells), of the one row
+        return np.concatenate(p_of_cells)[:, self.cell_of_trial]
 
-    def _parts(self, u: FloatArray, n_values: int = 1 << 17) -> list[FloatArray]:
-        """Points in parts, so that temporary arrays have at most about `n_values` values."""
-        n_all_values = u.shape[1] * len(self.previous)  # a value for each point and cell
-        return np.array_split(u, max(1, math.ceil(n_all_values / n_values)), axis=1)
+    def _point_blocks(self, u: FloatArray, max_values: int = 1 << 17) -> list[FloatArray]:
+        """Points in blocks, so that temporary arrays have at most about `max_values` values."""
+        n_values = u.shape[1] * len(self.previous)  # a value for each point and cell
+        return np.array_split(u, max(1, math.ceil(n_values / max_values)), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class TrialHistoryPosterior:
     """The posterior of one subject under a model with a history of trials.
 
-    Points have the shape (points, d), with all coordinates of :class:`HistoryRows`. Those that the
-    order model does not have are 0.
+    Points have the shape (points, d), with all coordinates of :class:`HistoryRows`. A coordinate
+    that the order model does not have is 0.
     """
 
     subject: Subject
@@ -259,7 +262,7 @@ class TrialHistoryPosterior:
 
     @cached_property
     def array(self) -> PosteriorArray:
-        """The posterior as an array of one."""
+        """The posterior as an array of one posterior."""
         coordinates = self.model.order.coordinates(self.subject.task)
         return independent_array(self.rows, [(*coordinates, *self.model.effects)])
 
@@ -317,8 +320,8 @@ class TrialSequence:
     pair : ndarray of int
         The trial's pair among those of the subject; -1 where that pair was never answered.
     answer : ndarray
-        r: 1 for the answer that the task counts, -1 for the other one, 0 for none. Of three
-        answers, 1 for 'second', 0 for 'equal', -1 for 'first'.
+        r: 1 for the answer that the task counts, -1 for the other answer, 0 without an answer. With
+        three answers, 1 for 'second', 0 for 'equal', -1 for 'first'.
     is_answered : ndarray of bool
         Whether trials have an answer.
     is_session_start : ndarray of bool
@@ -339,8 +342,8 @@ class TrialSequence:
 
         answers = require_order(subject)  # one trial a row
         pairs = pd.MultiIndex.from_arrays([subject.s1, subject.s2])
-        # r is 1 for a positive answer, -1 for a negative one, and 0 for none (both counts are 0).
-        # Of three answers, 'equal' is neither positive nor negative.
+        # r is 1 for a positive answer, -1 for a negative answer, and 0 without an answer: then both
+        # counts are 0. Among three answers, 'equal' is neither positive nor negative.
         if answers.n_second is None:
             n_positive = answers.n_yes
             n_signed = answers.n_trials
@@ -359,7 +362,7 @@ class TrialSequence:
 
     @property
     def previous(self) -> IndexArray:
-        """Index of the trial before in the same session; -1 where there is none."""
+        """Index of the trial before in the same session; -1 where there is no such trial."""
         return np.where(self.is_session_start, -1, np.arange(len(self.answer)) - 1)
 
 
@@ -385,8 +388,8 @@ def require_order(subject: Subject) -> Answers:
 def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     """Whether the trials look sorted by their stimuli, with a false-alarm rate `alpha`.
 
-    Then pairs rise, or fall, from trial to trial more often than by chance. Trials in one run of
-    each pair count as sorted, too; blocks of a pair in both orders do not.
+    In sorted trials, pairs rise, or fall, from trial to trial more often than by chance. Trials in
+    one run of each pair count as sorted, too; blocks of a pair in both orders do not.
 
     Examples
     --------
@@ -403,7 +406,7 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     n_changes = np.count_nonzero(step)
     n_rises = np.count_nonzero(step > 0)
     n_rarer = min(n_rises, n_changes - n_rises)
-    # In random order, rising and falling are equally probable: P of so few changes one way.
+    # In random order, rising and falling are equally probable. P of so few rarer changes:
     if bdtr(n_rarer, n_changes, 0.5) < alpha:
         return True
 
@@ -412,7 +415,7 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     # A run begins with each session, and with each change of the pair.
     n_runs = n_changes + np.count_nonzero(answers.is_session_start)
     has_one_run_of_each = n_runs == len(pairs_in_sessions)
-    # More than two trials on average. A single change may be that of two blocks.
+    # A run has more than two trials on average. A single change may be that of two blocks.
     has_long_runs = len(step) > 2 * n_changes and n_changes > 1
-    # With no rarer changes, all pairs rise, or all fall.
+    # Without rarer changes, all pairs rise, or all fall.
     return bool(n_rarer == 0 and has_one_run_of_each and has_long_runs)

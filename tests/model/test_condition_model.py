@@ -67,24 +67,24 @@ def sum_of_log_likelihoods(models, points):
     in_conditions = points @ models.loading.swapaxes(1, 2)
     for unit, coordinates in zip(models.units, in_conditions, strict=True):
         posterior = OrderModel("both").posterior(unit)
-        columns = [models.shared.coordinates.index(name) for name in posterior.coordinates]
+        columns = [models.shared_observer.coordinates.index(name) for name in posterior.coordinates]
         total = total + posterior.log_likelihood(coordinates[:, columns])
     return total
 
 
 @EACH_MODEL
 def test_the_likelihood_is_the_product_over_conditions(models):
-    array = models.array([models.differing])
-    points = 0.5 * default_rng(1).standard_normal((1, 4, len(array.names)))
-    value, *_ = array.likelihood.scoring(points)  # (1 model, 4 points)
+    posteriors = models.posteriors([models.differing_parameters])
+    points = 0.5 * default_rng(1).standard_normal((1, 4, len(posteriors.names)))
+    value, *_ = posteriors.likelihood.scoring(points)  # (1 model, 4 points)
     np.testing.assert_allclose(value[0], sum_of_log_likelihoods(models, points[0]), rtol=1e-11)
-    np.testing.assert_allclose(array.likelihood.plain_value(points), value, rtol=1e-12)
+    np.testing.assert_allclose(posteriors.likelihood.plain_value(points), value, rtol=1e-12)
 
 
 @EACH_MODEL
 def test_the_gradient_is_the_slope_of_the_likelihood(models):
     # One model in which all that may differ does; four points near the middle of the prior.
-    likelihood = models.array([models.differing]).likelihood
+    likelihood = models.posteriors([models.differing_parameters]).likelihood
     points = 0.5 * default_rng(1).standard_normal((1, 4, models.loading.shape[-1]))
     _, gradient, _ = likelihood.scoring(points)
     slopes = definitions.slopes(lambda x: likelihood.scoring(x)[0], points)
@@ -94,27 +94,27 @@ def test_the_gradient_is_the_slope_of_the_likelihood(models):
 def test_what_does_not_differ_has_no_prior_and_stays_at_0():
     """Of two models: one in which nothing differs, and one in which the noise does."""
     models = THREE_CONDITIONS
-    array = models.array([(), (NOISE,)])
-    probability = default_rng(1).uniform(size=(2, 50, len(array.names)))
-    points = array.prior_points(probability)  # (models, points, coordinates)
-    is_difference = [name.startswith("noise ") for name in array.names]
+    posteriors = models.posteriors([(), (NOISE,)])
+    probability = default_rng(1).uniform(size=(2, 50, len(posteriors.names)))
+    points = posteriors.prior_points(probability)  # (models, points, coordinates)
+    is_difference = [name.startswith("noise ") for name in posteriors.names]
     k = len(models.parameters)  # coordinates that all conditions share come first
     alike, differing = points
     assert not alike[:, k:].any()
     assert differing[:, is_difference].all()
 
-    log_prior_of_alike, log_prior_of_differing = array.log_prior(points)
-    assert log_prior_of_alike == pytest.approx(models.shared.log_prior(alike[:, :k]))
-    shared = models.shared.log_prior(differing[:, :k])
+    log_prior_of_alike, log_prior_of_differing = posteriors.log_prior(points)
+    assert log_prior_of_alike == pytest.approx(models.shared_observer.log_prior(alike[:, :k]))
+    shared = models.shared_observer.log_prior(differing[:, :k])
     of_differences = stats.norm.logpdf(differing[:, is_difference]).sum(axis=1)
     assert log_prior_of_differing == pytest.approx(shared + of_differences)
 
 
 def test_the_prior_sd_of_the_difference_of_any_two_levels_is_half_a_unit():
     models = THREE_CONDITIONS
-    array = models.array([(NOISE, CONSTANT_ERROR, CONTRACTION)])
-    probability = default_rng(1).uniform(size=(1, 40_000, len(array.names)))
-    values = models.quantities(array.prior_points(probability)[0])
+    posteriors = models.posteriors([(NOISE, CONSTANT_ERROR, CONTRACTION)])
+    probability = default_rng(1).uniform(size=(1, 40_000, len(posteriors.names)))
+    values = models.quantities(posteriors.prior_points(probability)[0])
     step = StimulusScales.from_pairs(S1, S2, np.full(5, 12)).step
     # A unit is D/2 of the constant error, 1/4 of the contraction, and 1 of the log JND. An SD of
     # 40,000 draws has an error of 0.4 %.
@@ -125,10 +125,10 @@ def test_the_prior_sd_of_the_difference_of_any_two_levels_is_half_a_unit():
         assert log_ratio.std() == pytest.approx(0.5, rel=0.02)
 
 
-def require_means_over_the_prior(evidence, models, array):
+def require_means_over_the_prior(evidence, models, posteriors):
     """Each evidence is the mean likelihood of draws from the prior, within 4 standard errors."""
-    probability = default_rng(2).uniform(size=(len(array), 40_000, len(array.names)))
-    points = array.prior_points(probability)
+    probability = default_rng(2).uniform(size=(len(posteriors), 40_000, len(posteriors.names)))
+    points = posteriors.prior_points(probability)
     for i, draws in enumerate(points):
         log_likelihood = sum_of_log_likelihoods(models, draws)
         highest = log_likelihood.max()  # subtracted, so that exp does not underflow
@@ -143,14 +143,14 @@ def require_means_over_the_prior(evidence, models, array):
 def test_evidences_of_what_differs_are_means_over_the_prior():
     """The choices are what may differ: each subset of constant error, contraction and noise."""
     evidence, _ = condition_evidences(TWO_CONDITIONS, seed=1)
-    array = TWO_CONDITIONS.array(CHOICES)
-    require_means_over_the_prior(evidence, TWO_CONDITIONS, array)
+    posteriors = TWO_CONDITIONS.posteriors(CHOICES)
+    require_means_over_the_prior(evidence, TWO_CONDITIONS, posteriors)
 
 
 def test_evidences_of_one_observer_of_two_tasks_are_means_over_the_prior():
     # As precise as the mean over 40,000 draws from the prior.
     models = models_of_two_tasks()
-    array = models.without_differences
+    posteriors = models.posteriors_without_differences
     precision = Precision(standard_error=0.01, most_draws=40_000)
-    (evidence,) = evidences_of(array, [models.subject], 1, models.prior, precision)
-    require_means_over_the_prior(evidence, models, array)
+    (evidence,) = evidences_of(posteriors, [models.subject], 1, models.prior, precision)
+    require_means_over_the_prior(evidence, models, posteriors)

@@ -97,7 +97,7 @@ def test_the_evidence_is_the_stored_one_or_is_withheld_with_a_reason(fit):
     case, _, draws = fit
     estimate = importance_evidence(draws)
     if estimate.value is None:
-        assert "withheld" in estimate.why_not
+        assert "withheld" in estimate.why_withheld
     else:
         tolerance = 4 * estimate.se + case["log_evidence_error"]
         assert estimate.value == pytest.approx(case["log_evidence"], abs=tolerance)
