@@ -29,7 +29,6 @@ from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.draws import Draws, require_fitting
 from bayes_toe.inference.draws_file import subjects_tree
-from bayes_toe.inference.engine import FOR_EVIDENCE, SHARP, Precision
 from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, unchecked_evidence
 from bayes_toe.inference.prediction import Predictor
@@ -337,7 +336,7 @@ _FlaggedEvidence: TypeAlias = tuple[OrderEvidence, Sequence[Finding]]
 def _sample_subject(subject: Subject, settings: Settings) -> SubjectDraws:
     """The draws of one subject under the model of the settings."""
     target = model_posterior(settings.model, subject, settings.prior)
-    fitted = fit_subject(target, settings.seed, SHARP)
+    fitted = fit_subject(target, settings.seed, has_chains=True)
     return subject_draws(fitted, settings.sampler, settings.seed)
 
 
@@ -357,7 +356,7 @@ def _analyse_subjects(
 
 
 def _fit_h1(
-    flagged_evidence: _FlaggedEvidence, settings: Settings, n_draws: int, precision: Precision
+    flagged_evidence: _FlaggedEvidence, settings: Settings, n_draws: int, *, has_chains: bool
 ) -> tuple[Fitted, SubjectEvidence]:
     """The mixture of the paper's model (H1) of one subject, and its row of the evidence table."""
     evidence, findings = flagged_evidence
@@ -365,7 +364,7 @@ def _fit_h1(
     # An evidence that is not finite raises an error here, where it costs this subject only.
     answer = answer_evidence(evidence.checked(), seed, findings)
     target = paper_posterior(evidence.subject, settings.prior)
-    fitted = fit_subject(target, seed, precision)
+    fitted = fit_subject(target, seed, has_chains=has_chains)
     return fitted, subject_evidence(fitted, model_evidence(fitted, seed, n_draws), answer)
 
 
@@ -373,13 +372,13 @@ def _compute_evidence(
     flagged_evidence: _FlaggedEvidence, settings: Settings, n_draws: int
 ) -> SubjectEvidence:
     """The row of one subject in the evidence table, with so many draws behind that of H1."""
-    _, row = _fit_h1(flagged_evidence, settings, n_draws, FOR_EVIDENCE)
+    _, row = _fit_h1(flagged_evidence, settings, n_draws, has_chains=False)
     return row
 
 
 def _sample_h1(flagged_evidence: _FlaggedEvidence, settings: Settings) -> _SampledSubject:
     """The row of one subject in the evidence table, and draws of the paper's model (H1)."""
-    fitted, row = _fit_h1(flagged_evidence, settings, EVIDENCE_DRAWS, SHARP)
+    fitted, row = _fit_h1(flagged_evidence, settings, EVIDENCE_DRAWS, has_chains=True)
     draws = subject_draws(fitted, settings.sampler, settings.seed, summarised=True)
     evidence, _ = flagged_evidence
     # 400 draws suffice for the bands of curves in figures.

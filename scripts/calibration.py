@@ -45,7 +45,6 @@ from bayes_toe.answers.evidence_table import subject_evidence
 from bayes_toe.classical.fit import SubjectFit, subject_fit
 from bayes_toe.design.simulate import PaperObserver, answer_trials
 from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
-from bayes_toe.inference.engine import FOR_EVIDENCE
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, fit_subject, model_evidence
 from bayes_toe.model.paper_equations import NATURAL, Natural, variance_ratio
 from bayes_toe.model.paper_model import PaperPosterior, paper_posterior
@@ -131,7 +130,7 @@ def estimate_evidence(design: str, name: str, origin: str, seed: int) -> Row:
         frequencies = rng.uniform(size=pairs.n_pairs)
         subject = pairs.answered(rng.binomial(pairs.n_trials, frequencies), name)
     # H1 and H0 only, without the answer of the four models.
-    fitted = fit_subject(paper_posterior(subject, PRIOR), seed, FOR_EVIDENCE)
+    fitted = fit_subject(paper_posterior(subject, PRIOR), seed)
     evidence = subject_evidence(fitted, model_evidence(fitted, seed, EVIDENCE_DRAWS), None)
     fit = subject_fit(subject, PRIOR, seed=seed, replicates=REPLICATES)
     return {

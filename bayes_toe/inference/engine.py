@@ -98,10 +98,6 @@ SHARP = Precision(
     has_cover=True,
 )
 
-#: For the evidence of H1. A single heavy draw does no harm if Pareto k is small, and the tails need
-#: no cover: both matter to walkers only.
-FOR_EVIDENCE = replace(SHARP, most_draws=4000, em_steps=2, largest_weight=np.inf, has_cover=False)
-
 
 @dataclass(frozen=True, eq=False)
 class PriorMixture:

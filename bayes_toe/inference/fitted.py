@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
@@ -16,7 +16,6 @@ from bayes_toe.arrays import AnyRng, FloatArray, Rng
 from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.engine import (
     SHARP,
-    Precision,
     PriorMixture,
     fitted_draws,
     fresh_draws,
@@ -95,8 +94,12 @@ def is_trusted(k: float, efficiency: float) -> bool:
     return k < 0.7 and efficiency > 0.02
 
 
-def fit_posterior(target: SubjectPosterior, rng: Rng, precision: Precision = SHARP) -> Fitted:
-    """Fit a mixture to a posterior, by default precise enough for a sampler.
+def fit_posterior(
+    target: SubjectPosterior, rng: Rng, judging_draws: int = SHARP.most_draws
+) -> Fitted:
+    """Fit a mixture to a posterior, precise enough for a sampler.
+
+    `judging_draws` is how many draws decide whether the mixture is good enough.
 
     Examples
     --------
@@ -125,6 +128,7 @@ def fit_posterior(target: SubjectPosterior, rng: Rng, precision: Precision = SHA
 
     # `ends` keep the coordinates of the posterior. They only decide the weights of the clouds.
     first_mixture = mixture_of_clouds(clouds, ends, posterior, rng)
+    precision = replace(SHARP, most_draws=judging_draws)
     (mixture,), (draws,) = fitted_draws(posterior, [first_mixture], [rng], precision)
     return Fitted(target, _maxima_from(target, ends), posterior, mixture, draws)
 

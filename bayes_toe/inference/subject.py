@@ -7,7 +7,7 @@ samples chains and makes the arrays that a file stores.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -20,7 +20,7 @@ from bayes_toe.inference.diagnostics import (
     errors_of,
     worst,
 )
-from bayes_toe.inference.engine import SHARP, Precision
+from bayes_toe.inference.engine import SHARP
 from bayes_toe.inference.fitted import (
     Evidence,
     Fitted,
@@ -70,10 +70,10 @@ class Settings:
         require_seed(self.seed)
 
 
-def fit_subject(target: SubjectPosterior, seed: int, precision: Precision) -> Fitted:
-    """The mixture of one posterior."""
+def fit_subject(target: SubjectPosterior, seed: int, *, has_chains: bool = False) -> Fitted:
+    """The mixture of one posterior; more draws judge it if chains follow, which begin with them."""
     rng = generator(seed, target.subject.name, target.model.name, "proposal")
-    return fit_posterior(target, rng, precision)
+    return fit_posterior(target, rng, judging_draws=SHARP.most_draws if has_chains else 4000)
 
 
 def model_evidence(fitted: Fitted, seed: int, size: int) -> Evidence:
@@ -87,7 +87,7 @@ def model_evidence(fitted: Fitted, seed: int, size: int) -> Evidence:
         if evidence.value is not None:  # it is not withheld
             break
         rng = generator(*key, f"further mixture {attempt}")
-        fitted = fit_posterior(fitted.target, rng, replace(SHARP, most_draws=20_000))
+        fitted = fit_posterior(fitted.target, rng, judging_draws=20_000)
         evidence = importance_evidence(fitted.fresh(rng, max(20_000, size)))
     return evidence
 

@@ -15,7 +15,6 @@ from bayes_toe.answers.evidence_table import (
     frequency_evidence_laplace,
     subject_evidence,
 )
-from bayes_toe.inference.engine import FOR_EVIDENCE
 from bayes_toe.inference.fitted import importance_evidence
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.subject import fit_subject, model_evidence
@@ -42,7 +41,7 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why(monkeypatch, analysis
     no_evidence = None, np.array([np.nan])
     monkeypatch.setattr("bayes_toe.answers.evidence_table.laplace", lambda *_: no_evidence)
     posterior = paper_posterior(CASES["perfect observer"], bt.Prior())
-    fitted = fit_subject(posterior, 1, FOR_EVIDENCE)
+    fitted = fit_subject(posterior, seed=1)
     estimate = model_evidence(fitted, seed=1, size=20_000)
     row = subject_evidence(fitted, estimate, analysis.answers[0])
     assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
@@ -74,7 +73,7 @@ def test_the_table_has_the_bayes_factor_of_its_evidences(analysis):
 def h1_evidence(subject, draws, seed, **prior):
     """The log evidence of the paper's model, by so many draws."""
     posterior = paper_posterior(subject, **prior)
-    return model_evidence(fit_subject(posterior, seed, FOR_EVIDENCE), seed, draws).value
+    return model_evidence(fit_subject(posterior, seed), seed, draws).value
 
 
 def test_the_evidence_of_h1_is_by_as_many_draws_as_asked_for(small_study):
