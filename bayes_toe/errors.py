@@ -2,8 +2,7 @@
 
 Every exception is a :class:`BayesToeError`; the command line turns each into one line per problem
 and exit code 2. `Remedy` is an option that solves a problem. `with_next_questions` adds the
-questions that follow the first answers. `require_kind`, `require_number` and
-`require_share` refuse arguments.
+questions that follow the first answers. `require_kind` and `require_number` refuse arguments.
 """
 
 from __future__ import annotations
@@ -310,13 +309,6 @@ def require_number(
     # bool is an int for Python, not for a reader; a NaN is in no range.
     if isinstance(value, bool) or not smallest <= value <= largest:
         raise InputError(f"{name}: found {value}, allowed: {rule}")
-
-
-def require_share(name: str, value: float) -> None:
-    """Refuse a number that does not lie between 0 and 1."""
-    require_kind(name, value, Real, "a number between 0 and 1")
-    if not 0.0 < value < 1.0:
-        raise InputError(f"{name}={value:g} must lie between 0 and 1")
 
 
 class ConvergenceWarning(UserWarning):

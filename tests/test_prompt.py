@@ -77,8 +77,6 @@ REFUSED = """
     bt.run(study, keep=3) | keep: found 3, allowed: the path of a folder
     bt.evidence(study, draws=2.5) | draws: found 2.5, allowed: a whole number from 1
     bt.sample(study, model=3) | model: found 3, allowed: one of: none, constant-error
-    bt.fit(study, level='x') | level: found 'x', allowed: a number between 0 and 1
-    bt.fit(study, level=1.0) | level=1 must lie between 0 and 1
     bt.fit(study, replicates=1.5) | replicates: found 1.5, allowed: a whole number from 1
     bt.fit(study, replicates=0) | replicates: found 0, allowed: a whole number from 1
     bt.population(study, hyperprior=3) | hyperprior: found 3, allowed: a Hyperprior, or the path

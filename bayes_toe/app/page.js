@@ -426,7 +426,7 @@ function questionText(text, remedies) {
   const hasNoOrder = hasStandard(stimuli) && !orderOf(job.options);
   if (hasNoOrder && fieldOf(text, remedies) === "stimuli") return "Choose when the standard was first.";
   if (remedies.some(({ option }) => option.startsWith("standard"))) {
-    return "The columns do not say which stimulus came first, so that an order effect would cancel out.";
+    return "The columns do not say which stimulus came first, without which no order effect can be seen.";
   }
   const columns = remedies.find((remedy) => remedy.option === "columns");
   if (!columns) return capital(plainWords(text));

@@ -200,7 +200,8 @@ def _columns(reading: Reading) -> Findings:
         yield Finding(
             _WHOLE_STUDY,
             "pooled_condition",
-            f"Column {display_name(name)} differs within subjects, and its levels are pooled.",
+            f"Column {display_name(name)} differs within subjects, and its levels are pooled. If "
+            "they are experiments with other stimuli, --where chooses one.",
             Remedy("condition", name).typed,
         )
     if reading.ignored:

@@ -29,7 +29,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng, Texts
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import Task
-from bayes_toe.errors import require_number, require_share
+from bayes_toe.errors import require_number
 from bayes_toe.inference.searches import step_of_pairs
 from bayes_toe.model.paper_equations import (
     Natural,
@@ -275,14 +275,13 @@ class SubjectFit:
         """Names of the parameters."""
         return natural_names(self.task)
 
-    def intervals(self, level: float = 0.95) -> FloatArray:
-        """Percentile interval of the four parameters, shape (4, 2).
+    def intervals(self) -> FloatArray:
+        """95 % percentile interval of the four parameters, shape (4, 2).
 
         NaN where the answers do not determine a parameter.
         """
-        require_share("level", level)
-        tails = [0.5 - level / 2.0, 0.5 + level / 2.0]
         # This method takes an order statistic, so that each limit is the value of a replicate.
+        tails = (0.025, 0.975)
         limits = np.quantile(self.replicates, tails, axis=0, method="inverted_cdf").T
         return np.where(np.isnan(self.parameters)[:, None], np.nan, limits)
 
@@ -326,7 +325,6 @@ def fit_columns(task: Task) -> Texts:
         "log_likelihood",
         "at_edge",
         *limits,
-        "level",
         "replicates",
         "penalty",
     )
@@ -339,8 +337,6 @@ class FitTable(SubjectTable[SubjectFit]):
     Attributes
     ----------
     rows : tuple of SubjectFit
-    level : float
-        Coverage of the percentile bootstrap intervals.
     replicates : int
     seed : int
     prior : Prior
@@ -348,7 +344,6 @@ class FitTable(SubjectTable[SubjectFit]):
     task : Task
     """
 
-    level: float
     replicates: int
     seed: int
     prior: Prior
@@ -367,8 +362,7 @@ class FitTable(SubjectTable[SubjectFit]):
                 *row.parameters,
                 row.log_likelihood,
                 row.at_edge,
-                *row.intervals(self.level).ravel(),
-                self.level,
+                *row.intervals().ravel(),
                 self.replicates,
                 penalty,
             )
@@ -385,7 +379,6 @@ def fit(
     study: Study,
     *,
     replicates: int = REPLICATES,
-    level: float = 0.95,
     seed: int | None = None,
     prior: Prior | str | None = None,
     workers: Workers = None,
@@ -400,8 +393,6 @@ def fit(
     study : Study
     replicates : int
         Bootstrap replicates of every subject.
-    level : float
-        Coverage of the intervals, between 0 and 1.
     seed : int, optional
         Root seed of the bootstrap; without it fresh entropy, stored in the table.
     prior : Prior or str, optional
@@ -413,8 +404,7 @@ def fit(
     Raises
     ------
     InputError
-        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, `seed` not a whole
-        number from 0 to 2**63 - 1.
+        If `replicates` or `workers` is less than 1, `seed` not a whole number from 0 to 2**63 - 1.
 
     Examples
     --------
@@ -422,7 +412,6 @@ def fit(
     >>> fit(Study([subject]), replicates=50, seed=1, workers=1)["S01"].at_edge
     'q0=1'
     """
-    require_share("level", level)
     require_number("replicates", replicates)
     require_study(study)
     root = root_seed(seed)
@@ -432,7 +421,7 @@ def fit(
         for subject in study
     ]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return FitTable(tuple(rows), level, replicates, seed=root, prior=study_prior, task=study.task)
+    return FitTable(tuple(rows), replicates, seed=root, prior=study_prior, task=study.task)
 
 
 def subject_fit(

@@ -53,7 +53,6 @@ def fit(
     replicates: Annotated[
         int, rare("--replicates", NUMBER, "Bootstrap replicates.", min=1, max=10**6)
     ] = 400,
-    level: Annotated[float, rare("--level", NUMBER, "Coverage of bootstrap intervals.")] = 0.95,
     asymmetry_output: Annotated[
         File,
         option("--asymmetry", "FILE.csv", "Write the test of each pair, too.", parser=file_name),
@@ -64,9 +63,6 @@ def fit(
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
-    from bayes_toe.errors import require_share
-
-    require_share("level", level)
     outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
     context.require_files(*outputs)
     study, prior = context.read_and_describe(file)
@@ -79,9 +75,7 @@ def fit(
             raise
         context.out.remarks([f"No test of asymmetry: {error}."])
 
-    table = context.work(
-        "fitting", len(study), bt.fit, study, replicates=replicates, level=level, prior=prior
-    )
+    table = context.work("fitting", len(study), bt.fit, study, replicates=replicates, prior=prior)
 
     save_options = {"overwrite": context.overwrite, "units": study.conditions is not None}
     table.save(output, **save_options)
@@ -124,16 +118,13 @@ def print_fits(out: Terminal, table: FitTable) -> None:
     rows = []
     for row in table:
         cells = [row.subject]
-        limits = row.intervals(table.level).tolist()
+        limits = row.intervals().tolist()
         for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
             text = number(value)
             if not isnan(value) and not isnan(low):  # The parameter has a fit and replicates.
                 text += f" [{low:.2f}, {high:.2f}]"
             cells.append(without_zeros(text))
         rows.append([*cells, f"{row.log_likelihood:.2f}", row.at_edge])
-    title = (
-        f"Maximum likelihood [{100 * table.level:g} % interval of {table.replicates} bootstrap "
-        "replicates]"
-    )
+    title = f"Maximum likelihood [95 % interval of {table.replicates} bootstrap replicates]"
     out.table(["subject", *table.rows[0].names, "log likelihood", "at edge"], rows, title=title)
     out.notes(notes_of(table), mark="-")

@@ -560,6 +560,13 @@ def columns_to_read(
     # Options solve the last problem: what is checked after it waits until it is solved.
     roles_read = _roles_read(names, options)
     problems = list(_role_problems(roles_read, options))
+    first_name = options.stimulus_names[0]
+    third_name = re.sub(r"(?<=\D)1(?=\D*$)", "3", first_name)  # 's3_ms' of 's1_ms'
+    if first_name != third_name in names:
+        problems.append(
+            f"column {display_name(third_name)}: found beside two stimuli, allowed: trials with "
+            "two stimuli"
+        )
     if options.subject_from is not None:
         roles_read.remove("subject")
 
@@ -574,8 +581,8 @@ def columns_to_read(
     unordered = unordered_stimuli(names, options, columns)
     if unordered:
         problems.append(
-            f"columns {unordered} do not say which stimulus came first, so that an order effect "
-            "would cancel out. If both were shown at once, there is no order."
+            f"columns {unordered} do not say which stimulus came first, without which no order "
+            "effect can be seen. If both were shown at once, there is no order."
         )
         return roles_read, problems, list(_order_remedies(_interval_names(columns)))
 
@@ -1126,6 +1133,10 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     likely_names = (
         names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + names_by_cells
     )
+    # A column with one code in all rows, as that of a key that starts a trial, comes last.
+    if role == "response":
+        constant_names = {column.name for column in columns if len(filled_texts(column)) < 2}
+        likely_names.sort(key=constant_names.__contains__)
     # Columns that are alike may each have another subject, so that no single one is proposed.
     for column, other_column in combinations(columns, 2):
         if likely_names[:1] == [column.name] and are_alike(column, other_column):

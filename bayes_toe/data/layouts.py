@@ -323,11 +323,9 @@ def _likeliest_first(texts: Texts, table: TextTable, column: Column, options: Re
     """One or two codes that may mean that the standard was first, the likeliest first.
 
     With the right code, a larger s2 - s1 goes with the second of two keys. If the responses do not
-    show it, 'AB' stands before 'BA', and 'S' before 'C', but '1' before '0' in 'left_first' or
-    'A_first'.
+    show it, 'AB' stands before 'BA', and 'S' before 'C'.
     """
-    is_named_after_a = re.match("(?i)(is_?)?(left|a)_?first", column.name) is not None
-    texts = sorted(texts, reverse=is_named_after_a and is_flag(texts))
+    texts = sorted(texts)
     texts.sort(key=lambda text: not "standard".startswith(text.lower()))
 
     response = table.columns.get(options.name("response"))
@@ -449,7 +447,8 @@ def _require_decimal_sign(
 
     # No logarithm is 1050, unless other stimuli are as large: 950 beside 1.050 may be in cents.
     other_texts = [text for text in texts if sign not in text]
-    if not options.has_intensities and not any(abs(number(text)) >= 100.0 for text in other_texts):
+    has_large = any(abs(number(text)) >= 100.0 for text in other_texts)
+    if not options.has_intensities and not has_large:
         return
 
     text = texts_with_sign[0]
@@ -460,6 +459,8 @@ def _require_decimal_sign(
         Remedy("decimal", sign, f"if it is {decimal}"),
         Remedy("decimal", other_sign, f"if it is {grouped}"),
     ]
+    if has_large:  # then the stimulus is rather as large
+        remedies.reverse()
     table.problems.ask(f"the stimulus '{text}' can be {grouped} or {decimal}.", remedies)
     table.problems.refuse()
 

@@ -864,7 +864,15 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
         if remedies[0].value not in right_codes:
             rises["correct"] = rises["equal_code"]
         rises["equal_code"] = -1.0
-    remedies.sort(key=lambda remedy: rises[remedy.option], reverse=True)
+
+    # With a large constant error, the code of 'equal' may be commoner where stimuli differ. It may
+    # be either, but of keys such as s and d it is s.
+    if len(texts) == 2:
+        _, _, code = _sides(column, texts, -trends["equal_code"])
+        remedies.append(Remedy("equal_code", code, f"if {code} is {_CODE_MEANINGS['equal_code']}"))
+    remedies.sort(
+        key=lambda remedy: (rises[remedy.option], str(remedy.value) in "sSgG"), reverse=True
+    )
     return remedies
 
 
@@ -952,8 +960,8 @@ def require_direction(
     for code, other_code in permutations(study.reading.codes, 2):
         first = Remedy("first_code", other_code)
         candidates += [
-            Remedy("second_code", code, f"if {code} is 'second'", together=(first,)),
-            Remedy("comparison_code", code, f"if {code} is 'comparison'"),
+            Remedy("second_code", code, f"if {code} means 'second stronger'", together=(first,)),
+            Remedy("comparison_code", code, f"if {code} means 'comparison stronger'"),
         ]
 
     remedies = []
@@ -966,6 +974,7 @@ def require_direction(
             if direction(read(new_options)) > 0:
                 remedies.append(remedy)
     raise InputError(
-        f"{study.source}: found 'second' less often the larger s2 - s1 is, allowed: {rule}.",
+        f"{study.source}: found 'second' less often the larger s2 - s1 is, allowed: {rule}. If "
+        "larger numbers are weaker stimuli, as in dB of attenuation, change the signs.",
         remedies,
     )

@@ -133,7 +133,7 @@ def _order_notes(
     """Notes on subjects whose trials have no order, and on numbers of trials that are missing."""
     if unordered_names:
         yield Note(
-            f"{columns['trial']} does not order all trials, so the order of the file is used: ",
+            f"{columns['trial']} does not order all trials, so the order of the file is used for ",
             unordered_names,
             ". If its numbers begin anew, two persons or sessions may be pooled: --columns "
             "subject=NAME or session=NAME keeps them apart, or --where one of them",
@@ -208,6 +208,6 @@ def _repeat_doubts(
     first_repeat = rows.index[is_repeat][0]
     name = display_name(unit.text(first_repeat))
     return [
-        f"{plural(n_repeats, 'row')} with the trial number and all else of an earlier row, first "
+        f"{plural(n_repeats, 'row')} with the trial number and all cells of an earlier row, first "
         f"row {table.rows[first_repeat]} (subject {name}): {TWICE}, remove them"
     ]

@@ -201,12 +201,11 @@ def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(study_folde
     assert sorted(texts_in_order, key=screen.index) == list(texts_in_order)
 
 
-def test_fit_writes_a_table_with_its_level_and_replaces_it_only_with_overwrite(study_folder):
+def test_fit_writes_a_table_and_replaces_it_only_with_overwrite(study_folder):
     command = "fit study.csv -o fit.csv"
-    screen = run_ok(f"{command} --replicates 20 --level 0.8 --seed 1", cwd=study_folder)
-    assert "[80 % interval of 20 bootstrap replicates]" in screen
+    screen = run_ok(f"{command} --replicates 20 --seed 1", cwd=study_folder)
+    assert "[95 % interval of 20 bootstrap replicates]" in screen
     frame = pd.read_csv(study_folder / "fit.csv", keep_default_na=False)
-    assert set(frame.level) == {0.8}
     assert list(frame.subject) == ["A", "B"]
     assert "exists" in refusal_of(command, cwd=study_folder)
     assert run_ok(f"{command} --replicates 2 --overwrite --quiet", cwd=study_folder) == ""

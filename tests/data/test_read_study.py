@@ -236,11 +236,11 @@ def test_amplitudes_do_not_overflow():
 
 @pytest.mark.parametrize("sign, other_sign, delimiter", [(".", ",", ";"), (",", ".", "\t")])
 def test_a_sign_that_may_group_thousands_is_asked_for(sign, other_sign, delimiter):
-    # The amplitude 1.050 beside 850: whether its sign groups thousands depends on the country.
+    # The amplitude 1.050 beside 850: its sign rather groups thousands.
     text = IN_AMPLITUDES.format(850, f"1{sign}050").replace(";", delimiter)
     with pytest.raises(InputError, match=r"can be 1050 or 1\.050"):
         read(text, "--intensity 1000")
-    remedies = [f"--decimal {sign}", f"--decimal {other_sign}"]
+    remedies = [f"--decimal {other_sign}", f"--decimal {sign}"]
     assert typed_remedies(text, "--intensity 1000") == remedies
 
 
@@ -248,7 +248,7 @@ def test_natural_logs_are_never_thousands():
     logs = "subject;s1;s2;response\na;99;2.125;second\na;2.125;99;first\n"
     assert read(logs, "--unit ln")["a"].s1.tolist() == [2.125, 99.0]
     # -100 is too large in size for a log, so 2.125 may have thousands in spite of the unit.
-    assert typed_remedies(logs.replace("99", "-100"), "--unit ln") == ["--decimal .", "--decimal ,"]
+    assert typed_remedies(logs.replace("99", "-100"), "--unit ln") == ["--decimal ,", "--decimal ."]
 
 
 # --- Answers in their order -----------------------------------------------------------------------
@@ -309,7 +309,7 @@ def test_trials_that_tell_no_order_leave_the_order_of_the_file_and_are_noted():
     study = read(ORDERED + rows, "--equal-code 1")
     # The first note is about the format of the file.
     assert study.notes[1:] == (
-        "column trial does not order all trials, so the order of the file is used: a, b. If its "
+        "column trial does not order all trials, so the order of the file is used for a, b. If its "
         "numbers begin anew, two persons or sessions may be pooled: --columns subject=NAME or "
         "session=NAME keeps them apart, or --where one of them",
     )
@@ -326,9 +326,9 @@ WITHOUT_BLOCKS = "subject,s1,s2,response,trial\na,0,1,1,1\n"
     [
         (
             NUMBERED + "b,0,1,NA,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n",
-            "2 rows with the trial number and all else of an earlier row, first row 6 (",
+            "2 rows with the trial number and all cells of an earlier row, first row 6 (",
         ),
-        (WITHOUT_BLOCKS + "a,0,1,1,1\n", "1 row with the trial number and all else"),
+        (WITHOUT_BLOCKS + "a,0,1,1,1\n", "1 row with the trial number and all cells"),
         (NUMBERED, ""),
         (NUMBERED + "b,0,0,1,1,1\n", ""),
         (NUMBERED + "a,0,0,0,1,x\na,0,0,0,1,x\n", ""),

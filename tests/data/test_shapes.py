@@ -834,9 +834,18 @@ REFUSED = {
         "columns left_g and right_g do not say which stimulus came first",
         "type:  --standard-interval lifted_first --columns standard=left_g,comparison=right_g,resp",
     ),
-    "left_first.csv --standard-interval left_first --columns standard=left_g,comparison=right_g": (
-        "subject,left_g,right_g,left_first,response\na,50,60,1,first\na,60,50,0,second\n",
-        "type:  --standard-first-code 1 ",
+    "three_tones.csv": (
+        "subject,s1_ms,s2_ms,s3_ms,response\na,500,550,500,2\na,550,500,500,1\na,500,500,550,3\n",
+        "column s3_ms: found beside two stimuli, allowed: trials with two stimuli",
+    ),
+    "start_key.csv": (
+        "subject,s1,s2,go.keys,key.keys\na,0,1,space,j\na,1,0,space,f\n",
+        "type:  --columns response=key.keys ",
+    ),
+    "letters_of_same.csv": (
+        "subject,s1,s2,response\na,0,1,s\na,1,0,s\na,0,0,d\na,1,1,d\n",
+        "type:  --equal-code s   if",
+        "\n       --equal-code d   if",
     ),
     "unit_below_names.csv": (
         "subject,s1,s2,response\n,ms,ms,\na,500,700,first\na,700,500,second\n",
