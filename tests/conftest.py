@@ -67,12 +67,17 @@ BOTH_TASKS = pytest.mark.parametrize(
 
 
 def text_table(text):
-    """The rows of a text, each with its cells between bars, as parameters of a test.
+    """The rows of a text, each with its cells between bars.
 
     `a | b c |` has the cells 'a', 'b c' and ''; a bar without spaces belongs to its cell.
     """
     cell_border = r"(?:^| )\|(?: |$)"
     return [re.split(cell_border, line.strip()) for line in text.strip().splitlines()]
+
+
+def each_row(parameters, text):
+    """Run a test once for each row of a text, with the cells as these parameters."""
+    return pytest.mark.parametrize(parameters, text_table(text))
 
 
 def typed_options(line):
@@ -277,9 +282,9 @@ def results_of(jobs, workers):
     return run_in_order(jobs, workers, progress=None, names=[()] * len(jobs))
 
 
-def refused(message):
-    """A block that must be refused with an InputError whose text has this pattern."""
-    return pytest.raises(bt.InputError, match=message)
+def refused(message, error=bt.InputError):
+    """A block that must be refused with an error whose text has this pattern."""
+    return pytest.raises(error, match=message)
 
 
 def problems(call, *arguments, **options):

@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 import pytest
 from browsers import BrowserPage
 from commands import run_command, run_ok
-from conftest import refused, text_table
+from conftest import each_row, refused
 
 pytest.importorskip("tornado")
 from bayes_toe.app.job import end_group, home_lock, job_of, list_jobs, named_files, running_job
@@ -203,7 +203,7 @@ REFUSED_FILES = """
 """
 
 
-@pytest.mark.parametrize("names, message", text_table(REFUSED_FILES))
+@each_row("names, message", REFUSED_FILES)
 def test_files_that_are_no_tables_or_get_one_name_are_refused(names, message):
     with refused(message):
         named_files([(name, b"x") for name in names.split()])
@@ -254,7 +254,7 @@ def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
         (home_folder / link).unlink()
     (home_folder / link).symlink_to(target)
     for folder in (home_folder, mine):
-        with pytest.raises(OutputError, match=str(folder)):
+        with refused(str(folder), OutputError):
             home_lock(folder).__enter__()
     assert [path.read_text() for path in notes.parent.iterdir()] == ["of the user"]
 
