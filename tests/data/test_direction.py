@@ -147,7 +147,8 @@ def test_an_order_that_says_itself_what_it_means_is_read_with_a_note(
 
 
 #: The same of columns that may say something else, with the codes of responses, and the end of the
-#: options that are proposed first. Keys are in their usual order.
+#: options that are proposed first. Keys are in their usual order. In the last rows the column says
+#: itself what it means, and the codes alone are asked for.
 COLUMNS_ASKED = """
     interval | 1 | 2 | second=second first=first | --standard-interval interval
     interval | 1.0 | 2.0 | second=second first=first | --standard-interval interval
@@ -161,8 +162,12 @@ COLUMNS_ASKED = """
     order | 1 | 0 | second=2 first=1 | order --standard-first-code 1 --second-code 2
     order | S | C | second=m first=z | order --standard-first-code S --second-code m
     order | 2 | 1 | second=right first=left | --comparison-interval order --second-code right
+    order | 2 | 1 | second=2 first=1 | --comparison-interval order --second-code 2
     order | 2.0 | 1.0 | second=2.0 first=1.0 | --comparison-interval order --second-code 2
     order | SC | CS | second=f first=j | --second-code f
+    standard_interval | 1 | 2 | second=j first=f | --second-code j
+    standard_interval | 1 | 2 | comparison=longer standard=shorter | --comparison-code longer
+    standard_interval | 1 | 2 | comparison=1 standard=0 | --comparison-code 1
 """
 
 
@@ -170,7 +175,8 @@ COLUMNS_ASKED = """
 def test_an_order_that_may_be_another_is_asked_for(
     column, standard_first, comparison_first, codes, options, tmp_path
 ):
-    # Such as a column interval with 1 and 2: it does not say of which stimulus.
+    # Such as a column interval with 1 and 2: it does not say of which stimulus. Responses 1 and 2
+    # tell whose interval it is: that with which they are not reversed.
     table = trials_with_order(column, standard_first, comparison_first, responses_with_codes(codes))
     first, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
     assert first.endswith(options)
@@ -425,24 +431,6 @@ def test_one_code_of_the_responses_is_enough_with_a_standard(codes, options):
     assert is_read_as_intended(table, f"--standard-interval standard_interval {options}")
 
 
-#: Codes of the responses, and the first line that is typed.
-ADVICE = """
-    second=j first=f | --second-code j
-    comparison=longer standard=shorter | --comparison-code longer
-    comparison=1 standard=0 | --comparison-code 1
-"""
-
-
-@each_row("codes, intended", ADVICE)
-def test_the_first_advice_for_codes_is_accepted(codes, intended, tmp_path):
-    """The first line is the likeliest."""
-    table = trials_with_order("standard_interval", "1", "2", responses_with_codes(codes))
-    options = "--standard-interval standard_interval"
-    first, *_ = typed_lines(result_of_check(tmp_path, table, options).stderr)
-    assert first == intended
-    assert is_read_as_intended(table, f"{options} {first}")
-
-
 def test_of_several_other_codes_one_is_asked_for(tmp_path):
     # Responses are j (second), f (first), and x in one row.
     table = trials_with_order(
@@ -512,14 +500,6 @@ def test_the_other_stimulus_of_an_interval_is_proposed_before_codes_of_words(tmp
     assert first == "--standard-interval order"
     assert "if it says the interval of the standard, in place of what" in result.stderr
     assert is_read_as_intended(table, first)
-
-
-def test_codes_that_name_the_first_and_the_second_tell_whose_interval_it_is(tmp_path):
-    # The column order has 2 where the standard was first: it is the interval of the comparison. The
-    # responses 1 and 2 mean 'first' and 'second', because only so the answers are not reversed.
-    table = trials_with_order("order", "2", "1", responses_with_codes("second=2 first=1"))
-    advice, *_ = typed_lines(result_of_check(tmp_path, table).stderr)
-    assert is_read_as_intended(table, advice)
 
 
 def subjects_with_slope(n_subjects, slope, n=40):
