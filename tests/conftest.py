@@ -15,18 +15,14 @@ import numpy as np
 import pytest
 from browsers import launched_browser
 from hypothesis import settings
-from reference.hard_cases import hard_cases
-from scipy.special import ndtr
-from serial_observers import STEP, neighbouring_pairs
 
 import bayes_toe as bt
-from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.data.options import parse_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.design.study_design import reference_design
-from bayes_toe.inference.order_evidence import MODEL_NAMES
-from bayes_toe.workers import run_in_order
+
+# Modules that take seconds to load are imported by the functions that use them: the process that
+# hands the tests to others waits for this file, and needs none of them.
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -34,18 +30,21 @@ REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 def pytest_configure(config):
     """Listen to interrupts, which processes started in the background ignore."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    import_arviz_once(config)
+    if hasattr(config, "workerinput"):  # of several processes that run tests
+        import_arviz_beside_others()
 
 
-def import_arviz_once(config):
-    """Import ArviZ in one process at a time.
+def import_arviz_beside_others():
+    """Import ArviZ while another process may do the same.
 
-    ArviZ 0.23 notes the day of its warning in a file at its first import. Two processes at once end
-    in a FileNotFoundError.
+    ArviZ 0.23 notes the day of its warning in a file at its first import. Where two processes do so
+    at once, one has a FileNotFoundError, and the day is noted at its second attempt.
     """
-    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            importlib.import_module("arviz")
+        except FileNotFoundError:
             importlib.import_module("arviz")
 
 
@@ -67,12 +66,17 @@ BOTH_TASKS = pytest.mark.parametrize(
 
 
 def text_table(text):
-    """The rows of a text, each with its cells between bars, as parameters of a test.
+    """The rows of a text, each with its cells between bars.
 
     `a | b c |` has the cells 'a', 'b c' and ''; a bar without spaces belongs to its cell.
     """
     cell_border = r"(?:^| )\|(?: |$)"
     return [re.split(cell_border, line.strip()) for line in text.strip().splitlines()]
+
+
+def each_row(parameters, text):
+    """Run a test once for each row of a text, with the cells as these parameters."""
+    return pytest.mark.parametrize(parameters, text_table(text))
 
 
 def typed_options(line):
@@ -160,6 +164,8 @@ def small_study():
     They have 50 trials of each of the 13 pairs of the reference design, 650 each, with rounded
     expected counts.
     """
+    from bayes_toe.design.study_design import reference_design
+
     kinds = {
         # mu1, sigma_p, sigma_l, q0
         "A": (-0.7, 0.25, 0.17, 0.92),
@@ -185,6 +191,8 @@ def quick_study(names):
 
 def hard_and_ordinary_subjects():
     """Subjects of the task same/different by name: the hard cases, and those of the example."""
+    from reference.hard_cases import hard_cases
+
     subjects = hard_cases()
     for subject in bt.example_study("same/different"):
         subjects[subject.name] = subject
@@ -203,6 +211,9 @@ def expected_counts(name="S", c=0.0, p=0.0, n=100, noise=0.2, step=0.25, level=0
     The ten pairs are neighbours among six levels, in both orders, with n trials each. `level` is
     the lowest level, and `step` the distance between neighbours. The lapse rate is .02.
     """
+    from scipy.special import ndtr
+    from serial_observers import STEP, neighbouring_pairs
+
     s1, s2 = level + step / STEP * neighbouring_pairs(WHICH_STRONGER).T
     p_second = 0.01 + 0.98 * ndtr((s2 - s1 - c + p * (s1 - s1.mean())) / noise)
     n_yes = np.rint(n * p_second).astype(int)
@@ -274,12 +285,14 @@ def s1_s2_yes_trials(subject):
 
 def results_of(jobs, workers):
     """The results of jobs that have no names and whose progress is not reported, in their order."""
+    from bayes_toe.workers import run_in_order
+
     return run_in_order(jobs, workers, progress=None, names=[()] * len(jobs))
 
 
-def refused(message):
-    """A block that must be refused with an InputError whose text has this pattern."""
-    return pytest.raises(bt.InputError, match=message)
+def refused(message, error=bt.InputError):
+    """A block that must be refused with an error whose text has this pattern."""
+    return pytest.raises(error, match=message)
 
 
 def problems(call, *arguments, **options):
@@ -306,6 +319,9 @@ def order_answer(subject, words, **fields):
 
     All fields that are not given have neutral values.
     """
+    from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
+    from bayes_toe.inference.order_evidence import MODEL_NAMES
+
     zeros = dict.fromkeys(MODEL_NAMES, 0.0)
     neutral_fields = {
         "direction": "contraction",

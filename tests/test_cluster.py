@@ -118,7 +118,7 @@ def test_errors_of_a_job_are_those_of_this_process(client):
 def test_a_closed_client_is_refused(dask):
     with distributed.Client(dask, set_as_default=False) as closed:
         pass  # it is closed at the end of the block
-    with pytest.raises(WorkerError, match=r"^the Dask client is closed$"):
+    with refused(r"^the Dask client is closed$", WorkerError):
         bt.sample(TWO_SUBJECTS, workers=closed)
 
 
@@ -149,11 +149,11 @@ def test_an_address_that_is_no_scheduler_is_refused(client, monkeypatch):
     # The first address is of a socket that accepts and never answers, the second of a worker.
     with (
         closing(socket.create_server(("127.0.0.1", 0))) as silent,
-        pytest.raises(WorkerError, match=r"no answer within 0\.5 s$"),
+        refused(r"no answer within 0\.5 s$", WorkerError),
     ):
         cluster.connect(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
     worker = next(iter(client.nthreads()))
-    with pytest.raises(WorkerError, match=f"^no Dask scheduler at '{worker}': that is a worker$"):
+    with refused(f"^no Dask scheduler at '{worker}': that is a worker$", WorkerError):
         cluster.connect(worker)
 
 

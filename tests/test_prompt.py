@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from conftest import made_subject, refused, text_table
+from conftest import each_row, made_subject, refused
 
 import bayes_toe as bt
 
@@ -104,7 +104,7 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("call, message", text_table(REFUSED))
+@each_row("call, message", REFUSED)
 def test_an_argument_of_a_wrong_kind_is_refused(small_study, call, message):
     # Such as 'bt.run(study, keep=3)', with the message that the path of a folder is allowed.
     with pytest.raises(bt.BayesToeError) as refusal:

@@ -152,11 +152,11 @@ def test_files_of_others_stay_and_links_are_refused(tmp_path):
     assert [path.name for path in folder.iterdir()] == ["note.result"]
 
     file.symlink_to(folder / "note.result")
-    with pytest.raises(OutputError, match="is a link"):
+    with refused("is a link", OutputError):
         stored_cubes([2], folder)
     assert (folder / "note.result").read_text() == "mine"
     # A file is no folder in which results could be stored.
-    with pytest.raises(OutputError, match="cannot be written"):
+    with refused("cannot be written", OutputError):
         stored_cubes([2], folder / "note.result")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import run_ok
-from conftest import columns, expected_counts, text_table, typed_options
+from conftest import columns, each_row, expected_counts, typed_options
 from legible import texts_of, words_of
 
 import bayes_toe as bt
@@ -149,7 +149,7 @@ ROUNDED = """
 """
 
 
-@pytest.mark.parametrize("pairs, options, end", text_table(ROUNDED))
+@each_row("pairs, options, end", ROUNDED)
 def test_stimuli_that_differ_by_rounding_are_merged_and_said(pairs, options, end):
     # Such as '.3 .30000001, .3 .5, .5 .3': two stimuli make three pairs.
     study = bt.read_study(table_of_trials(pairs), typed_options(options))
@@ -182,7 +182,7 @@ SIZES = """
 """
 
 
-@pytest.mark.parametrize("quantiles, unit, expected", text_table(SIZES))
+@each_row("quantiles, unit, expected", SIZES)
 def test_sizes_beyond_1000_percent_are_logs_and_small_ones_have_their_digits(
     quantiles, unit, expected
 ):

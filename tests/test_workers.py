@@ -15,6 +15,7 @@ from processes import (
     raise_interrupt,
     return_slowly,
     wait_until,
+    wait_until_gone,
     workers_of,
 )
 
@@ -89,33 +90,59 @@ def test_a_command_runs_no_file_of_a_data_folder_and_takes_no_settings_from_ther
     put_modules(tmp_path)
     (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: True\n\xff\xfe")
     (tmp_path / "arvizrc").write_bytes(b"plot.backend : evil\n")
-    draws = bt.sample(quick_study("AB"), model="none", draws=20, seed=1)
+    draws = bt.sample(quick_study("A"), model="none", draws=20, seed=1)
     draws.save(tmp_path / "draws.nc")
     program = Path(sys.executable).parent / "bayes-toe"
-    words = [program, "corner", "draws.nc", "-o", "corner", "--workers", "2"]
+    words = [program, "corner", "draws.nc", "-o", "corner"]
     output_of(subprocess.run(words, cwd=tmp_path, capture_output=True, text=True))
-    assert sorted(os.listdir(tmp_path / "corner")) == ["A.png", "B.png"]
+    assert os.listdir(tmp_path / "corner") == ["A.png"]
 
 
-#: A script that works with two workers.
+#: A script that works with two workers, of which one imports a library.
 SCRIPT = """
 import bayes_toe as bt
 from functools import partial
 from bayes_toe.workers import run_in_order
 if __name__ == "__main__":
-    print(run_in_order([partial(pow, 2, k) for k in range(3)], 2, None, [()] * 3))
+    jobs = [partial(exec, "import matplotlib"), partial(pow, 2, 1), partial(pow, 2, 2)]
+    print(run_in_order(jobs, 2, None, [()] * 3))
 """
+#: In the place of matplotlib and ArviZ, which read settings from the working folder.
+LIBRARY = "import os; assert not os.path.exists('matplotlibrc'), 'settings of the data folder'"
 
 
-def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
+def test_workers_of_a_script_run_no_file_of_the_data_folder_and_take_no_settings(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
+    for name in ("matplotlib", "arviz"):
+        (tmp_path / f"{name}.py").write_text(LIBRARY)
     data = tmp_path / "data"
     data.mkdir()
     put_modules(data)
+    (data / "matplotlibrc").touch()
     # The variable would keep the working directory out of Python's path by itself.
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
-    assert output_of(run_python(str(script), cwd=data, env=environment)) == "[1, 2, 4]\n"
+    assert output_of(run_python(str(script), cwd=data, env=environment)) == "[None, 2, 4]\n"
+
+
+#: A process has two workers, of which one finishes its job, and waits for the other one.
+WAIT_FOR_A_WORKER = """
+from functools import partial
+from time import sleep
+from bayes_toe.workers import run_in_order
+jobs = [partial(pow, 2, 3), partial(sleep, 600)]
+run_in_order(jobs, 2, lambda _: print(flush=True), names=[("a",), ()])
+"""
+
+
+@needs_proc
+def test_workers_end_with_a_process_that_is_killed():
+    words = [sys.executable, "-c", WAIT_FOR_A_WORKER]
+    running = subprocess.Popen(words, start_new_session=True, stdout=subprocess.PIPE)
+    with running:
+        running.stdout.readline()  # printed when the first job is done
+        running.kill()
+    wait_until_gone(running.pid)
 
 
 #: A script that works with two workers, and whose copy (os.fork) then works with two workers, too.

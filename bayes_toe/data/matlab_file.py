@@ -135,13 +135,14 @@ def _with_columns_of_matrix(variables: Record) -> Record:
 
 def _load_variables(data: bytes) -> Record:
     """All that a file holds, by name."""
-    import h5py
     from scipy.io import loadmat
 
     try:
         with warnings.catch_warnings(action="ignore"):
             return loadmat(io.BytesIO(data), simplify_cells=True)
     except NotImplementedError:  # version 7.3, which is HDF5
+        import h5py
+
         with h5py.File(io.BytesIO(data)) as file:
             return _hdf5_value(file)
 

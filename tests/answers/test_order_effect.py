@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import BOTH_TASKS, columns, expected_counts, made_subject, text_table
+from conftest import BOTH_TASKS, columns, each_row, expected_counts, made_subject
 from populations import two_conditions
 
 import bayes_toe as bt
@@ -106,7 +106,7 @@ LIMITS = """
 """
 
 
-@pytest.mark.parametrize("probability, log_bayes_factor, word", text_table(LIMITS))
+@each_row("probability, log_bayes_factor, word", LIMITS)
 def test_words_follow_probability_and_bayes_factor(probability, log_bayes_factor, word):
     assert word_for(float(probability), float(log_bayes_factor)) is Word[word]
 
@@ -237,7 +237,7 @@ MEASURED = """
 """
 
 
-@pytest.mark.parametrize("name, probabilities", text_table(MEASURED))
+@each_row("name, probabilities", MEASURED)
 def test_vibrotactile_subjects_are_as_measured(vibrotactile, name, probabilities):
     """The tolerances are the Monte Carlo errors of the prototypes; swapped blocks are turned."""
     study = changed(vibrotactile, ("946:2,4,6", "865:2"))

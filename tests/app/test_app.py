@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 import pytest
 from browsers import BrowserPage
 from commands import run_command, run_ok
-from conftest import refused, text_table
+from conftest import each_row, refused
 
 pytest.importorskip("tornado")
 from bayes_toe.app.job import end_group, home_lock, job_of, list_jobs, named_files, running_job
@@ -203,7 +203,7 @@ REFUSED_FILES = """
 """
 
 
-@pytest.mark.parametrize("names, message", text_table(REFUSED_FILES))
+@each_row("names, message", REFUSED_FILES)
 def test_files_that_are_no_tables_or_get_one_name_are_refused(names, message):
     with refused(message):
         named_files([(name, b"x") for name in names.split()])
@@ -254,7 +254,7 @@ def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
         (home_folder / link).unlink()
     (home_folder / link).symlink_to(target)
     for folder in (home_folder, mine):
-        with pytest.raises(OutputError, match=str(folder)):
+        with refused(str(folder), OutputError):
             home_lock(folder).__enter__()
     assert [path.read_text() for path in notes.parent.iterdir()] == ["of the user"]
 
@@ -448,14 +448,15 @@ def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
 
 @pytest.fixture(scope="module")
 def study_file(tmp_path_factory):
-    return write_trials(tmp_path_factory.mktemp("trials") / "my study.csv", ("A", "B", "C"))
+    return write_trials(tmp_path_factory.mktemp("trials") / "my study.csv")
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory, study_file):
-    """A server and the folder of its study, of three subjects, whose run has ended.
+    """A server and the folder of its study, of two subjects, whose run has ended.
 
-    The run outlived its first server, was stopped under the next one, and went on to the end.
+    The run outlived its first server, was stopped under the next one, and went on to the end. Only
+    the first server reads files in a process of its own.
     """
     home_folder = tmp_path_factory.mktemp("finished")
     with serving(home_folder) as first:
@@ -467,7 +468,7 @@ def finished(tmp_path_factory, study_file):
         first.process.kill()
         assert first.process.communicate()[1] == ""
 
-    with serving(home_folder, urlsplit(first.address).port) as second:
+    with serving(home_folder, urlsplit(first.address).port, READING_PROGRAM) as second:
         assert second.state(study_id)["run"] == "running"
         # The run goes on when it has the signal to stop, since it might else end before that.
         Timer(1.0, end_group, (group, signal.SIGCONT)).start()
@@ -490,7 +491,7 @@ def test_results_equal_those_of_the_command_to_the_bit(finished, study_file, tmp
     # The command that the page shows, typed in another folder, gives the same tables.
     tables = {path.name: path.read_bytes() for path in (tmp_path / "results").glob("*.csv")}
     _header, *subject_rows = tables["evidence.csv"].decode().splitlines()
-    assert [row.partition(",")[0] for row in subject_rows] == ["A", "B", "C"]
+    assert [row.partition(",")[0] for row in subject_rows] == ["A", "B"]
     for name, content in tables.items():
         assert (folder / "results" / name).read_bytes() == content, name
 
@@ -509,7 +510,7 @@ def test_the_report_has_an_origin_of_its_own_and_the_page_names_its_folder(finis
 
 
 def test_a_run_is_the_only_one_and_ends_with_its_server_alone(tmp_path, study_file):
-    with serving(tmp_path) as server:
+    with serving(tmp_path, program=READING_PROGRAM) as server:
         study_id = server.add_trials(study_file)
         other = server.add_trials(write_trials(tmp_path / "other.csv"))
         server.state(study_id, "/run", "")

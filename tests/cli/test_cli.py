@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from commands import on_one_line, output_of, refusal_of, run_command, run_ok, run_python
-from conftest import leave_pictures_blank, text_table, write_counts
+from conftest import each_row, leave_pictures_blank, write_counts
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
@@ -263,7 +263,7 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("line, message", text_table(REFUSED))
+@each_row("line, message", REFUSED)
 def test_options_that_cannot_be_used_are_refused_before_the_work(
     study_folder, results_of_run, line, message
 ):

@@ -11,7 +11,7 @@ from itertools import chain
 import pytest
 import typer.main
 from commands import run_command
-from conftest import text_table
+from conftest import each_row
 from rich.text import Text
 
 import bayes_toe as bt
@@ -53,7 +53,7 @@ EXAMPLES = """
 """
 
 
-@pytest.mark.parametrize("words, example", text_table(EXAMPLES))
+@each_row("words, example", EXAMPLES)
 def test_commands_that_read_a_study_have_both_examples(monkeypatch, tmp_path, words, example):
     def read(study):
         # Instead of reading, the command ends with an error that says which example was chosen.

@@ -1,4 +1,4 @@
-"""Workers that die, and commands that are stopped or killed: what is printed and what is left."""
+"""Subjects that fail, and commands that are stopped: what is printed and what is left."""
 
 import os
 import re
@@ -74,34 +74,23 @@ def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
 SAMPLE = "sample study.csv --seed 1 --draws 100 --model none -o"
 
 
-def code_and_errors_after_signal(folder, send, number):
-    """The exit code and stderr of `sample`, which gets a signal when one result is stored.
-
-    `send` is os.kill, or os.killpg for all its processes, as Ctrl+C in a terminal does.
-    """
+@needs_proc
+def test_an_interrupt_says_how_to_go_on_which_gives_the_same_draws(folder):
+    # All processes get the signal, as from Ctrl+C in a terminal, when two workers have stored one
+    # result.
     running = start_command(f"{SAMPLE} posterior.nc --workers 2", cwd=folder)
     wait_until(lambda: list(folder.glob("*.partial/*.result")), running)
-    send(running.pid, number)
+    os.killpg(running.pid, signal.SIGINT)
     wait_until_gone(running.pid)
     _, errors = running.communicate()
-    return running.returncode, errors
-
-
-@needs_proc
-def test_an_interrupt_in_a_terminal_says_what_is_saved_and_how_to_go_on(folder):
-    code, errors = code_and_errors_after_signal(folder, os.killpg, signal.SIGINT)
-    assert code == 128 + signal.SIGINT
+    assert running.returncode == 128 + signal.SIGINT
     saved = r"stopped by SIGINT: \d of 4 subjects are saved in posterior.nc.partial; type --resume"
     assert re.match(saved, errors)
     problem = refusal_of(f"{SAMPLE} posterior.nc", cwd=folder)
     assert "--resume continues it, --overwrite" in problem
 
-
-@needs_proc
-def test_a_command_that_was_killed_and_is_resumed_gives_the_same_draws(folder):
-    code, _ = code_and_errors_after_signal(folder, os.kill, signal.SIGKILL)
-    assert code == -signal.SIGKILL
-    screen = run_ok(f"{SAMPLE} posterior.nc --resume", cwd=folder)
+    # This process has no workers.
+    screen = run_ok(f"{SAMPLE} posterior.nc --resume --workers 1", cwd=folder)
     assert "of 4 subjects taken from posterior.nc.partial" in screen
     assert sorted(os.listdir(folder)) == ["posterior.nc", "study.csv"]
 

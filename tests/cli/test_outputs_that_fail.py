@@ -10,7 +10,7 @@ import subprocess
 
 import pytest
 from commands import PROGRAM, call, on_one_line, output_of, run_command, run_ok
-from conftest import quick_study, text_table, write_counts
+from conftest import each_row, quick_study, write_counts
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ REFUSED_NAMES = f"""
 """
 
 
-@pytest.mark.parametrize("line, message", text_table(REFUSED_NAMES))
+@each_row("line, message", REFUSED_NAMES)
 def test_names_that_no_output_can_have_are_refused(study_folder, line, message):
     # Such as 'fit --example -o new/', with the message that the name of a file is allowed.
     finished = run_command(line, cwd=study_folder)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import on_one_line, refusal_of, run_command, run_ok
-from conftest import quick_study, text_table, write_counts
+from conftest import each_row, quick_study, write_counts
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
@@ -100,7 +100,7 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("options, words", text_table(REFUSED))
+@each_row("options, words", REFUSED)
 def test_options_of_a_group_that_cannot_be_used_are_refused(screen, group_folder, options, words):
     # Such as '-o group.nc', a file that exists, so that --overwrite is needed.
     assert words in refusal_of(

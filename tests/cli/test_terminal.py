@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import text_table
+from conftest import each_row
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem, format_draws
@@ -163,7 +163,7 @@ DIGITS = """
 """
 
 
-@pytest.mark.parametrize("largest, n_effective, decimals, expected", text_table(DIGITS))
+@each_row("largest, n_effective, decimals, expected", DIGITS)
 def test_digits_end_where_the_error_begins(largest, n_effective, decimals, expected):
     # 201 draws are spread evenly from 0 to `largest`, so the median is half of `largest`. The 95 %
     # interval follows it. With few effective draws, the errors of these numbers are large, and

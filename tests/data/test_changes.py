@@ -10,10 +10,10 @@ import pytest
 from commands import refusal_of, run_ok
 from conftest import (
     answers_in_order,
+    each_row,
     problems,
     quick_study,
     s1_s2_yes_trials,
-    text_table,
     write_counts,
 )
 
@@ -129,7 +129,7 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("options, message", text_table(REFUSED))
+@each_row("options, message", REFUSED)
 def test_options_that_cannot_be_followed_are_refused_in_one_line(tmp_path, options, message):
     # Such as '--swap x:2' with the message that there is no subject 'x'.
     FRAME.to_csv(tmp_path / "study.csv", index=False)

@@ -6,7 +6,7 @@ from io import StringIO
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import read, text_table
+from conftest import each_row, read, refused
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions
@@ -114,7 +114,7 @@ def test_what_does_not_differ_within_subjects_is_no_condition():
     assert any("no condition within" in note for note in study.notes)
     assert all(subject.answers is not None for subject in study)
     for options in ("--condition condition", "--reference left", "--categorical-condition"):
-        with pytest.raises(bt.InputError, match="every subject at one level"):
+        with refused("every subject at one level"):
             read(text, options)
 
 
@@ -168,16 +168,16 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("level, options, problem", text_table(REFUSED))
+@each_row("level, options, problem", REFUSED)
 def test_levels_and_options_of_conditions_that_cannot_be_used_are_refused(level, options, problem):
     # Such as 'l@ft' in the place of 'left': names of units, such as a@left, have an @ of their own.
-    with pytest.raises(bt.InputError, match=problem):
+    with refused(problem):
         read(ROWS.replace("left", level), options)
 
 
 def test_numbers_have_no_reference():
     # The levels 2 and 6 are numbers, whose one effect is a slope.
-    with pytest.raises(bt.InputError, match="--reference: found with levels that are numbers"):
+    with refused("--reference: found with levels that are numbers"):
         read(ROWS.replace("left", "2").replace("right", "6"), "--reference 6")
 
 
@@ -211,7 +211,7 @@ def test_all_files_have_the_condition_or_none_has_it():
     # The second file has other subjects, c in the place of a, and the same rows of b.
     frame = pd.read_csv(StringIO(ROWS))
     other_frame = frame.replace("a", "c")
-    with pytest.raises(bt.InputError, match="found column condition in some files only"):
+    with refused("found column condition in some files only"):
         bt.read_study([frame, other_frame.rename(columns={"condition": "hand"})])
     study = bt.read_study([frame, other_frame])
     assert study.names == ("a@left", "a@right", "b@left", "b@right", "c@left", "c@right")
@@ -282,7 +282,7 @@ def test_a_file_of_two_tasks_is_refused_with_options_that_read_it():
 def test_a_word_of_another_task_is_named_with_its_row():
     # One response to 2afc, in row 4, is 'equal', which this task does not have.
     text = TASKS.replace("0.3,second", "0.3,equal", 1).replace(",task", ",experiment")
-    with pytest.raises(bt.InputError, match="row 4, column response: found 'equal', allowed: sec"):
+    with refused("row 4, column response: found 'equal', allowed: sec"):
         read(text, "--condition experiment")
 
 
@@ -300,7 +300,7 @@ def test_a_word_of_another_task_is_named_with_its_row():
 def test_two_tasks_are_refused_where_they_are_no_conditions(text, options, message):
     # TASKS has the words 'equal', 'different', 'first' and 'second', CODES has 0 and 1 in their
     # places, and ROWS has one task alone.
-    with pytest.raises(bt.InputError, match=re.escape(message)):
+    with refused(re.escape(message)):
         read(text, options)
 
 
@@ -308,5 +308,5 @@ def test_other_analyses_refuse_a_study_of_two_tasks():
     # Only `contrast` analyses two tasks together.
     study = read(TASKS, "--condition task")
     for analyse in (bt.run, bt.evidence, bt.population, bt.fit, bt.check, bt.Study.frame):
-        with pytest.raises(bt.InputError, match="found the tasks 'which is stronger' and"):
+        with refused("found the tasks 'which is stronger' and"):
             analyse(study)

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import on_one_line, refusal_of, run_command
-from conftest import read, text_table, typed_options
+from conftest import each_row, read, refused, text_table, typed_options
 from numpy.random import default_rng
 from scipy.io import savemat
 
@@ -1060,7 +1060,7 @@ PRACTICE = """
 """
 
 
-@pytest.mark.parametrize("column, practice, main", text_table(PRACTICE))
+@each_row("column, practice, main", PRACTICE)
 def test_rows_of_practice_are_read_only_where_it_is_asked_for(column, practice, main):
     # Such as a column phase with 'practice' in the first 8 rows of P03 and 'main' in the 80 trials.
     table = with_practice(column, practice, main)
@@ -1140,7 +1140,7 @@ TAKEN_OUT = """
 """
 
 
-@pytest.mark.parametrize("column, mark, other_text", text_table(TAKEN_OUT))
+@each_row("column, mark, other_text", TAKEN_OUT)
 def test_rows_that_do_not_count_are_remarked_with_what_leaves_them_out(column, mark, other_text):
     # Such as a column exclude with 1 in every fifth row, 16 of 80, and 0 in the other rows.
     table = IN_LOGS.assign(**{column: [mark, *[other_text] * 4] * 16})
@@ -1199,9 +1199,7 @@ TERNARY_CODES = """
 """
 
 
-@pytest.mark.parametrize(
-    "first_code, same_code, second_code, options, advice", text_table(TERNARY_CODES)
-)
+@each_row("first_code, same_code, second_code, options, advice", TERNARY_CODES)
 def test_a_frequent_third_answer_is_no_missed_trial(
     first_code, same_code, second_code, options, advice
 ):
@@ -1229,9 +1227,7 @@ SEVERAL_CODES = """
 """
 
 
-@pytest.mark.parametrize(
-    "first_codes, second_codes, missed_codes, advice", text_table(SEVERAL_CODES)
-)
+@each_row("first_codes, second_codes, missed_codes, advice", SEVERAL_CODES)
 def test_an_answer_may_have_several_codes(first_codes, second_codes, missed_codes, advice):
     # Such as 1 and 2 for 'first', by turns, and 3 and 4 for 'second'. Each code of missed trials,
     # which may be empty, has three more rows.
@@ -1247,7 +1243,7 @@ def test_an_answer_may_have_several_codes(first_codes, second_codes, missed_code
 def test_one_code_for_two_answers_is_refused():
     # The code 2 is declared for 'first' and for 'second'.
     table = IN_LOGS.assign(response=[1, 2, 3, 4] * 20)
-    with pytest.raises(bt.InputError, match="found '2' in 20 rows"):
+    with refused("found '2' in 20 rows"):
         bt.read_study(table, bt.ReadOptions(first_code="1,2", second_code="2,3,4"))
 
 
@@ -1376,7 +1372,7 @@ SUBJECTS_BY_NAME = """
 """
 
 
-@pytest.mark.parametrize("column, files, part, subjects", text_table(SUBJECTS_BY_NAME))
+@each_row("column, files, part, subjects", SUBJECTS_BY_NAME)
 def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjects, tmp_path):
     # Such as the files VP1/data.csv and VP2/data.csv, each with the same trials. Either there is no
     # column of subjects, or it is 1 in all files. With the proposed option, subjects have names.
@@ -1398,7 +1394,7 @@ SEVERAL_SUFFIXES = """
 """
 
 
-@pytest.mark.parametrize("names, problem", text_table(SEVERAL_SUFFIXES))
+@each_row("names, problem", SEVERAL_SUFFIXES)
 def test_a_folder_that_may_mean_several_studies_is_asked_for(names, problem, tmp_path):
     # Such as tables with the suffixes .csv and .tsv in one folder.
     write_folder(tmp_path, *names.split())

@@ -6,7 +6,7 @@ All of them are read by the strict reader of studies.
 import re
 
 import pytest
-from conftest import problems, text_table
+from conftest import each_row, problems
 
 from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT
@@ -94,7 +94,7 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("kind, rows, problem", text_table(REFUSED))
+@each_row("kind, rows, problem", REFUSED)
 def test_a_small_table_that_cannot_be_used_is_refused(file_of, kind, rows, problem):
     # A slash stands for a line end. In the design 's1,s2 / 0,1,7', the third cell of row 2 has no
     # name.

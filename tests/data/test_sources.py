@@ -7,7 +7,7 @@ from io import StringIO
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import answers_in_order, problems, s1_s2_yes_trials, text_table
+from conftest import answers_in_order, each_row, problems, refused, s1_s2_yes_trials
 from scipy.io import savemat
 
 import bayes_toe as bt
@@ -158,7 +158,7 @@ READERS = """
 """
 
 
-@pytest.mark.parametrize("reader, message", text_table(READERS))
+@each_row("reader, message", READERS)
 def test_a_matlab_file_that_ends_or_stops_its_reader(reader, message, tmp_path, monkeypatch):
     # A MATLAB file is read in another process, which here runs the program `reader`: it crashes, or
     # sleeps longer than the limit of 0.5 s.
@@ -194,7 +194,7 @@ def test_a_table_of_too_many_cells_is_refused_before_they_are_made(
     # 1,000 cells, 600,000 together. The limit of cells is a hundredth of the program's limit.
     monkeypatch.setattr("bayes_toe.data.text_table._MOST_CELLS", 500_000)
     (tmp_path / name).write_text(text)
-    with pytest.raises(bt.InputError, match="at most 16,384 columns and 500,000 cells"):
+    with refused("at most 16,384 columns and 500,000 cells"):
         bt.read_study(tmp_path / name)
 
 
@@ -218,5 +218,5 @@ def test_folders_and_files_that_are_too_large_are_refused(tmp_path):
         input_bytes(tmp_path)
     (tmp_path / "file").write_bytes(b"a\n1\n")
     assert input_bytes(tmp_path / "file", 4) == b"a\n1\n"
-    with pytest.raises(bt.InputError, match="4 bytes, more than 3"):
+    with refused("4 bytes, more than 3"):
         read_table(tmp_path / "file", {"a"}, 3)

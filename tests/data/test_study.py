@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conftest import columns, made_subject, refused, s1_s2_yes_trials, text_table
+from conftest import columns, each_row, made_subject, refused, s1_s2_yes_trials
 
 from bayes_toe.data.study import Study, Subject
 
@@ -60,7 +60,7 @@ REFUSED_ROWS = r"""
 """
 
 
-@pytest.mark.parametrize("rows, message", text_table(REFUSED_ROWS))
+@each_row("rows, message", REFUSED_ROWS)
 def test_rows_that_are_no_counts_are_refused(rows, message):
     # Rows of s1, s2, answers 'equal' and trials, such as '0.3 0 9 8': 9 of 8 is no count.
     with refused(message):

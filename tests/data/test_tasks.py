@@ -6,7 +6,7 @@ What is read, refused, doubted.
 import pandas as pd
 import pytest
 from commands import refusal_of
-from conftest import made_subject, read, s1_s2_yes_trials, text_table, typed_options
+from conftest import each_row, made_subject, read, refused, s1_s2_yes_trials, typed_options
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import check_answers
@@ -31,7 +31,7 @@ READ = f"""
 """
 
 
-@pytest.mark.parametrize("text, options, expected", text_table(READ))
+@each_row("text, options, expected", READ)
 def test_answers_second_and_first_are_read(text, options, expected):
     # A text has spaces for line ends. The study is the same when its own table is read again.
     study_of_text = read(text.replace(" ", "\n"), options)
@@ -100,7 +100,7 @@ REFUSED = f"""
 """
 
 
-@pytest.mark.parametrize("text, options, message", text_table(REFUSED))
+@each_row("text, options, message", REFUSED)
 def test_a_file_that_cannot_be_read_is_one_line_and_nothing_is_written(
     tmp_path, text, options, message
 ):
@@ -138,7 +138,7 @@ OPTIONS = """
 """
 
 
-@pytest.mark.parametrize("options, message", text_table(OPTIONS))
+@each_row("options, message", OPTIONS)
 def test_options_that_make_no_sense_are_refused(tmp_path, options, message):
     # Such as '--task 3afc', with the tasks that are allowed. The file itself is good.
     (tmp_path / "study.csv").write_text(f"{TRIALS}\na,0,1,second\n")
@@ -149,7 +149,7 @@ def test_several_files_are_of_one_task():
     # One file has the word 'same', and the other file has 'second'.
     frame = pd.DataFrame({"subject": ["a"], "s1": 0, "s2": 1, "response": ["same"]})
     message = r"asked which is stronger, and .* same/different; allowed: files of one task"
-    with pytest.raises(bt.InputError, match=message):
+    with refused(message):
         bt.read_study([frame, frame.assign(response="second")])
 
 

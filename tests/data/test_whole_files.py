@@ -5,7 +5,7 @@ import re
 import tempfile
 
 import pytest
-from conftest import text_table
+from conftest import each_row, refused
 
 from bayes_toe.data.whole_files import (
     require_folder,
@@ -96,9 +96,9 @@ def test_a_file_that_exists_or_appears_meanwhile_is_kept(tmp_path):
     create_files(tmp_path, "a.csv=mine")
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
     for name in ("a.csv", "link"):
-        with pytest.raises(OutputError, match=rf"{name}: exists; overwrite=True replaces it$"):
+        with refused(rf"{name}: exists; overwrite=True replaces it$", OutputError):
             write_whole(tmp_path / name, "new", meanwhile=BEFORE_WORK)
-    with pytest.raises(OutputError, match=r"b\.csv: exists"):
+    with refused(r"b\.csv: exists", OutputError):
         write_whole(
             tmp_path / "b.csv", "new", meanwhile=lambda: create_files(tmp_path, "b.csv=theirs")
         )
@@ -143,22 +143,22 @@ IMPOSSIBLE_FOLDERS = """
 """
 
 
-@pytest.mark.parametrize("name, reason", text_table(IMPOSSIBLE_FILES))
+@each_row("name, reason", IMPOSSIBLE_FILES)
 def test_an_impossible_file_is_one_line(tmp_path, name, reason):
     # Such as file.txt/x.csv, where file.txt is a file. An empty name is the folder itself.
     create_files(tmp_path, "folder/ file.txt=x")
-    with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
+    with refused(f"^[^\n]*{reason}[^\n]*$", OutputError):
         write_whole(tmp_path / name, "x", overwrite=True)
-    with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
+    with refused(f"^[^\n]*{reason}[^\n]*$", OutputError):
         require_writable(tmp_path / name, overwrite=False)
     assert files_and_texts(tmp_path) == "file.txt=x folder/"
 
 
-@pytest.mark.parametrize("name, reason", text_table(IMPOSSIBLE_FOLDERS))
+@each_row("name, reason", IMPOSSIBLE_FOLDERS)
 def test_an_impossible_folder_is_one_line(tmp_path, name, reason):
     # The name is the name of a file, or a path below a file.
     create_files(tmp_path, "file.txt=x")
-    with pytest.raises(OutputError, match=f"^[^\n]*{reason}[^\n]*$"):
+    with refused(f"^[^\n]*{reason}[^\n]*$", OutputError):
         write_whole_folder(tmp_path / name, "table.csv=t")
     assert files_and_texts(tmp_path) == "file.txt=x"
 
@@ -170,9 +170,9 @@ def test_a_place_without_permission_is_one_line_before_the_work(tmp_path, monkey
 
     monkeypatch.setattr(tempfile, "mkdtemp", mkdtemp)
     message = f"{tmp_path / 'new'}: cannot be written (Permission denied), choose another place"
-    with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
+    with refused(f"^{re.escape(message)}$", OutputError):
         require_folder(tmp_path / "new/out", (), overwrite=False)
-    with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
+    with refused(f"^{re.escape(message)}$", OutputError):
         write_whole(tmp_path / "new/a.csv", "x", meanwhile=BEFORE_WORK)
     assert files_and_texts(tmp_path) == ""
 
@@ -183,7 +183,7 @@ def test_only_regular_files_are_replaced(name, tmp_path):
     # A pipe, a link to nowhere and a device are refused before the work begins.
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OutputError, match="is a link, pipe or device"):
+    with refused("is a link, pipe or device", OutputError):
         write_whole(tmp_path / name, "new", overwrite=True, meanwhile=BEFORE_WORK)
 
 
@@ -238,12 +238,12 @@ EXISTING = """
 """
 
 
-@pytest.mark.parametrize("earlier_files, names", text_table(EXISTING))
+@each_row("earlier_files, names", EXISTING)
 def test_existing_names_are_refused_before_any_work(tmp_path, earlier_files, names):
     # The command writes table.csv, corner, a, b, c and d. At most three names are listed.
     create_files(tmp_path, earlier_files)
     message = f"{tmp_path}: already holds {names}; overwrite=True replaces it"
-    with pytest.raises(OutputError, match=f"^{re.escape(message)}$"):
+    with refused(f"^{re.escape(message)}$", OutputError):
         write_whole_folder(tmp_path, "", names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
     assert files_and_texts(tmp_path) == earlier_files
 
@@ -277,7 +277,7 @@ def test_changes_by_others_during_the_work_are_errors_or_stay(tmp_path):
     # During the work somebody writes a file of the same name, which is an error, or a file of
     # another name, which stays, or removes the folder itself.
     files, their_file = "corner/a.png=new table.csv=new", "table.csv=theirs"
-    with pytest.raises(OutputError, match=r"table\.csv: exists"):
+    with refused(r"table\.csv: exists", OutputError):
         write_whole_folder(tmp_path, files, meanwhile=lambda: create_files(tmp_path, their_file))
     assert files_and_texts(tmp_path) == their_file
 
@@ -285,7 +285,7 @@ def test_changes_by_others_during_the_work_are_errors_or_stay(tmp_path):
     write_whole_folder(out, "table.csv=1", meanwhile=lambda: create_files(out, "mine.txt=m"))
     assert files_and_texts(out) == "mine.txt=m table.csv=1"
 
-    no_file = pytest.raises(OutputError, match=r"(out|a\.csv): cannot be written \(No such file")
+    no_file = refused(r"(out|a\.csv): cannot be written \(No such file", OutputError)
     with no_file, whole_folder(out, NAMES, overwrite=True) as new_folder:
         new_folder.rmdir()
     with no_file, whole_file(tmp_path / "a.csv"):

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import refusal_of, run_ok
-from conftest import columns, text_table
+from conftest import columns, each_row
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS
@@ -207,7 +207,7 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("options, message", text_table(REFUSED))
+@each_row("options, message", REFUSED)
 def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, message):
     (tmp_path / "raw.csv").write_text("i\n45\n60\n")
     FIXED_PAIRS.save(tmp_path / "given.csv")

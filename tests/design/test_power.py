@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refusal_of, run_ok
-from conftest import refused, text_table
+from conftest import each_row, refused
 from populations import grid_design
 
 import bayes_toe as bt
@@ -167,7 +167,7 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("options, message", text_table(REFUSED))
+@each_row("options, message", REFUSED)
 def test_power_that_cannot_be_computed_is_refused_in_one_line(tmp_path, options, message):
     (tmp_path / "other").mkdir()
     for folder in (tmp_path, tmp_path / "other"):

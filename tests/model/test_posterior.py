@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import BOTH_TASKS, five_pairs, text_table
+from conftest import BOTH_TASKS, each_row, five_pairs, refused
 from definitions import assert_agrees
 from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
@@ -17,7 +17,7 @@ CASES = hard_cases()
 
 @pytest.mark.parametrize("point, message", [([np.nan, 0, 0, 0], "NaN"), ([0.0, 0.0], "shape")])
 def test_points_with_nan_or_without_four_coordinates_are_refused(point, message):
-    with pytest.raises(NumericalError, match=message):
+    with refused(message, NumericalError):
         paper_posterior(CASES["all equal"]).log_density([point])
 
 
@@ -80,7 +80,7 @@ FAR_POINTS = """
 
 
 @BOTH_TASKS
-@pytest.mark.parametrize("prior, coordinate, value, digits", text_table(FAR_POINTS))
+@each_row("prior, coordinate, value, digits", FAR_POINTS)
 def test_value_and_gradient_in_the_tails_of_a_coordinate(task, prior, coordinate, value, digits):
     """The prior of the width changes the second coordinate alone: only this coordinate is tested.
 

@@ -10,9 +10,8 @@ from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
-import pytest
 from commands import run_captured
-from conftest import text_table
+from conftest import each_row
 
 import bayes_toe as bt
 
@@ -43,7 +42,7 @@ REFUSED = """
 """
 
 
-@pytest.mark.parametrize("line, message", text_table(REFUSED))
+@each_row("line, message", REFUSED)
 def test_problems_are_told_before_the_work_and_end_with_exit_code_2(tmp_path, line, message):
     (tmp_path / "taken").write_text("of the user")
     finished = inside(line, tmp_path)
@@ -62,7 +61,7 @@ RUNS = """
 """
 
 
-@pytest.mark.parametrize("line, name", text_table(RUNS))
+@each_row("line, name", RUNS)
 def test_a_script_writes_what_it_found(tmp_path, line, name):
     finished = inside(f"{line} -o out", tmp_path)
     # 3: so small a run may find that something is not calibrated.
