@@ -240,7 +240,7 @@ def _whole_numbers(subject: str, name: str, counts: npt.ArrayLike) -> IntArray:
     """Counts as int64, shape (rows,); an InputError where 2.5 would become 2."""
     values = _numbers(subject, name, counts)
     wrong_values = values[values != np.floor(values)]
-    if len(wrong_values):
+    if wrong_values.size:
         raise InputError(
             f"subject {subject!r}: {name} must be whole numbers, found {wrong_values[:3].tolist()}"
         )

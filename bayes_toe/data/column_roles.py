@@ -760,6 +760,8 @@ def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     if "first" in pair[0].lower() or looks_like(order, "isi"):
         return False
     codes = {column.name: column.codes for column in columns}
+    if not codes.keys() >= set(pair):  # a stimulus is missing, or has too many texts
+        return False
     first, second, order_codes = map(codes.__getitem__, (*pair, order))
     n_pairs = len(combination_counts(first, second))
     n_ordered_pairs = len(combination_counts(first, second, order_codes))

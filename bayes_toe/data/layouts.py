@@ -448,7 +448,7 @@ def _require_decimal_sign(
     # No logarithm is 1050, unless other stimuli are as large: 950 beside 1.050 may be in cents.
     other_texts = [text for text in texts if sign not in text]
     has_large = any(abs(number(text)) >= 100.0 for text in other_texts)
-    if not options.has_intensities and not has_large:
+    if not (options.has_intensities or has_large):
         return
 
     text = texts_with_sign[0]

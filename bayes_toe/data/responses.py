@@ -420,10 +420,8 @@ def notes_without_effect(study: Study, options: ReadOptions) -> list[str]:
     codes = [*options.missed]
     if "response" not in study.reading.read:
         codes += options.code_by_answer.values()
-    absent_codes = [code for code in codes if code not in study.reading.missed]
-    if not absent_codes:
-        return []
-    return [f"no effect of {join_quoted(absent_codes)}, which the table lacks"]
+    absent = [code for code in codes if code not in study.reading.missed]
+    return [f"no effect of {join_quoted(absent)}, which the table lacks"] if absent else []
 
 
 def without_missed(

@@ -834,6 +834,10 @@ REFUSED = {
         "columns left_g and right_g do not say which stimulus came first",
         "type:  --standard-interval lifted_first --columns standard=left_g,comparison=right_g,resp",
     ),
+    "no_second_stimulus.csv": (
+        "subject,s1,order,response\na,0.1,1,second\na,0.2,2,first\n",
+        "there is no column s2. The columns are subject, s1, order, response.",
+    ),
     "three_tones.csv": (
         "subject,s1_ms,s2_ms,s3_ms,response\na,500,550,500,2\na,550,500,500,1\na,500,500,550,3\n",
         "column s3_ms: found beside two stimuli, allowed: trials with two stimuli",
