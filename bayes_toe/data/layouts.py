@@ -325,8 +325,7 @@ def _likeliest_first(texts: Texts, table: TextTable, column: Column, options: Re
     With the right code, a larger s2 - s1 goes with the second of two keys. If the responses do not
     show it, 'AB' stands before 'BA', and 'S' before 'C'.
     """
-    texts = sorted(texts)
-    texts.sort(key=lambda text: not "standard".startswith(text.lower()))
+    texts = sorted(texts, key=lambda text: (not "standard".startswith(text.lower()), text))
 
     response = table.columns.get(options.name("response"))
     if response is None:

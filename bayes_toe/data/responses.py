@@ -866,7 +866,7 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
     # With a large constant error, the code of 'equal' may be commoner where stimuli differ. It may
     # be either, but of keys such as s and d it is s.
     if len(texts) == 2:
-        _, _, code = _sides(column, texts, -trends["equal_code"])
+        (code,) = set(texts) - {remedies[0].value}  # the first remedy has one of both
         remedies.append(Remedy("equal_code", code, f"if {code} is {_CODE_MEANINGS['equal_code']}"))
     remedies.sort(
         key=lambda remedy: (rises[remedy.option], str(remedy.value) in "sSgG"), reverse=True

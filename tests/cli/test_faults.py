@@ -74,24 +74,38 @@ def test_a_signal_before_the_work_ends_a_command_with_one_line(folder):
 SAMPLE = "sample study.csv --seed 1 --draws 100 --model none -o"
 
 
-@needs_proc
-def test_an_interrupt_says_how_to_go_on_which_gives_the_same_draws(folder):
-    # All processes get the signal, as from Ctrl+C in a terminal, when two workers have stored one
-    # result.
-    running = start_command(f"{SAMPLE} posterior.nc --workers 2", cwd=folder)
-    wait_until(lambda: list(folder.glob("*.partial/*.result")), running)
-    os.killpg(running.pid, signal.SIGINT)
+def code_and_errors_after_signal(line, n_results, folder, send, number):
+    """The exit code and stderr of a command that gets a signal when so many results are stored.
+
+    `send` is os.kill, or os.killpg for all its processes, as Ctrl+C in a terminal does.
+    """
+    running = start_command(line, cwd=folder)
+    wait_until(lambda: len(list(folder.glob("*.partial/*.result"))) >= n_results, running)
+    send(running.pid, number)
     wait_until_gone(running.pid)
     _, errors = running.communicate()
-    assert running.returncode == 128 + signal.SIGINT
-    saved = r"stopped by SIGINT: \d of 4 subjects are saved in posterior.nc.partial; type --resume"
+    return running.returncode, errors
+
+
+@needs_proc
+def test_a_command_that_is_killed_and_then_interrupted_goes_on_to_the_same_draws(folder):
+    # Two workers store a result of eight, and then one more: the command is still at work.
+    write_counts(folder / "study.csv", quick_study("ABCDEFGH"))
+    line = f"{SAMPLE} posterior.nc --workers 2"
+    code, _ = code_and_errors_after_signal(line, 1, folder, os.kill, signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    n_results = len(list(folder.glob("*.partial/*.result"))) + 1
+    line = f"{line} --resume"
+    code, errors = code_and_errors_after_signal(line, n_results, folder, os.killpg, signal.SIGINT)
+    assert code == 128 + signal.SIGINT
+    saved = r"stopped by SIGINT: \d of 8 subjects are saved in posterior.nc.partial; type --resume"
     assert re.match(saved, errors)
     problem = refusal_of(f"{SAMPLE} posterior.nc", cwd=folder)
     assert "--resume continues it, --overwrite" in problem
 
     # This process has no workers.
     screen = run_ok(f"{SAMPLE} posterior.nc --resume --workers 1", cwd=folder)
-    assert "of 4 subjects taken from posterior.nc.partial" in screen
+    assert "of 8 subjects taken from posterior.nc.partial" in screen
     assert sorted(os.listdir(folder)) == ["posterior.nc", "study.csv"]
 
     run_ok(f"{SAMPLE} without_a_stop.nc", cwd=folder)
