@@ -36,10 +36,12 @@ _LOGARITHM = re.compile(
 #: The unit to type where intensities have no known unit.
 ANY_UNIT = "a.u."
 #: Largest difference of the natural logs of a pair: a factor of 20. If all natural logs are whole
-#: numbers, it is also their largest range.
+#: numbers, or all are above 0, it is also their largest range.
 LARGEST_STEP = 3.0
+#: The smallest natural log is not larger, even of intensities of many billions.
+_LARGEST_LOG = 25.0
 #: If all natural logs are whole numbers, the smallest of them is not larger.
-_LARGEST_LOG = 10.0
+_LARGEST_WHOLE_LOG = 10.0
 #: Per cent of intensity beyond which differences are shown as natural logs: a factor of 11.
 _SMALLEST_PERCENT = -1000.0 / 11.0
 _LARGEST_PERCENT = 1000.0
@@ -78,8 +80,10 @@ def why_not_logs(first: FloatArray, second: FloatArray) -> tuple[str, int | None
 
     Examples
     --------
-    >>> why_not_logs(np.array([45.0, 60.0]), np.array([60.0, 45.5]))
-    ('45 and 60 in one pair', 0)
+    >>> why_not_logs(np.array([-45.0, 60.0]), np.array([60.0, 45.5]))
+    ('-45 and 60 in one pair', 0)
+    >>> why_not_logs(np.array([60.0, 60.5]), np.array([60.5, 60.0]))
+    ('numbers from 60 to 60.5', None)
     >>> why_not_logs(np.array([3.8, 4.1]), np.array([4.1, 3.8]))
     ('', None)
     >>> why_not_logs(np.array([-3.0, 1.0]), np.array([-1.0, 4.0]))
@@ -90,12 +94,15 @@ def why_not_logs(first: FloatArray, second: FloatArray) -> tuple[str, int | None
     stimuli = np.concatenate([first, second])
     low = stimuli.min()
     high = stimuli.max()
-    # Logarithms are seldom all whole. Numbers from 1 may be those of levels.
-    is_list = low == 1.0 and high > 2.0
-    is_beyond_logs = is_list or low > _LARGEST_LOG or high - low > LARGEST_STEP
-    if is_beyond_logs and (stimuli % 1.0 == 0.0).all():
+    is_whole = (stimuli % 1.0 == 0.0).all()  # logarithms are seldom all whole
+    is_wide = high - low > LARGEST_STEP
+    is_large = low > (_LARGEST_WHOLE_LOG if is_whole else _LARGEST_LOG)
+    # Logarithms of a wide range are seldom all above 0. Whole numbers from 1 may number levels.
+    is_list = is_whole and low == 1.0 and high > 2.0
+    if is_list or is_large or (is_wide and (is_whole or low > 0.0)):
+        kind = "whole numbers" if is_whole else "numbers"
         guess = ", perhaps the numbers of levels" if is_list else ""
-        return f"whole numbers from {low:g} to {high:g}{guess}", None
+        return f"{kind} from {low:g} to {high:g}{guess}", None
     steps = np.abs(second - first)
     widest = int(steps.argmax())
     if steps[widest] <= LARGEST_STEP:

@@ -673,6 +673,14 @@ REFUSED = {
         "subject,w1,w2,response\na,p12.png,p14.png,first\na,p14.png,p12.png,second\n",
         "found whole numbers from 12 to 14, allowed: natural logs or a unit\ntype:  --unit a.u.",
     ),
+    "decibels.csv": (
+        "subject,s1,s2,response\na,60,60.5,second\na,60.5,60,first\n",
+        "found numbers from 60 to 60.5, allowed: natural logs or a unit",
+    ),
+    "rates.csv": (  # each pair has near rates
+        "subject,s1,s2,response\na,5.9,7.5,second\na,9.1,7.5,first\n",
+        "found numbers from 5.9 to 9.1, allowed: natural logs or a unit",
+    ),
     "another_unit.csv --unit g": (
         "subject,s1,s2,response\na,70 dB,55 dB,first\n",
         "the stimuli have the unit 'dB'.\n",
