@@ -230,16 +230,15 @@ def with_options(command: str, options: Iterable[str]) -> str:
 
     If an option excludes a subject, it replaces typed options that exclude blocks of this subject.
 
-    If an option swaps what a typed option swaps, or a subject of which a typed option swaps some
-    blocks, the typed option is removed, and no option is added: the responses look swapped only
-    after the typed swap. A command may not name a subject twice, so that the swap of a subject
-    cannot stand beside the swap of its blocks. Without both swaps, the next run names the swapped
-    blocks.
+    If an option swaps what a typed option swaps, the typed option is removed, and no option is
+    added: the responses look swapped only after the typed swap.
 
     Examples
     --------
     >>> with_options("bayes-toe run study.csv --swap A:3", ["--swap A:3"])
     'bayes-toe run study.csv'
+    >>> with_options("bayes-toe run study.csv --swap A:3", ["--swap A"])
+    'bayes-toe run study.csv --swap A:3 --swap A'
     >>> with_options("bayes-toe run study.csv --exclude 'B 1:3'", ["--exclude 'B 1'"])
     "bayes-toe run study.csv --exclude 'B 1'"
     """
@@ -247,9 +246,11 @@ def with_options(command: str, options: Iterable[str]) -> str:
     line = "\0".join(shlex.split(command))
     for option in options:
         words = "\0" + "\0".join(shlex.split(option))
+        is_exclusion = option.startswith("--exclude")
         # '--exclude B' or '--exclude B:3', but not '--exclude B2'
-        line, n_typed = re.subn(rf"{re.escape(words)}(:[^\0]+)?(?![^\0])", "", line)
-        if not n_typed or "--exclude" in option:
+        blocks = r"(:[^\0]+)?" if is_exclusion else ""
+        line, n_typed = re.subn(rf"{re.escape(words)}{blocks}(?![^\0])", "", line)
+        if not n_typed or is_exclusion:
             line += words
     return shlex.join(line.split("\0"))
 

@@ -385,8 +385,9 @@ _THREE_COUNTS = ("n_first", "n_equal", "n_second")
 _STIMULI = ("s1", "s2", "i1", "i2")
 #: Rows in which correct answers hardly come from participants.
 _MANY = 30
-#: Roles whose names in the file are proposed if the columns are missing.
-_REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS)
+#: Roles whose names in the file are proposed if the columns are missing. Where n_equal is missing,
+#: the user says which answer was counted.
+_REQUIRED = {"subject", *_STIMULI, "standard", "comparison", "response", *_ALL_COUNTS} - {"n_equal"}
 
 
 def with_likely_columns(names: Texts, options: ReadOptions) -> ReadOptions:
@@ -451,7 +452,12 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
 
 def _may_be_stimulus(name: str) -> bool:
     """Whether a name has no word such as 'onset': a pair of times is not the stimuli."""
-    return named_places(name).other_words.isdisjoint(VOCABULARY["words"]["about"])
+    return not has_word(name, "about")
+
+
+def has_word(name: str, kind: str) -> bool:
+    """Whether a name has one of the words of a kind in the vocabulary, such as 'of_times'."""
+    return not named_places(name).other_words.isdisjoint(VOCABULARY["words"][kind])
 
 
 def _with_intensities(names: Texts, options: ReadOptions) -> ReadOptions:
@@ -494,27 +500,19 @@ def _likely_answers(names: Texts, options: ReadOptions) -> dict[str, str]:
     >>> _likely_answers(["s1", "s2", "First longer", "Second longer"], ReadOptions())
     {'n_first': 'First longer', 'n_second': 'Second longer'}
     """
-    roles = (*_ALL_COUNTS, "n_correct", "response")
-    roles_in_file = {role for role in roles if options.name(role) in names}
+    roles_in_file = {*_roles_in_file((*_ALL_COUNTS, "n_correct", "response"), names, options)}
     if "response" in roles_in_file or ("n_trials" in roles_in_file and len(roles_in_file) == 2):
         return {}  # the file has our names of responses, or of trials and a count
 
     counts = _likely(names, options, _ALL_COUNTS)
     count_roles = roles_in_file | counts.keys()  # by our names or by similar ones
-    if set(_THREE_COUNTS) <= count_roles:
-        counts.pop("n_trials", None)  # the sum of the counts, which is not read
-        count_roles.discard("n_trials")
-
+    # Trials and one count, perhaps with that of the other answer, are no responses, whatever
+    # another column is named.
+    if "n_trials" in count_roles and len(count_roles.difference(OTHER_COUNTS.values())) == 2:
+        return counts
     response = _likely(names, options, ("response",))
-    # Beside our names of counts, a similar name is no response.
-    response_alone = {} if roles_in_file else response
-    if "n_trials" in count_roles:
-        # Trials and one count, perhaps with that of the other answer, are no responses, whatever
-        # another column is named.
-        has_one_count = len(count_roles.difference(OTHER_COUNTS.values())) == 2
-        return counts if has_one_count else response_alone
     if response:  # other columns with similar names are then no counts
-        return response_alone
+        return {} if roles_in_file else response  # beside our names of counts it is no response
 
     # One column such as 'second_longer' or 'same' may have responses, yes or no.
     if len(count_roles) == 1 and not any(map(is_percentage, counts.values())):
@@ -559,13 +557,18 @@ def columns_to_read(
     """
     # Options solve the last problem: what is checked after it waits until it is solved.
     roles_read = _roles_read(names, options)
-    problems = list(_role_problems(roles_read, options))
+    problems = [*_role_problems(roles_read, options), *_ignore_problems(names, options)]
     first_name = options.stimulus_names[0]
     third_name = re.sub(r"(?<=\D)1(?=\D*$)", "3", first_name)  # 's3_ms' of 's1_ms'
     if first_name != third_name in names:
         problems.append(
             f"column {display_name(third_name)}: found beside two stimuli, allowed: trials with "
             "two stimuli"
+        )
+    if has_word(first_name, "of_attenuation"):
+        problems.append(
+            f"column {display_name(first_name)}: found attenuation, whose larger numbers are "
+            "weaker stimuli, allowed: levels. Change the signs, and the names of both columns"
         )
     if options.subject_from is not None:
         roles_read.remove("subject")
@@ -611,6 +614,11 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     absent = absent.replace("n_equal", "n_equal or n_second")  # either may be meant
     problem = f"there is {absent}. The columns are {columns}."
+    if "n_equal" in missing:
+        problem += (
+            " --columns n_second=NAME names the column that counts 'second'; in the same way, name "
+            "n_first, n_equal, n_different or, of right answers in 2AFC, n_correct."
+        )
     if "".join(names).isdigit():  # numbers take the place of the names
         problem += " The file has no header, so these are the numbers of its columns."
     if "NAME" in missing:
@@ -635,6 +643,13 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
             "--standard-first if it always came first."
         )
     return problem
+
+
+def _ignore_problems(names: Texts, options: ReadOptions) -> Iterator[str]:
+    """Problems of columns that options ignore, although the file has none of the kind."""
+    for role in ("isi", *HISTORY_COLUMNS):
+        if role in options.ignore and not names_like(names, role):
+            yield f"--ignore {role}: found no such column, allowed: a column of the file"
 
 
 def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
@@ -691,8 +706,10 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
     (['n_second', 'n_trials'], ['response'])
     >>> _answer_roles(["n_first", "n_equal"], ReadOptions())
     ['n_first', 'n_equal', 'n_second']
-    >>> _answer_roles(["n_first", "n_second"], ReadOptions())
+    >>> _answer_roles(["n_first", "n_second", "n_trials"], ReadOptions())
     ['n_second', 'n_first']
+    >>> _answer_roles(["n_first", "n_trials"], ReadOptions())
+    ['n_first', 'n_trials']
     """
     # What an option takes as a stimulus is no count: n_first and n_second may be numbers of dots.
     names = list(filterfalse(set(options.stimulus_names).__contains__, names))
@@ -700,21 +717,29 @@ def _answer_roles(names: Texts, options: ReadOptions) -> Texts:
         return ["correct"]
     if "n_correct" in options.columns:  # only by the option: it may count a same-different task
         return ["n_correct", "n_trials"]
-    counts = [role for role in _COUNTS if options.name(role) in names]
+    counts = _roles_in_file(_COUNTS, names, options)
     response = options.name("response")
     if not counts or (response in names and response not in map(options.name, counts)):
         return ["response", *counts]
 
-    if counts == ["n_trials"]:  # n_equal is then missing, so that what was counted is asked for
-        return ["n_equal", "n_trials"]
-    other_count = OTHER_COUNTS[counts[0]]
-    if len(counts) == 1 and options.name(other_count) in names:  # both counts make the trials
-        return [*counts, other_count]
-    n_answers = sum(options.name(role) in names for role in _THREE_COUNTS)
+    other_counts = _roles_in_file([*OTHER_COUNTS.values()], names, options)
+    if counts == ["n_trials"]:
+        # Without these n_equal is missing, so that what was counted is asked for.
+        return [*(other_counts[:1] or ["n_equal"]), "n_trials"]
+    count = counts[0]
+    has_one_count = counts[1:] in ([], ["n_trials"]) and not is_percentage(options.name(count))
+    if has_one_count and OTHER_COUNTS[count] in other_counts:  # both counts make the trials
+        return [count, OTHER_COUNTS[count]]
+    n_answers = len(_roles_in_file(_THREE_COUNTS, names, options))
     # With the counts of two of three answers and without the trials, the third count is missing.
     if n_answers == 3 or (n_answers == 2 and "n_trials" not in counts):
         return list(_THREE_COUNTS)
     return list(dict.fromkeys([*counts, "n_trials"]))
+
+
+def _roles_in_file(roles: Texts, names: Texts, options: ReadOptions) -> list[str]:
+    """Those of the roles whose columns the file has."""
+    return [role for role in roles if options.name(role) in names]
 
 
 def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Column] = ()) -> str:
@@ -829,8 +854,8 @@ def suggested_unit(name: str, lowest: float) -> str:
 
     Examples
     --------
-    >>> suggested_unit("standardLevel", 0), suggested_unit("logContrast", 0)
-    ('dB', 'log10')
+    >>> suggested_unit("standardLevel", 0), suggested_unit("spl1", 60), suggested_unit("logX", 0)
+    ('dB', 'dB', 'log10')
     >>> suggested_unit("catalog", 0), suggested_unit("level1", 350), suggested_unit("ln_level", 0)
     ('', '', '')
     """
@@ -915,12 +940,10 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
     >>> _likely_pairs([Column.from_texts(name, "ab") for name in ("on1_ms", "on2_ms")])
     [()]
     """
-    words_of_times = VOCABULARY["words"]["of_times"]
     texts = {}
     for column in columns:
-        is_of_times = not named_places(column.name).other_words.isdisjoint(words_of_times)
         is_no_intensity = are_positive and (column.map(number, float) <= 0.0).any()
-        if not (is_of_times or is_no_intensity):
+        if not (is_no_intensity or has_word(column.name, "of_times")):
             texts[column.name] = set(column.texts)
 
     def agreement(pair: Texts) -> float:
@@ -986,8 +1009,9 @@ def _count_remedies(
     """Options to type if the answers are missing, and a column may count them.
 
     Counts are not larger than the numbers of trials, and follow the trend of an answer: 'second' is
-    commoner the larger s2 - s1 is, 'equal' the nearer the stimuli are, and right answers the
-    farther they are. `pair` has the names of the stimuli if the options lack them.
+    commoner the larger s2 - s1 is, 'first' the smaller it is, 'equal' the nearer the stimuli are,
+    and right answers the farther they are. A name of right answers needs no trend. `pair` has the
+    names of the stimuli if the options lack them.
     """
     values = {column.name: column.map(number, float) for column in columns}
     names = [*(pair or options.stimulus_names), *names_like(values, "n_trials")]
@@ -1003,21 +1027,34 @@ def _count_remedies(
     *_, trials = names
     first, second, n = map(values.pop, names)
     rise = second - first
-    trends = {"n_comparison" if options.has_standard else "n_second": rise, "n_equal": -abs(rise)}
+    count = "n_comparison" if options.has_standard else "n_second"
+    trends = {count: rise, OTHER_COUNTS[count]: -rise, "n_equal": -abs(rise)}
     if rise.all():  # equal stimuli have no right answer
         trends["n_correct"] = abs(rise)
     for name, counts in values.items():
         if len(set(counts)) > 3 and (is_percentage(name) or (counts <= n).all()):  # no codes
-            # Shares are divided by the trials too, which are about the same in all rows. Without
-            # trials, and of what is constant, r is NaN.
-            with np.errstate(all="ignore"):
-                correlations = np.corrcoef([counts / n, *trends.values()])[0, 1:]
-            for role, r in zip(trends, correlations, strict=True):
-                # The trend is clear. No other trend is closer, upwards or downwards, as that of
-                # 'different' is.
-                if r > 0.3 and r == np.nanmax(abs(correlations)):
-                    stimuli = zip(options.stimuli, pair, strict=False)
-                    yield Remedy("columns", (*stimuli, (role, name), ("n_trials", trials)))
+            for role in _counted_roles(name, counts, n, trends):
+                stimuli = zip(options.stimuli, pair, strict=False)
+                meaning = f"if {name} counts '{role.removeprefix('n_')}'"
+                yield Remedy("columns", (*stimuli, (role, name), ("n_trials", trials)), meaning)
+
+
+def _counted_roles(
+    name: str, counts: FloatArray, n: FloatArray, trends: Mapping[str, FloatArray]
+) -> list[str]:
+    """The roles that a column of counts, or of shares, of n trials may have, by name or trend."""
+    if looks_like(name, "n_correct"):  # whatever the trend, as with a constant error
+        return ["n_correct"]
+    # Shares are divided by the trials too, which are about the same in all rows. Without trials,
+    # and of what is constant, r is NaN.
+    with np.errstate(all="ignore"):
+        correlations = np.corrcoef([counts / n, *trends.values()])[0, 1:]
+    # The trend is clear. No other trend is closer, upwards or downwards, as that of 'different' is.
+    return [
+        role
+        for role, r in zip(trends, correlations, strict=True)
+        if r > 0.3 and r == np.nanmax(abs(correlations))
+    ]
 
 
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
@@ -1127,10 +1164,7 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     """
     names_by_cells = [column.name for column in columns if role_by_cells(column) == role]
     # A name such as 'second_longer' says more than the cells, so that it comes first.
-    words_of_answers = VOCABULARY["words"]["of_answers"]
-    names_by_cells.sort(
-        key=lambda name: named_places(name).other_words.isdisjoint(words_of_answers)
-    )
+    names_by_cells.sort(key=lambda name: not has_word(name, "of_answers"))
     names = [column.name for column in columns]
     likely_names = (
         names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + names_by_cells

@@ -419,21 +419,19 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
         ("--swap", swap, Study.swap),
         ("--exclude", exclude, Study.exclude),
     ):
-        blocks_by_unit: dict[str, list[str]] = {}  # an empty list stands for all blocks
+        # By unit, and whether blocks are named: '--swap A:3 --swap A' swaps all blocks but 3.
+        blocks_by_unit: dict[tuple[str, bool], list[str]] = {}
         for text in texts:
             units, blocks = _units_and_blocks(text, study, option)
             for unit in units:
-                all_blocks = blocks_by_unit.get(unit, []) + blocks
-                has_duplicates = len(set(all_blocks)) < len(all_blocks)
-                # The unit is named again, and now or earlier with all its blocks.
-                has_more_than_all = unit in blocks_by_unit and not (blocks and blocks_by_unit[unit])
-                if has_duplicates or has_more_than_all:
+                all_blocks = blocks_by_unit.setdefault((unit, bool(blocks)), [])
+                all_blocks += blocks or [unit]  # the unit itself stands for all its blocks
+                if len(set(all_blocks)) < len(all_blocks):
                     raise InputError(
                         f"{option} {text}: named twice; name each subject or block once"
                     )
-                blocks_by_unit[unit] = all_blocks
-        for unit, blocks in blocks_by_unit.items():
-            study = change(study, unit, blocks)
+        for (unit, has_blocks), blocks in blocks_by_unit.items():
+            study = change(study, unit, blocks if has_blocks else ())
     return study
 
 

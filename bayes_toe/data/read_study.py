@@ -97,7 +97,6 @@ from bayes_toe.data.validation import (
     has_shares,
     require_numbers,
     require_texts,
-    whole_number,
 )
 from bayes_toe.errors import InputError, NoTrialsError, Remedy, require_kind, with_next_questions
 
@@ -634,7 +633,8 @@ def _count_study(rows: _Rows, task: Task) -> Study:
         return _full_count_study(rows, task)
     table = rows.table
     trials = rows.columns["n_trials"]
-    column = rows.columns[task.count]
+    counts_other = task.count not in rows.columns  # such as n_first in the place of n_second
+    column = rows.columns[f"n_{task.no}" if counts_other else task.count]
     n = column_counts(table, trials)
     name = display_name(trials.name)
     share_notes = []
@@ -646,23 +646,17 @@ def _count_study(rows: _Rows, task: Task) -> Study:
     rows.require_pairs(np.ones(len(n), bool))  # in all rows
     table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
 
-    # A column with the counts of the other answer is not read, but must agree.
-    other_names = set(names_like(table.columns, f"n_{task.no}")).intersection(rows.names_not_read)
-    if len(other_names) == 1 and not share_notes:
-        other_column = table.columns[other_names.pop()]
-        n_other = other_column.map(whole_number, np.int64)
-        is_wrong = (k >= 0) & (n >= k) & (n_other >= 0) & (k + n_other != n)
-        rule = f"the sum of {display_name(column.name)} and {display_name(other_column.name)}, "
-        table.fault(trials, is_wrong, lambda index: f"{rule}{k[index] + n_other[index]}")
-
     # Counts of 'comparison' or of right answers become counts of 'second', which is the comparison
     # where the standard came first, and right where s2 is larger.
-    if "n_comparison" in rows.columns:
+    if counts_other:
+        k = n - k
+    if not {"n_comparison", "n_standard"}.isdisjoint(rows.columns):
         k = np.where(rows.order.is_first, k, n - k)
     elif "n_correct" in rows.columns:
         difference = np.diff(rows.pairs)[:, 0]
         k = np.where(difference > 0.0, k, n - k)
-        table.fault(trials, (difference == 0.0) & (n > 0), "0 where stimuli are equal")
+        rule = "0 where stimuli are equal, of which no answer is right: remove these rows"
+        table.fault(trials, (difference == 0.0) & (n > 0), rule)
     _require_counts(rows, n, task)
 
     answer_note = [k.sum(), " of ", n.sum(), f" trials answered '{task.yes}'"]

@@ -22,9 +22,8 @@ from bayes_toe.data.column_roles import (
     OTHER_COUNTS,
     TRUE_WORDS,
     VOCABULARY,
-    filled_texts,
     from_left_to_right,
-    is_flag,
+    has_word,
     is_missed_flag,
     is_no_response,
     looks_like,
@@ -189,7 +188,7 @@ def _ask_meaning(table: TextTable, problem: str, remedies: list[Remedy], opposit
             "keys are counterbalanced: --correct COLUMN needs no codes; if there is none, check "
             "then proposes --swap for these subjects."
         )
-        remedies = [*_score_remedies(table), remedies[0]]
+        remedies = [*score_remedies(names_like(table.columns, "correct")), remedies[0]]
     table.problems.ask(problem, remedies)
 
 
@@ -214,13 +213,6 @@ def _has_opposite_keys(column: Column, subject: Column, rise: FloatArray) -> Boo
     usual_sign = np.copysign(1.0, trend.sum())
     is_opposite = usual_sign * trend < -3.0 * sd_of_guesses
     return is_opposite[subject.codes]
-
-
-def _score_remedies(table: TextTable) -> Iterator[Remedy]:
-    """Options to type if responses that are right or wrong are read, in the place of codes."""
-    for name in names_like(table.columns, "correct"):
-        if is_flag(filled_texts(table.columns[name])):
-            yield from score_remedies([name])
 
 
 def _task_of_scores(
@@ -540,10 +532,10 @@ def _unknown_meaning(
     if _are_counts(table, column):
         problem = f"found numbers: {counts_shown}. What do they count?"
         return problem, list(_cell_count_remedies(table, column, trends))
-    if len(texts) == 1:
-        problem = f"the only code is {counts_shown}. The program does not know what it means."
-    else:
-        problem = f"the codes are {counts_shown}. The program does not know what they mean."
+    problem = (
+        f"the codes are {counts_shown}. The program does not know what they mean: choose by the "
+        "question that participants answered."
+    )
     key_remedies = []
     if len(texts) > 3:
         problem += (
@@ -551,23 +543,21 @@ def _unknown_meaning(
             "their answers."
         )
         key_remedies = _keys_beside(table, column)
-    frequent = _frequent(column)
+    # Of two codes, the rare one is no mistake: with a large constant error, an answer may be rare.
+    frequent = texts if len(texts) == 2 else _frequent(column)
     if not frequent:  # as of many numbers, such as those of a slider
         return problem, key_remedies
     remedies = _code_remedies(column, frequent, trends)
     if tasks:
         (task,) = tasks  # two tasks are refused above
-        remedies = _remedies_for(task, remedies)
+        # --equal-code is about answers of which one is 'equal'. All other options, also --correct,
+        # are about which stimulus was stronger.
+        remedies = [
+            remedy
+            for remedy in remedies
+            if (remedy.option == "equal_code") == task.has_criterion or task.has_three_answers
+        ]
     return problem, key_remedies + remedies
-
-
-def _remedies_for(task: Task, remedies: list[Remedy]) -> list[Remedy]:
-    """Those of the remedies that are about answers of a task."""
-    if task.has_three_answers:
-        return remedies
-    # --equal-code is about two answers of which one is 'equal'. All other options, also --correct,
-    # are about which stimulus was stronger.
-    return [remedy for remedy in remedies if (remedy.option == "equal_code") == task.has_criterion]
 
 
 def _keys_beside(table: TextTable, ratings: Column) -> list[Remedy]:
@@ -769,8 +759,6 @@ def _three_answers(
         return []
     answer = option.removesuffix("_code")
     meaning = f"if {middle_code} is 'equal' and {code} is '{answer}' of three answers"
-    if options.different_code:
-        meaning += ", in place of --different-code"
     return [Remedy("equal_code", middle_code, meaning, together=(Remedy(option, code),))]
 
 
@@ -838,36 +826,38 @@ def _code_remedies(column: Column, texts: Texts, trends: Trends) -> list[Remedy]
     The codes follow the trend of the likeliest option most closely. If there are more than three
     codes, each answer has several.
     """
-    rises = {}
+    rises = {"correct": -1.0}
     remedies = []
+    is_code = column.matches(texts[:1])
+    smallest_rise = 3.0 / (is_code.std() * len(is_code) ** 0.5 or 1.0)  # beyond chance, a z of 3
     for option, trend in trends.items():
-        rise, _, code = _sides(column, texts, trend)
+        rise, _, likely_code = _sides(column, texts, trend)
         # In SDs, since s2 - s1 spreads more than -|s2 - s1|, the trend of 'equal'.
-        rises[option] = rise / (np.std(trend) or 1.0)
-        remedies.append(Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}"))
+        rises[option] = rise / (float(np.std(trend)) or 1.0)
+        codes = [likely_code]
+        # With a large constant error, the code of 'equal' may be commoner where stimuli differ.
+        # Of two codes it may be either, as may the code of a response without a trend.
+        if len(texts) == 2 and (option == "equal_code" or rises[option] < smallest_rise):
+            codes += set(texts) - {likely_code}
+        for code in codes:
+            remedies.append(Remedy(option, code, f"if {code} is {_CODE_MEANINGS[option]}"))
     # A name such as 'said_same' says the task, and so do keys such as s and d.
-    words = named_places(f"{column.name} {_joined(texts).replace(',', '')}").other_words
-    if not words.isdisjoint(VOCABULARY["words"]["sameness"]):
+    if has_word(f"{column.name} {_joined(texts).replace(',', '')}", "sameness"):
         rises["equal_code"] = np.inf
 
-    right_codes = [code for code in texts if code.lower() in _RIGHT_WRONG[0]]
-    if right_codes and set(map(str.lower, texts)) <= set(chain(*_RIGHT_WRONG)):
-        meaning = f"if {right_codes[0]} is a correct response (2AFC)"
-        remedies.append(Remedy("correct", column.name, meaning))
-        rises["correct"] = -1.0
+    if set(map(str.lower, texts)) <= set(chain(*_RIGHT_WRONG)):
+        remedies += score_remedies([column.name])
     # Without equal stimuli, participants were hardly asked which are equal. But right responses are
     # commoner the farther stimuli are from each other. Only rows with a code count: rows without
     # stimuli, such as those of screens, have the trend 0, as equal stimuli have.
     if trends["equal_code"][column.matches(texts)].all() and rises["equal_code"] < np.inf:
-        if remedies[0].value not in right_codes:
+        if str(remedies[0].value).lower() not in _RIGHT_WRONG[0]:  # the code of near stimuli
             rises["correct"] = rises["equal_code"]
         rises["equal_code"] = -1.0
+    if max(rises.values()) < smallest_rise:  # no response depends on the stimuli
+        rises["equal_code"] = -1.0
 
-    # With a large constant error, the code of 'equal' may be commoner where stimuli differ. It may
-    # be either, but of keys such as s and d it is s.
-    if len(texts) == 2:
-        (code,) = set(texts) - {remedies[0].value}  # the first remedy has one of both
-        remedies.append(Remedy("equal_code", code, f"if {code} is {_CODE_MEANINGS['equal_code']}"))
+    # Of keys such as s and d, s is 'same'.
     remedies.sort(
         key=lambda remedy: (rises[remedy.option], str(remedy.value) in "sSgG"), reverse=True
     )
@@ -947,8 +937,6 @@ def require_direction(
     rule = "'second' where the second stimulus was called the stronger"
     if options.correct:
         rule += f"; column {display_name(options.correct)} says right of those"
-    elif "n_trials" in study.reading.read:
-        rule += f"; {display_name(options.name('n_second'))} counts those"
 
     candidates = []
     if options.interval_column is not None:

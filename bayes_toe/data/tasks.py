@@ -171,8 +171,15 @@ def task_of(name: Task | str, option: str = "--task") -> Task:
 
 
 def task_counted(columns: Container[Any]) -> Task | None:
-    """The task whose answers these columns count, such as n_equal; None without such columns."""
-    return task_with(answer for answer in THREE_ANSWERS.answers if f"n_{answer}" in columns)
+    """The task whose answers these columns count, such as n_equal; None without such columns.
+
+    Examples
+    --------
+    >>> task_counted(["n_different", "n_trials"]) == SAME_DIFFERENT
+    True
+    """
+    answers = (*THREE_ANSWERS.answers, SAME_DIFFERENT.no)
+    return task_with(answer for answer in answers if f"n_{answer}" in columns)
 
 
 def are_trials(columns: Container[Any]) -> bool:

@@ -91,6 +91,9 @@ def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
         study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2)
     )
     assert changed(study) is study  # without options
+    # All blocks are swapped, and block 2 a second time.
+    swapped_study = changed(study, swap=["a:2", "a"])
+    assert answers_by_subject(swapped_study) == answers_by_subject(study.swap("a", [1, 3]))
 
 
 def test_blocks_of_several_files_are_named_after_these(tmp_path):
@@ -124,7 +127,8 @@ REFUSED = """
     --swap x:2 | --swap x:2: no subject 'x'; the subjects are a, b:1
     --exclude a:9 | --exclude a:9: found no block '9', allowed: 1, 2, 3
     --swap a:2 --swap a:2,3 | --swap a:2,3: named twice; name each subject or block once
-    --exclude a --exclude a:1 | --exclude a:1: named twice; name each subject or block once
+    --exclude a --exclude a:1 | no subject 'a' in study.csv; there are: 'b:1'
+    --swap a --swap a | --swap a: named twice; name each subject or block once
     --exclude a --exclude b:1 | --exclude b:1: no subject is left; exclude fewer
 """
 

@@ -108,6 +108,7 @@ CELLS_OF_ORDER = """
     order | SC | CS
     order | st | ts
     order | S-C | C-S
+    order | St-Co | Co-St
     kind | standard-comparison | comparison-standard
     order | std/cmp | cmp/std
     order | standard then test | test then standard

@@ -449,7 +449,7 @@ def test_an_empty_column_of_responses_asks_for_another_one():
 
 #: Rows of trials, options, and the beginning of the list of proposed options.
 REMEDIES = """
-    a,0,0.3,z a,0.3,0,m a,0,0.3,z a,0.3,0,m a,0,0.3,m |  | --second-code z, --equal-code z
+    a,0,0.3,z a,0.3,0,m a,0,0.3,z a,0.3,0,m a,0,0.3,m |  | --second-code z, --second-code m
     a,0,1,9 a,1,0,7 a,0,1,0 a,1,0,0 | --first-code 7 --second-code 9 | --equal-code 0
     a,0,1,1 a,1,0,-1 a,1,0,0 | --second-code 1 | --equal-code 0, --first-code -1
     a,0,1,first a,1,0,second | --intensity 2 | --columns i1=NAME,i2=NAME
@@ -625,7 +625,9 @@ REFUSED_FILES = {
         "row 1: there is no column n_trials. The columns are subject, s1, s2, n_equal."
     ),
     "subject,s1,s2,n_trials\na,0,1,5\n": (
-        "row 1: there is no column n_equal or n_second. The columns are subject, s1, s2, n_trials."
+        "row 1: there is no column n_equal or n_second. The columns are subject, s1, s2, n_trials. "
+        "--columns n_second=NAME names the column that counts 'second'; in the same way, name "
+        "n_first, n_equal, n_different or, of right answers in 2AFC, n_correct."
     ),
     "subject,i1,i2,response\na,1,2,equal\n": "columns i1 and i2 may be intensities.",
     "subject,s1,s2,response,n_equal\n": (

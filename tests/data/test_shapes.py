@@ -60,6 +60,7 @@ RIGHT_COUNTS = COUNTS[COUNTS.s1 != COUNTS.s2].assign(
     hits=COUNTS.n_second.where(COUNTS.s2 > COUNTS.s1, COUNTS.n_trials - COUNTS.n_second)
 )
 TALLY = COUNTS.assign(n_first=COUNTS.n_trials - COUNTS.n_second).drop(columns="n_trials")
+FIRST_COUNTS = TALLY.drop(columns="n_second").assign(n_trials=COUNTS.n_trials)
 STANDARD_FIRST = COUNTS.s1 <= COUNTS.s2
 BY_COMPARISON = pd.DataFrame(
     {
@@ -256,6 +257,11 @@ READ = {
     "frequencies_in_rooms.csv": IN_ROOMS,
     "weights.csv --columns n_trials=weight": labelled(FREQUENCIES, Freq="weight"),
     "counts_of_both.csv": TALLY,
+    "counts_of_first.csv": FIRST_COUNTS,
+    # The standard and the comparison have each other's names.
+    "counts_of_the_standard.csv --standard-interval order --standard-first-code CS": labelled(
+        BY_COMPARISON, standard="comparison", comparison="standard", n_chosen="n_standard"
+    ),
     "missed_trials_counted.csv": TALLY.assign(n_missed=9 - TALLY.n_first - TALLY.n_second),
     "n_erster_zweiter.csv": labelled(TALLY, n_first="n erster", n_second="n zweiter"),
     "counts_of_unclear_answers.csv --columns n_first=lighter,n_second=heavier,response=heavier": (
@@ -548,6 +554,13 @@ REFUSED = {
         "subject,s1,s2,response\na,0,1,1\na,1,0,0\nb,0,1,2\nb,1,0,1\n",
         "codes differ between subjects, 1 of a, b; 0 of a; 2 of b. Write the same codes for all",
     ),
+    "rare_code_of_two.csv": (
+        "subject,s1,s2,response\n" + "a,0,0.3,1\na,0.3,0,1\na,0,0,1\n" * 15 + "a,0,0.3,2\n" * 2,
+        "type:  --second-code 2  if 2 is 'the second was stronger' (2AFC)\n"
+        "       --second-code 1  if 1 is 'the second was stronger' (2AFC)\n"
+        "       --equal-code 1   if 1 is 'equal' in a same-different task\n"
+        "       --equal-code 2   if 2 is 'equal' in a same-different task\n",
+    ),
     "rare_code.csv": (
         RARE_CODE,
         "type:  --missed -9 --second-code 2\n",
@@ -739,12 +752,12 @@ REFUSED = {
     ),
     "counts_under_other_names.csv": (
         labelled(COUNTS, n_second="k", n_trials="m"),
-        "type:  --columns n_second=k,n_trials=m\n",
+        "type:  --columns n_second=k,n_trials=m  if k counts 'second'\n",
     ),
     "counts_of_what.csv --standard-interval order": (
         BY_COMPARISON,
         "there is no column n_equal",
-        "type:  --columns n_comparison=n_chosen,n_trials=n_trials\n",
+        "n_comparison=n_chosen,n_trials=n_trials  if n_chosen counts 'comparison'\n",
     ),
     "e_prime.txt": (
         "*** Header Start ***\nSubject: 12\n*** Header End ***\n",
@@ -766,11 +779,15 @@ REFUSED = {
     ),
     "right_answers_of_equal_stimuli.csv --columns n_correct=hits": (
         "subject,s1,s2,hits,n_trials\na,0,0.3,5,6\na,0.3,0.3,5,6\n",
-        "row 3, column n_trials: found '6', allowed: 0 where stimuli are equal",
+        "row 3, column n_trials: found '6', allowed: 0 where stimuli are equal, of which no answer",
     ),
     "right_answers.csv": (
-        RIGHT_COUNTS.drop(columns="n_second").rename(columns={"hits": "n_correct"}),
-        "type:  --columns n_correct=n_correct,n_trials=n_trials\n",
+        RIGHT_COUNTS.drop(columns="n_second").rename(columns={"hits": "r"}),
+        "type:  --columns n_correct=r,n_trials=n_trials  if r counts 'correct'\n",
+    ),
+    "first_by_another_name.csv": (
+        labelled(FIRST_COUNTS, n_first="k"),
+        "type:  --columns n_first=k,n_trials=n_trials  if k counts 'first'\n",
     ),
     "pairs_without_a_pattern.csv": (
         "subject,pair,response\na,4-6,second\na,6-4,first\n",
@@ -788,7 +805,7 @@ REFUSED = {
     ),
     "counts_that_do_not_add_up.csv": (
         "subject,s1,s2,first,second,n\na,0,0.3,1,5,7\na,0.3,0,4,2,6\n",
-        "row 2, column n: found '7', allowed: the sum of second and first, 6",
+        "row 2, column n: found '7', allowed: the sum of its counts, 6",
     ),
     "counts_of_three_that_do_not_add_up.csv": (
         "subject,s1,s2,n_first,n_equal,n_second,n_trials\na,0,1,1,2,1,4\na,1,0,1,1,1,4\n",

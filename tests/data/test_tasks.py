@@ -79,12 +79,12 @@ def test_codes_without_an_effect_are_said():
 REFUSED = f"""
     {TRIALS} a,0,1,1 a,1,0,0 |  | error: study.csv: column response: the codes are '1' (1), '0' (1)
     {TRIALS} a,0,1,2 a,1,0,1 |  | --second-code 2  if 2 is 'the second was stronger' (2AFC)
-    {TRIALS} a,0,1,right a,1,0,wrong |  | if right is a correct response
-    {TRIALS} a,0,1,hit a,1,0,miss |  | if hit is a correct response
-    {TRIALS} a,0,1,error a,1,0,correct |  | if correct is a correct response
-    {TRIALS} a,0,1,Yes a,1,0,no |  | if Yes is a correct response
-    {TRIALS} a,0,1,1.0 a,1,0,0.0 |  | if 1 is a correct response
-    {TRIALS} a,0,1,TRUE a,1,0,FALSE |  | if TRUE is a correct response
+    {TRIALS} a,0,1,right a,1,0,wrong |  | if response says right or wrong
+    {TRIALS} a,0,1,hit a,1,0,miss |  | if response says right or wrong
+    {TRIALS} a,0,1,error a,1,0,correct |  | if response says right or wrong
+    {TRIALS} a,0,1,Yes a,1,0,no |  | if response says right or wrong
+    {TRIALS} a,0,1,1.0 a,1,0,0.0 |  | if response says right or wrong
+    {TRIALS} a,0,1,TRUE a,1,0,FALSE |  | if response says right or wrong
     {TRIALS} a,0,1,equal | --second-code 1 | found 'equal', allowed: '1' (second) or first, s1, 1st
     {TRIALS} a,0,1,2nd a,0,1,1 |  | row 3, column response: found '1', allowed: second, s2, 2nd
     {TASK} a,0,1,second,2afc a,0,1,first,same/different |  | column task: found 'same/different'
@@ -96,6 +96,9 @@ REFUSED = f"""
     {RIGHT} a,0,1,1 | --correct hit | there is no column hit. The columns are subject, s1, s2, acc.
     {RIGHT} a,0,1,1 | --correct acc --second-code 1 | --second-code, --correct: found together
     subject,i1,i2,response a,0,1,second | --intensity 1 | row 2, column i1: found '0', allowed: a po
+    {TRIALS} a,0,1,second | --ignore block | --ignore block: found no such column, allowed: a column
+    subject,att1_dB,att2_dB,response a,1,2,first |  | column att1_dB: found attenuation, whose
+    subject,s1,s2,n_correct,n_trials a,0,1,2,9 a,1,0,9,9 a,1,2,3,9 a,2,1,8,9 |  | n_correct=n_
     {TRIALS} a,0,1,second | --task same/different | --task is 'same/different', but the responses in
 """
 
