@@ -30,6 +30,7 @@ from bayes_toe.answers.order_effect import (
     format_difference,
     format_share,
     order_effect,
+    word_of_bayes_factor,
 )
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.answers.words import Word
@@ -78,23 +79,12 @@ QUANTITIES = {
     "JND": {NOISE},
     ORDER_EFFECT: {CONSTANT_ERROR, CONTRACTION},
 }
-#: Bayes factors from which a difference is probable, and from which it is sure. Their inverses are
-#: the limits of no difference.
-PROBABLY = 3.0
-SURELY = 20.0
-WORDS = (
-    "differs",
-    "probably differs",
-    str(Word.UNDECIDED),
-    "probably no difference",
-    "no difference",
-)
-#: What the words mean.
+#: What the words of a report mean.
 LEGEND = (
-    f"'Differs' needs a Bayes factor of at least {SURELY:g}, and 'probably differs' needs at least "
-    f"{PROBABLY:g}. 'No difference' needs at most 1/{SURELY:g}, and 'probably no difference' needs "
-    f"at most 1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
-    "lapses' means that the word changes if the lapse rate may differ between conditions"
+    "The word says whether the quantity differs. 'Yes' needs a Bayes factor of at least 19, and "
+    "'probably' needs at least 3. 'No' needs at most 1/19, and 'probably not' needs at most 1/3. "
+    "'Order effect' is constant error, contraction or both. 'Depends on lapses' means that the "
+    "word changes if the lapse rate may differ between conditions"
 )
 
 
@@ -140,15 +130,9 @@ class Difference(NamedTuple):
     robust: str
 
     @property
-    def word(self) -> str:
-        """The word for the Bayes factor, one of :data:`WORDS`."""
-        return word_of(self.log_bf_differs)
-
-    @property
-    def short_word(self) -> str:
-        """The word of screens: 'yes' for 'differs', as in answers."""
-        # The first five words of `Word` are in the order of WORDS.
-        return str(list(Word)[WORDS.index(self.word)])
+    def word(self) -> Word:
+        """The word for the Bayes factor of a difference."""
+        return word_of_bayes_factor(self.log_bf_differs)
 
     def interval(self, unit: StimulusUnit) -> Size:
         """The median and 95 % interval, in the unit of differences unless it is a contraction."""
@@ -182,20 +166,6 @@ class Difference(NamedTuple):
 
 #: The columns of contrast.csv: 'robust', the last attribute, follows the word.
 CONTRAST_COLUMNS = (*Difference._fields[:-1], "word", "robust", "model", "prior")
-
-
-def word_of(log_bf: float) -> str:
-    """The word for a log Bayes factor of a difference.
-
-    Examples
-    --------
-    >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1)]
-    ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference']
-    """
-    # The words are in the order of falling evidence. The number of limits above the evidence is the
-    # position of its word.
-    limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
-    return WORDS[(log_bf < limits).sum()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +220,7 @@ class ContrastTable(Table[Difference]):
         for quantity in self.quantities:
             # All rows of a subject have the same word and Bayes factor: the last row suffices.
             row_of_subject = {row.subject: row for row in self.select(quantity)}
-            words = [row.short_word for row in row_of_subject.values()]
+            words = [row.word for row in row_of_subject.values()]
             counts = count_words(words, f" of {plural(len(row_of_subject), 'subject')}")
             # Only a study of several tasks has answers. It asks of all subjects together whether
             # the tasks share an observer.
@@ -416,8 +386,8 @@ def subject_contrast(
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
         log_bf = same_lapses.log_bayes_factor(differs)
         error = same_lapses.bayes_factor_error(differs)
-        is_robust = word_of(log_bf) == word_of(free_lapses.log_bayes_factor(differs))
-        robust = "yes" if is_robust else "no"
+        word_with_free_lapses = word_of_bayes_factor(free_lapses.log_bayes_factor(differs))
+        robust = "yes" if word_of_bayes_factor(log_bf) is word_with_free_lapses else "no"
         # Draws of equal weight from the models in which the quantity differs.
         draws = same_lapses.averaged(differs).resampled(rng, size=4000)
         values = models.quantities(draws)  # (conditions, draws) each

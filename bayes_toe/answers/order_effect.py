@@ -610,19 +610,19 @@ def describe_fit(fit_p: float | None, n_subjects: int) -> str:
 def format_bayes_factor(log_bayes_factor: float) -> str:
     """A Bayes factor, not its log: two digits between 1/100 and 100, a bound beyond.
 
-    More digits show on which side of the limit of a word it lies.
+    More digits show that it is not on the other side of the limit of a word.
 
     Examples
     --------
     >>> [format_bayes_factor(value) for value in (2.9, -0.92, 4.601, 5.0, -9.0)]
     ['18', '0.4', '100', '> 100', '< 1/100']
-    >>> [format_bayes_factor(np.log(value)) for value in (2.97, 20.1, 0.3349)]
-    ['2.97', '20.1', '0.3349']
+    >>> [format_bayes_factor(np.log(value)) for value in (2.97, 18.96, 0.3349)]
+    ['2.97', '18.96', '0.3349']
     """
     if abs(log_bayes_factor) > np.log(100.0):
         return "> 100" if log_bayes_factor > 0.0 else "< 1/100"
     text = f"{np.exp(log_bayes_factor):.2g}"
-    if text in ("0.05", "0.33", "3", "20"):  # limits of words for a difference
+    if word_of_bayes_factor(np.log(float(text))) is not word_of_bayes_factor(log_bayes_factor):
         text = f"{np.exp(log_bayes_factor):.4g}"
     return f"{float(text):g}"  # 100, not 1e+02
 
