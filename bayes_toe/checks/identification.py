@@ -6,17 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray, Texts, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
@@ -93,9 +90,7 @@ def identify(subject: Subject) -> Identification:
     if reason:
         return Identification(dict.fromkeys(QUESTIONS, reason), notes)
 
-    # Tuples have a hash for the cache of the function, and arrays have none.
-    columns = map(tuple, (subject.s1, subject.s2, subject.n_trials))
-    reason = _why_no_contraction(subject.task, subject.shared_scales, *columns)
+    reason = _why_no_contraction(subject)
     return Identification({"contraction": reason} if reason else {}, notes)
 
 
@@ -109,19 +104,11 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
     return np.where(is_equal, 0.0, np.sign(difference))
 
 
-@lru_cache(maxsize=1024)
-def _why_no_contraction(
-    task: Task, shared_scales: StimulusScales | None, *columns: tuple[Any, ...]
-) -> str:
-    """The reason why only a constant error can be identified; empty if a contraction can be, too.
-
-    The columns are s1, s2 and n_trials. The subjects of a study often have the same columns. One
-    answer then serves all of them, and the cache holds no subject.
-    """
-    s1, s2, trials = map(np.array, columns)
-    stimuli = np.column_stack([s1, s2])
+def _why_no_contraction(subject: Subject) -> str:
+    """The reason why a contraction cannot be identified; empty if it can be."""
+    stimuli = np.column_stack([subject.s1, subject.s2])
     deviations = stimuli - stimuli.mean(axis=0)
-    if np.ptp(s1) <= ROUNDING * np.abs(deviations).max():
+    if np.ptp(subject.s1) <= ROUNDING * np.abs(deviations).max():
         return ONE_FIRST_STIMULUS
     # The extents of the pairs along and across the line that is nearest to them.
     largest, smallest = np.linalg.svd(deviations, compute_uv=False)
@@ -129,10 +116,11 @@ def _why_no_contraction(
         return ONE_LINE
     # Missed trials change no design, so that a share of the largest number is rounded to a power of
     # two. The largest number becomes 1e6, so that small shares are whole numbers, too.
-    n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(trials / trials.max())))
+    shares = subject.n_trials / subject.n_trials.max()
+    n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(shares)))
     # A subject needs counts of answers, which do not change the expected information.
-    subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
-    if contraction_information(subject) < 1.0:  # less than the prior has
+    design = replace(subject, n_yes=n_trials, n_trials=n_trials, n_second=None, answers=None)
+    if contraction_information(design) < 1.0:  # less than the prior has
         return IMITATION
     return ""
 
