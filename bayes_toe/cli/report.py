@@ -193,7 +193,7 @@ def _context(analysis: Analysis, facts: Record) -> Record:
         "contrast": analysis.contrast,
         "fit_limit": flag_limit(len(study)),
         "amount": describe_amount(study),
-        "answer": answer_lines(study, analysis.answers, group) + not_counted(analysis.answers),
+        "answer": answer_lines(study, analysis.answers) + not_counted(analysis.answers),
         "design_notes": merge_notes(notes_of(analysis.answers)),
         "versions": json.loads(analysis.draws.tree.attrs["versions"]),
         "sampler": asdict(analysis.settings.sampler),

@@ -108,16 +108,7 @@ def regressors(
         if name not in covariates:
             names = join_quoted(covariates) or "none, without covariates"
             raise InputError(f"categorical: found {quoted(name)}, allowed: {names}")
-    complete_subjects = []
-    incomplete_subjects = []  # with what they lack
-    for subject in subjects:
-        missing_covariates = [name for name, values in covariates.items() if subject not in values]
-        if missing_covariates:
-            reason = f"no {join_display_names(missing_covariates)}"
-            incomplete_subjects.append(f"{quoted(subject)} ({reason})")
-        else:
-            complete_subjects.append(subject)
-    left_out = join_names(incomplete_subjects)
+    complete_subjects, left_out = _with_all_covariates(subjects, covariates)
     # The columns cannot be made without subjects. Each covariate has a column or more, and the
     # number of columns is known only below.
     _require_subjects(complete_subjects, len(covariates), left_out)
@@ -149,7 +140,23 @@ def regressors(
         notes.append(f"covariates of subjects that are not in the study ignored: {names}")
     if left_out:
         notes.append(f"subjects left out: {left_out}")
-    return Regressors(tuple(complete_subjects), x, tuple(columns), tuple(notes))
+    return Regressors(complete_subjects, x, tuple(columns), tuple(notes))
+
+
+def _with_all_covariates(
+    subjects: Sequence[str], covariates: Covariates
+) -> tuple[tuple[str, ...], str]:
+    """The subjects that have all covariates, and a text that names the others and their gaps."""
+    complete_subjects = []
+    incomplete_subjects = []
+    for subject in subjects:
+        missing_covariates = [name for name, values in covariates.items() if subject not in values]
+        if missing_covariates:
+            reason = f"no {join_display_names(missing_covariates)}"
+            incomplete_subjects.append(f"{quoted(subject)} ({reason})")
+        else:
+            complete_subjects.append(subject)
+    return tuple(complete_subjects), join_names(incomplete_subjects)
 
 
 def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
