@@ -11,10 +11,9 @@ changes it.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -842,31 +841,25 @@ def _prior_problems(
     `probably not`. The key of the dictionary is the flag, and its value is the explanation. The
     dictionary is empty if no word depends on the prior.
     """
-    words_by_prior = {}  # for each of the four other priors, which a text describes
-    for effect in (CONSTANT_ERROR, CONTRACTION):
-        for width, factor in (("half", 0.5), ("twice", 2.0)):
-            prior = f"prior of the {effect.name.replace('_', ' ')} {width} as wide"
-            words_by_prior[prior] = _words(
-                evidence.with_prior_scale(effect, factor), models_with_effect, answerable
-            )
-
-    # A change is a prior, the word of a question, and its word with this prior. Only the first
-    # change of a question is reported. Questions with the same change share a sentence.
-    questions_by_change = defaultdict(list)
-    for question in answerable:
-        word = words[question]
-        for prior, new_words in words_by_prior.items():
-            if not remains(word, new_words[question]):
-                change = prior, word, new_words[question]
-                questions_by_change[change].append(question.replace("_", " "))
-                break
-    if not questions_by_change:
-        return {}
+    names: list[str] = []  # of the questions whose words depend on the prior
     sentences = []
-    for (prior, word, other_word), names in questions_by_change.items():
-        sentences.append(f"A {prior} changes {join_words(names)} from '{word}' to '{other_word}'.")
-    questions = ", ".join(chain(*questions_by_change.values()))
-    return {f"{PRIOR_FLAG}: {questions}": Problem(" ".join(sentences))}
+    widths = {"half": 0.5, "twice": 2.0}
+    for effect, width in product((CONSTANT_ERROR, CONTRACTION), widths):
+        models = evidence.with_prior_scale(effect, widths[width])
+        new_words = _words(models, models_with_effect, answerable)
+        changes = []
+        for question in answerable:
+            name = question.replace("_", " ")
+            # Only the first change of a question is reported.
+            if name not in names and not remains(words[question], new_words[question]):
+                names.append(name)
+                changes.append(f"{name} from '{words[question]}' to '{new_words[question]}'")
+        if changes:
+            prior = f"prior of the {effect.name.replace('_', ' ')} {width} as wide"
+            sentences.append(f"A {prior} changes {join_words(changes)}.")
+    if not names:
+        return {}
+    return {f"{PRIOR_FLAG}: {', '.join(names)}": Problem(" ".join(sentences))}
 
 
 # --- The whole way of one subject ----------------------------------------------------------------
