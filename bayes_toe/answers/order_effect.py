@@ -25,7 +25,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, Texts
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE, flag_limit
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import Identification, identify
-from bayes_toe.data.messages import capitalized, format_estimate, join_words
+from bayes_toe.data.messages import capitalized, describe_p_value, format_estimate, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.diagnostics import quantile_errors
@@ -564,19 +564,6 @@ def format_decimals(value: float) -> str:
     return _format_value(value, decimals=2).replace("0.", ".", 1)
 
 
-def format_small_p(p_value: float) -> str:
-    """A p-value with two significant digits, however small.
-
-    Examples
-    --------
-    >>> format_small_p(0.4), format_small_p(0.00083), format_small_p(0.0)
-    ('test p = .40', 'test p = .00083', 'test p < .00001')
-    """
-    if p_value < 1e-5:
-        return "test p < .00001"
-    return f"test p = {format_number(p_value).removeprefix('0')}"
-
-
 def format_limit(p_value: float, n_subjects: int) -> str:
     """A p-value below the limit for a study of so many subjects, with that limit.
 
@@ -588,7 +575,7 @@ def format_limit(p_value: float, n_subjects: int) -> str:
     limit = format_decimals(FALSE_ALARM_SHARE)
     if n_subjects > 1:
         limit += f"/{n_subjects}"
-    return f"{format_small_p(p_value)}, below {limit}"
+    return f"{describe_p_value(p_value)}, below {limit}"
 
 
 def describe_fit(fit_p: float | None, n_subjects: int) -> str:
@@ -603,7 +590,7 @@ def describe_fit(fit_p: float | None, n_subjects: int) -> str:
         return "not testable"
     if fit_p < flag_limit(n_subjects):
         return f"poor, {format_limit(fit_p, n_subjects)}"
-    return f"good, {format_small_p(fit_p)}"
+    return f"good, {describe_p_value(fit_p)}"
 
 
 def format_bayes_factor(log_bayes_factor: float) -> str:

@@ -31,7 +31,6 @@ from bayes_toe.answers.order_effect import (
     format_decimals,
     format_draws,
     format_probability,
-    format_small_p,
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
@@ -157,7 +156,6 @@ def _environment() -> Environment:
         sizes_figure=sizes_figure,
         inline_svg=inline_svg,
         probability=format_probability,
-        small_p=format_small_p,
         typeset=_typeset,
     )
     return environment
