@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray, Texts, run_starts
+from bayes_toe.arrays import FloatArray, Texts, run_starts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER
@@ -129,35 +129,24 @@ def _why_no_contraction(subject: Subject) -> str:
 
 
 def _order_fills_blocks(answers: Answers) -> bool:
-    """Whether each block, each session or each long stretch of trials holds only one order.
+    """Whether each block, or each long stretch of trials, holds only one order.
 
     A change between them then looks like an effect of order. Equal stimuli do not count.
     """
     order_of_row = _order_sign(*answers.keys.T)
     is_unequal = order_of_row != 0
     order = order_of_row[is_unequal]
-    n_trials = answers.n_trials[is_unequal]
-    if answers.block is not None and _holds_one_order(answers.block[is_unequal], order, n_trials):
-        return True
-    if answers.place is None:  # the order of the rows in time is not known
-        return False
-    session = np.cumsum(answers.is_session_start)[is_unequal]
-    if _holds_one_order(session, order, n_trials):
-        return True
-    # Stretches may begin anywhere, so that what counts is whether they are long on average.
-    return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * len(run_starts(order)))
-
-
-def _holds_one_order(block: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
-    """Whether every block or session has one order, and they are long on average.
-
-    `block` has the number of the block or session of each row, and `order` its :func:`_order_sign`.
-    """
-    blocks, index = np.unique(block, return_inverse=True)
-    has_rising = np.bincount(index, order > 0) > 0
-    has_falling = np.bincount(index, order < 0) > 0
-    is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(blocks)  # the mean over blocks
-    return bool(is_long and not (has_rising & has_falling).any())
+    # Blocks and stretches are long if this exceeds their number: their mean length is what counts,
+    # because stretches may begin anywhere.
+    most_that_are_long = answers.n_trials[is_unequal].sum() / _FEWEST_IN_STRETCH
+    if answers.block is not None:
+        blocks, index = np.unique(answers.block[is_unequal], return_inverse=True)
+        has_rising = np.bincount(index, order > 0) > 0
+        has_falling = np.bincount(index, order < 0) > 0
+        if len(blocks) <= most_that_are_long and not (has_rising & has_falling).any():
+            return True
+    # The rows are in their order in time if their places are known.
+    return answers.place is not None and bool(len(run_starts(order)) <= most_that_are_long)
 
 
 # --- What the pairs say about p ------------------------------------------------------------------
