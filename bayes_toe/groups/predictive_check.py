@@ -10,6 +10,8 @@ skewness and the farthest subject of each are compared with those of the new gro
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray, IntArray, Texts
 from bayes_toe.data.study import pairs_in_both_orders, units_by_subject
 from bayes_toe.groups.population import PopulationResult, subject_rows
+from bayes_toe.model.posterior_array import LinearLikelihood
 from bayes_toe.seeds import generator
 
 #: Below this two-sided tail probability a normal group is contradicted.
@@ -93,30 +96,37 @@ def predictive_check(result: PopulationResult) -> list[Statistic]:
     # 1 for a pair with the stronger stimulus first, -1 for the same pair in the other order, and 0
     # for pairs that were met in one order only.
     signs = np.zeros(n_trials.shape)
-    units = [unit for units in units_by_subject(result.study).values() for unit in units]
+    units = chain.from_iterable(units_by_subject(result.study).values())
     for i, unit in enumerate(units):
         # The indices of each pair in both orders, (pairs, 2), first with the weaker stimulus first.
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
     n_compared = likelihood.summed((signs > 0.0).sum(axis=1))  # pairs of different stimuli
     is_compared = n_compared > 0
 
-    def mean_asymmetry(n_yes: IntArray) -> FloatArray:
-        """The mean difference between the two orders of a pair, of compared subjects."""
+    asymmetries = []  # of the observed group, and then of new groups
+    shares = []
+    for n_yes in chain([observed], _simulated_counts(result, likelihood, n_trials)):
         # Laplace's estimator of the frequency of a wrong response, (rows, pairs).
         wrong_share = (task.wrong(difference, n_yes, n_trials) + 1.0) / (n_trials + 2.0)
         total = likelihood.summed((signs * wrong_share).sum(axis=1))
-        return np.asarray(total[is_compared] / n_compared[is_compared])
+        asymmetries.append(total[is_compared] / n_compared[is_compared])
+        # The share of the counted response.
+        shares.append(
+            likelihood.summed(n_yes.sum(axis=1)) / likelihood.summed(n_trials.sum(axis=1))
+        )
+    return [
+        *_statistics("mean asymmetry", np.array(asymmetries)),
+        *_statistics(f"share of {task.yes!r}", np.array(shares)),
+    ]
 
-    def share_of_yes(n_yes: IntArray) -> FloatArray:
-        """The share of the counted response, (subjects,)."""
-        n_all = likelihood.summed(n_trials.sum(axis=1))
-        return np.asarray(likelihood.summed(n_yes.sum(axis=1)) / n_all)
 
+def _simulated_counts(
+    result: PopulationResult, likelihood: LinearLikelihood, n_trials: IntArray
+) -> Iterator[IntArray]:
+    """Counts of the counted response, (rows, pairs), in 500 new groups drawn from the posterior."""
     rng = generator(result.settings.seed, "population", "predictive check")
     draws = result.draws
     n_chains, n_draws, q = draws.mean.shape
-    asymmetries = [mean_asymmetry(observed)]  # of the observed group, and then of new groups
-    shares = [share_of_yes(observed)]
     for index in np.linspace(0, n_chains * n_draws - 1, 500).astype(int).tolist():
         draw = divmod(index, n_draws)  # a chain, and a draw of this chain
         # New subjects have new coefficients, (subjects, q). The parameters that the group does not
@@ -125,15 +135,9 @@ def predictive_check(result: PopulationResult) -> list[Statistic]:
         coefficients = centre + draws.sd[draw] * rng.standard_normal(centre.shape)
         points = np.hstack([coefficients, draws.subjects[draw][:, q:]])
         row_points = likelihood.row_points(points[:, None])  # with an axis for a single point
-        log_yes = rows.log_answers(row_points).yes[:, 0, :n_pairs]
+        log_yes = likelihood.rows.log_answers(row_points).yes[:, 0, : n_trials.shape[1]]
         # Rounding may take a probability above 1.
-        n_yes = rng.binomial(n_trials, np.exp(np.minimum(log_yes, 0.0)))
-        asymmetries.append(mean_asymmetry(n_yes))
-        shares.append(share_of_yes(n_yes))
-    return [
-        *_statistics("mean asymmetry", np.array(asymmetries)),
-        *_statistics(f"share of {task.yes!r}", np.array(shares)),
-    ]
+        yield rng.binomial(n_trials, np.exp(np.minimum(log_yes, 0.0)))
 
 
 def _statistics(quantity: str, values: FloatArray) -> list[Statistic]:
