@@ -45,11 +45,10 @@ def study_lines(
     meaning = describe_meaning(answers, "condition" if by_condition else "subject")
     interpretable = [answer for answer in answers if answer.is_interpretable]
     if len(answers) == 1:
-        name = answers[0].subject
-        lines = [f"{name}: {answers[0].describe()}"]
+        texts = [answers[0].describe()]
         if interpretable:  # else `describe` already says why the subject is not interpreted
-            lines.insert(0, f"{name}: {meaning}")
-        return lines + misfit_lines(answers)
+            texts = [meaning, *texts]
+        return [f"{answers[0].subject}: {text}" for text in texts] + misfit_lines(answers)
     if not interpretable:
         return [meaning]
 
@@ -132,7 +131,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
     """
     counts = Counter(answer.words["order_effect"] for answer in answers)
     n_total = len(answers)
-    sentences: list[str] = []
+    clauses: list[str] = []
     # 'No' and 'probably not' have one sentence, with the less sure word.
     if counts[Word.PROBABLY_NOT]:
         counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
@@ -142,11 +141,11 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
         if not count:
             continue
         if word is Word.PROBABLY and counts[Word.YES]:  # continues the first sentence, of 'yes'
-            sentences[0] += f", and probably in {count} more"
+            clauses[0] += f", and probably in {count} more"
         elif word.is_positive or not has_effects or count > n_total / 2:
             text = claim(word, "the order", "change", "the response")
-            sentences.append(f"{_in_subjects(count, n_total, noun)} {text}")
-    return list(map("{}.".format, sentences))
+            clauses.append(f"{_in_subjects(count, n_total, noun)} {text}")
+    return [f"{clause}." for clause in clauses]
 
 
 def _in_subjects(count: int, n_total: int, noun: str) -> str:
