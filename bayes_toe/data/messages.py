@@ -11,6 +11,7 @@ import re
 import shlex
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, SupportsIndex, TypeAlias
@@ -205,12 +206,12 @@ def describe_p_value(value: float) -> str:
 
     Examples
     --------
-    >>> describe_p_value(0.4), describe_p_value(0.00083), describe_p_value(0.0)
+    >>> describe_p_value(0.398), describe_p_value(0.00083), describe_p_value(0.0)
     ('test p = .40', 'test p = .00083', 'test p < .00001')
     """
     if value < 1e-5:
         return "test p < .00001"
-    digits = np.format_float_positional(value, precision=2, unique=False, fractional=False)
+    digits = f"{Decimal(f'{value:.1e}'):f}"  # 0.00083, and not 8.3e-04
     return f"test p = {digits.removeprefix('0')}"
 
 
