@@ -24,12 +24,14 @@ import numpy as np
 
 from bayes_toe.answers.order_effect import (
     ANSWER_COLUMNS,
+    PROBABILITIES,
     OrderEffect,
     Size,
     format_bayes_factor,
     format_difference,
     format_share,
     order_effect,
+    word_of_bayes_factor,
 )
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.answers.words import Word
@@ -78,23 +80,12 @@ QUANTITIES = {
     "JND": {NOISE},
     ORDER_EFFECT: {CONSTANT_ERROR, CONTRACTION},
 }
-#: Bayes factors from which a difference is probable, and from which it is sure. Their inverses are
-#: the limits of no difference.
-PROBABLY = 3.0
-SURELY = 20.0
-WORDS = (
-    "differs",
-    "probably differs",
-    str(Word.UNDECIDED),
-    "probably no difference",
-    "no difference",
-)
-#: What the words mean.
+#: What the words of a report mean.
 LEGEND = (
-    f"'Differs' needs a Bayes factor of at least {SURELY:g}, and 'probably differs' needs at least "
-    f"{PROBABLY:g}. 'No difference' needs at most 1/{SURELY:g}, and 'probably no difference' needs "
-    f"at most 1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
-    "lapses' means that the word changes if the lapse rate may differ between conditions"
+    "The word says whether the quantity differs. 'Yes' needs a Bayes factor of at least 19, and "
+    "'probably' needs at least 3. 'No' needs at most 1/19, and 'probably not' needs at most 1/3. "
+    "'Order effect' is constant error, contraction or both. 'Depends on lapses' means that the "
+    "word changes if the lapse rate may differ between conditions"
 )
 
 
@@ -112,10 +103,10 @@ class Difference(NamedTuple):
     ----------
     subject, quantity, comparison : str
         As in 'S01', 'contraction', 'right - left'.
-    mean, sd, q025, q05, q50, q95, q975 : float
-        The difference, given that the quantity differs. The unit is natural-log intensity; the
-        contraction has none. The order effect has the size of its change: the root mean square
-        of the change of the shift over the first stimuli shown.
+    q025, q50, q975 : float
+        Median and 95 % interval of the difference, given that the quantity differs. The unit is
+        natural-log intensity; the contraction has none. The order effect has the size of its
+        change: the root mean square of the change of the shift over the first stimuli shown.
     p_direction : float or None
         Probability of the more probable sign; None for a size.
     log_bf_differs, log_bf_differs_se : float
@@ -127,12 +118,8 @@ class Difference(NamedTuple):
     subject: str
     quantity: str
     comparison: str
-    mean: float
-    sd: float
     q025: float
-    q05: float
     q50: float
-    q95: float
     q975: float
     p_direction: float | None
     log_bf_differs: float
@@ -140,15 +127,9 @@ class Difference(NamedTuple):
     robust: str
 
     @property
-    def word(self) -> str:
-        """The word for the Bayes factor, one of :data:`WORDS`."""
-        return word_of(self.log_bf_differs)
-
-    @property
-    def short_word(self) -> str:
-        """The word of screens: 'yes' for 'differs', as in answers."""
-        # The first five words of `Word` are in the order of WORDS.
-        return str(list(Word)[WORDS.index(self.word)])
+    def word(self) -> Word:
+        """The word for the Bayes factor of a difference."""
+        return word_of_bayes_factor(self.log_bf_differs)
 
     def interval(self, unit: StimulusUnit) -> Size:
         """The median and 95 % interval, in the unit of differences unless it is a contraction."""
@@ -167,9 +148,9 @@ class Difference(NamedTuple):
 
         Examples
         --------
-        >>> quantiles = {"q025": -0.0012, "q05": 0.001, "q50": 0.0104, "q95": 0.018, "q975": 0.019}
+        >>> quantiles = {"q025": -0.0012, "q50": 0.0104, "q975": 0.019}
         >>> factor = {"log_bf_differs": 2.5, "log_bf_differs_se": 0.01, "robust": "yes"}
-        >>> numbers = {"mean": 0.01, "sd": 0.01, "p_direction": 0.98, **quantiles, **factor}
+        >>> numbers = {"p_direction": 0.98, **quantiles, **factor}
         >>> Difference("S", "JND", "b - a", **numbers).size(StimulusUnit())
         '+1.0 % [-0.1, +1.9]'
         """
@@ -182,20 +163,6 @@ class Difference(NamedTuple):
 
 #: The columns of contrast.csv: 'robust', the last attribute, follows the word.
 CONTRAST_COLUMNS = (*Difference._fields[:-1], "word", "robust", "model", "prior")
-
-
-def word_of(log_bf: float) -> str:
-    """The word for a log Bayes factor of a difference.
-
-    Examples
-    --------
-    >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1)]
-    ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference']
-    """
-    # The words are in the order of falling evidence. The number of limits above the evidence is the
-    # position of its word.
-    limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
-    return WORDS[(log_bf < limits).sum()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +217,7 @@ class ContrastTable(Table[Difference]):
         for quantity in self.quantities:
             # All rows of a subject have the same word and Bayes factor: the last row suffices.
             row_of_subject = {row.subject: row for row in self.select(quantity)}
-            words = [row.short_word for row in row_of_subject.values()]
+            words = [row.word for row in row_of_subject.values()]
             counts = count_words(words, f" of {plural(len(row_of_subject), 'subject')}")
             # Only a study of several tasks has answers. It asks of all subjects together whether
             # the tasks share an observer.
@@ -416,8 +383,8 @@ def subject_contrast(
         differs = np.array([not parameters.isdisjoint(choice) for choice in CHOICES])
         log_bf = same_lapses.log_bayes_factor(differs)
         error = same_lapses.bayes_factor_error(differs)
-        is_robust = word_of(log_bf) == word_of(free_lapses.log_bayes_factor(differs))
-        robust = "yes" if is_robust else "no"
+        word_with_free_lapses = word_of_bayes_factor(free_lapses.log_bayes_factor(differs))
+        robust = "yes" if word_of_bayes_factor(log_bf) is word_with_free_lapses else "no"
         # Draws of equal weight from the models in which the quantity differs.
         draws = same_lapses.averaged(differs).resampled(rng, size=4000)
         values = models.quantities(draws)  # (conditions, draws) each
@@ -434,10 +401,10 @@ def subject_contrast(
 
 
 def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tuple[Any, ...]:
-    """Mean, standard deviation, quantiles and direction of a difference between two conditions.
+    """Quantiles and direction of a difference between two conditions.
 
     `changes` has draws of the change of each quantity of the observer, shape (draws,). The result
-    has the entries of :class:`Difference` from `mean` to `p_direction`.
+    has the entries of :class:`Difference` from `q025` to `p_direction`.
     """
     if quantity == ORDER_EFFECT:
         # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
@@ -447,8 +414,7 @@ def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tup
     else:
         difference = changes[observer_name(quantity)]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
-    quantiles = np.quantile(difference, [0.025, 0.05, 0.5, 0.95, 0.975]).tolist()
-    return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
+    return *np.quantile(difference, PROBABILITIES).tolist(), p_direction
 
 
 def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, ModelSet]:

@@ -54,10 +54,9 @@ def parameter_row(result: PopulationResult, name: str) -> list[str]:
     label = _ROW_LABELS[name]
     if name not in result.identified:
         return [label, "cannot be told: no subject has pairs that can show it"]
+    factor_and_word: tuple[str, str] = ("-", "")  # a JND or a peak is never 0
     if name in EFFECTS:
-        factor_and_word = _factor_and_word(log_factor_of_mean(result, name))
-    else:  # a JND or a peak is never 0
-        factor_and_word = ["-", ""]
+        factor_and_word = _factor_and_word(result.table.row("mean", name))
     return [label, group_estimate(result, name), _spread(result, name), *factor_and_word]
 
 
@@ -71,19 +70,10 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
     return format_difference(row.interval, result.study.unit, sign)
 
 
-def log_factor_of_mean(result: PopulationResult, name: str) -> float:
-    """The log Bayes factor of a mean that is not 0, nats, for one of :data:`EFFECTS`."""
-    return _log_factor(result.table.row("mean", name))
-
-
-def _log_factor(row: PopulationRow) -> float:
-    """The log Bayes factor against a value of 0, from a row that has the Bayes factor of 0."""
-    return -cast(float, row.ln_bf_zero)
-
-
-def _factor_and_word(log_factor: float) -> list[str]:
+def _factor_and_word(row: PopulationRow) -> tuple[str, Word]:
     """The Bayes factor of a value that is not 0, and its word."""
-    return [format_bayes_factor(log_factor), str(word_of_bayes_factor(log_factor))]
+    log_factor = -cast(float, row.ln_bf_zero)  # the row has the Bayes factor of 0
+    return format_bayes_factor(log_factor), word_of_bayes_factor(log_factor)
 
 
 def _spread(result: PopulationResult, name: str) -> str:
@@ -139,11 +129,10 @@ def _describe_effect(result: PopulationResult, name: str) -> str:
         f"the mean {LABELS[name]} is {group_estimate(result, name)}, and the SD between subjects "
         f"is {sd}."
     )
-    log_factor = log_factor_of_mean(result, name)
-    word = word_of_bayes_factor(log_factor)
-    differs = capitalized(claim(word, "this mean", "differ", "from 0"))
-    text += f" {differs} (BF {format_bayes_factor(log_factor)})."
     row = result.table.row("mean", name)
+    factor, word = _factor_and_word(row)
+    differs = capitalized(claim(word, "this mean", "differ", "from 0"))
+    text += f" {differs} (BF {factor})."
     # An interval that excludes 0 does not decide whether the mean differs from 0.
     if word is Word.UNDECIDED and row.q025 * row.q975 > 0.0:
         text += " The interval assumes a nonzero mean."
@@ -183,7 +172,7 @@ def _comparison_rows(result: PopulationResult, quantity: str) -> list[list[str]]
         if row.parameter in result.identified:
             label = _DIFFERENCE_LABELS[row.parameter]
             difference = _format_difference(result, row)
-            rows.append([row.level, label, difference, *_factor_and_word(_log_factor(row))])
+            rows.append([row.level, label, difference, *_factor_and_word(row)])
     return rows
 
 

@@ -11,10 +11,9 @@ changes it.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, Texts
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE, flag_limit
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import Identification, identify
-from bayes_toe.data.messages import capitalized, format_estimate, join_words
+from bayes_toe.data.messages import capitalized, describe_p_value, format_estimate, join_words
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.diagnostics import quantile_errors
@@ -565,19 +564,6 @@ def format_decimals(value: float) -> str:
     return _format_value(value, decimals=2).replace("0.", ".", 1)
 
 
-def format_small_p(p_value: float) -> str:
-    """A p-value with two significant digits, however small.
-
-    Examples
-    --------
-    >>> format_small_p(0.4), format_small_p(0.00083), format_small_p(0.0)
-    ('test p = .40', 'test p = .00083', 'test p < .00001')
-    """
-    if p_value < 1e-5:
-        return "test p < .00001"
-    return f"test p = {format_number(p_value).removeprefix('0')}"
-
-
 def format_limit(p_value: float, n_subjects: int) -> str:
     """A p-value below the limit for a study of so many subjects, with that limit.
 
@@ -589,7 +575,7 @@ def format_limit(p_value: float, n_subjects: int) -> str:
     limit = format_decimals(FALSE_ALARM_SHARE)
     if n_subjects > 1:
         limit += f"/{n_subjects}"
-    return f"{format_small_p(p_value)}, below {limit}"
+    return f"{describe_p_value(p_value)}, below {limit}"
 
 
 def describe_fit(fit_p: float | None, n_subjects: int) -> str:
@@ -604,25 +590,25 @@ def describe_fit(fit_p: float | None, n_subjects: int) -> str:
         return "not testable"
     if fit_p < flag_limit(n_subjects):
         return f"poor, {format_limit(fit_p, n_subjects)}"
-    return f"good, {format_small_p(fit_p)}"
+    return f"good, {describe_p_value(fit_p)}"
 
 
 def format_bayes_factor(log_bayes_factor: float) -> str:
     """A Bayes factor, not its log: two digits between 1/100 and 100, a bound beyond.
 
-    More digits show on which side of the limit of a word it lies.
+    More digits show that it is not on the other side of the limit of a word.
 
     Examples
     --------
     >>> [format_bayes_factor(value) for value in (2.9, -0.92, 4.601, 5.0, -9.0)]
     ['18', '0.4', '100', '> 100', '< 1/100']
-    >>> [format_bayes_factor(np.log(value)) for value in (2.97, 20.1, 0.3349)]
-    ['2.97', '20.1', '0.3349']
+    >>> [format_bayes_factor(np.log(value)) for value in (2.97, 18.96, 0.3349)]
+    ['2.97', '18.96', '0.3349']
     """
     if abs(log_bayes_factor) > np.log(100.0):
         return "> 100" if log_bayes_factor > 0.0 else "< 1/100"
     text = f"{np.exp(log_bayes_factor):.2g}"
-    if text in ("0.05", "0.33", "3", "20"):  # limits of words for a difference
+    if word_of_bayes_factor(np.log(float(text))) is not word_of_bayes_factor(log_bayes_factor):
         text = f"{np.exp(log_bayes_factor):.4g}"
     return f"{float(text):g}"  # 100, not 1e+02
 
@@ -842,31 +828,25 @@ def _prior_problems(
     `probably not`. The key of the dictionary is the flag, and its value is the explanation. The
     dictionary is empty if no word depends on the prior.
     """
-    words_by_prior = {}  # for each of the four other priors, which a text describes
-    for effect in (CONSTANT_ERROR, CONTRACTION):
-        for width, factor in (("half", 0.5), ("twice", 2.0)):
-            prior = f"prior of the {effect.name.replace('_', ' ')} {width} as wide"
-            words_by_prior[prior] = _words(
-                evidence.with_prior_scale(effect, factor), models_with_effect, answerable
-            )
-
-    # A change is a prior, the word of a question, and its word with this prior. Only the first
-    # change of a question is reported. Questions with the same change share a sentence.
-    questions_by_change = defaultdict(list)
-    for question in answerable:
-        word = words[question]
-        for prior, new_words in words_by_prior.items():
-            if not remains(word, new_words[question]):
-                change = prior, word, new_words[question]
-                questions_by_change[change].append(question.replace("_", " "))
-                break
-    if not questions_by_change:
-        return {}
+    names: list[str] = []  # of the questions whose words depend on the prior
     sentences = []
-    for (prior, word, other_word), names in questions_by_change.items():
-        sentences.append(f"A {prior} changes {join_words(names)} from '{word}' to '{other_word}'.")
-    questions = ", ".join(chain(*questions_by_change.values()))
-    return {f"{PRIOR_FLAG}: {questions}": Problem(" ".join(sentences))}
+    widths = {"half": 0.5, "twice": 2.0}
+    for effect, width in product((CONSTANT_ERROR, CONTRACTION), widths):
+        models = evidence.with_prior_scale(effect, widths[width])
+        new_words = _words(models, models_with_effect, answerable)
+        changes = []
+        for question in answerable:
+            name = question.replace("_", " ")
+            # Only the first change of a question is reported.
+            if name not in names and not remains(words[question], new_words[question]):
+                names.append(name)
+                changes.append(f"{name} from '{words[question]}' to '{new_words[question]}'")
+        if changes:
+            prior = f"prior of the {effect.name.replace('_', ' ')} {width} as wide"
+            sentences.append(f"A {prior} changes {join_words(changes)}.")
+    if not names:
+        return {}
+    return {f"{PRIOR_FLAG}: {', '.join(names)}": Problem(" ".join(sentences))}
 
 
 # --- The whole way of one subject ----------------------------------------------------------------

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 
-from bayes_toe.answers.group_answer import LABELS, log_factor_of_mean
-from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, word_of_bayes_factor
+from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word, claim
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
-from bayes_toe.data.messages import capitalized, join_names, join_words, plural
+from bayes_toe.data.messages import capitalized, join_names, plural
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import CONDITION_SEPARATOR
-from bayes_toe.groups.population import PopulationResult
 from bayes_toe.inference.goodness_of_fit import PairResidual
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 
@@ -28,7 +26,6 @@ APPENDIX_C = "The comparison of H1 with H0 does not test for an order effect"
 
 def study_lines(
     answers: Sequence[OrderEffect],
-    group: PopulationResult | None = None,
     *,
     synthetic: bool = False,
     by_condition: bool = False,
@@ -40,21 +37,18 @@ def study_lines(
     Parameters
     ----------
     answers : sequence of OrderEffect
-    group : PopulationResult, optional
-        The group of these subjects.
     synthetic : bool
         Whether the subjects are simulated.
     by_condition : bool
         Whether each answer is that of a subject in one condition.
     """
-    meaning = describe_meaning(answers, group, "condition" if by_condition else "subject")
+    meaning = describe_meaning(answers, "condition" if by_condition else "subject")
     interpretable = [answer for answer in answers if answer.is_interpretable]
     if len(answers) == 1:
-        name = answers[0].subject
-        lines = [f"{name}: {answers[0].describe()}"]
+        texts = [answers[0].describe()]
         if interpretable:  # else `describe` already says why the subject is not interpreted
-            lines.insert(0, f"{name}: {meaning}")
-        return lines + misfit_lines(answers)
+            texts = [meaning, *texts]
+        return [f"{answers[0].subject}: {text}" for text in texts] + misfit_lines(answers)
     if not interpretable:
         return [meaning]
 
@@ -84,11 +78,7 @@ _DIRECTIONS = {
 }
 
 
-def describe_meaning(
-    answers: Sequence[OrderEffect],
-    group: PopulationResult | None = None,
-    noun: str = "subject",
-) -> str:
+def describe_meaning(answers: Sequence[OrderEffect], noun: str = "subject") -> str:
     """What the answers say of perception, in a few sentences.
 
     Subjects that are not interpreted do not count.
@@ -96,8 +86,6 @@ def describe_meaning(
     Parameters
     ----------
     answers : sequence of OrderEffect
-    group : PopulationResult, optional
-        The group of these subjects.
     noun : str
         What each answer is about.
     """
@@ -111,7 +99,7 @@ def describe_meaning(
 
     sentences = _order_sentences(interpretable, noun)
     for effect in _DIRECTIONS:
-        sentences += _direction_sentences(interpretable, effect, noun, group)
+        sentences += _direction_sentences(interpretable, effect, noun)
     return " ".join(sentences)
 
 
@@ -143,7 +131,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
     """
     counts = Counter(answer.words["order_effect"] for answer in answers)
     n_total = len(answers)
-    sentences: list[str] = []
+    clauses: list[str] = []
     # 'No' and 'probably not' have one sentence, with the less sure word.
     if counts[Word.PROBABLY_NOT]:
         counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
@@ -153,11 +141,11 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
         if not count:
             continue
         if word is Word.PROBABLY and counts[Word.YES]:  # continues the first sentence, of 'yes'
-            sentences[0] += f", and probably in {count} more"
+            clauses[0] += f", and probably in {count} more"
         elif word.is_positive or not has_effects or count > n_total / 2:
             text = claim(word, "the order", "change", "the response")
-            sentences.append(f"{_in_subjects(count, n_total, noun)} {text}")
-    return list(map("{}.".format, sentences))
+            clauses.append(f"{_in_subjects(count, n_total, noun)} {text}")
+    return [f"{clause}." for clause in clauses]
 
 
 def _in_subjects(count: int, n_total: int, noun: str) -> str:
@@ -192,13 +180,8 @@ def _direction(answer: OrderEffect, effect: str) -> str:
     return positive if has_positive_sign else negative
 
 
-def _direction_sentences(
-    answers: Sequence[OrderEffect],
-    effect: str,
-    noun: str,
-    group: PopulationResult | None,
-) -> list[str]:
-    """How many subjects have which direction of an effect, and whether that explains a mean near 0.
+def _direction_sentences(answers: Sequence[OrderEffect], effect: str, noun: str) -> list[str]:
+    """A list with the sentence on how many subjects have which direction of an effect.
 
     As in 'The first stimulus is overestimated in 3 subjects and underestimated in 2.' It counts the
     subjects with a 'yes', or with a 'probably' if there is no 'yes'.
@@ -221,75 +204,29 @@ def _direction_sentences(
     if not texts:
         return []
     probably = "probably " if word is Word.PROBABLY else ""
-    sentences = [f"The first stimulus is {probably}{' and '.join(texts)}."]
-
-    # Opposite directions explain a mean near 0 if the rarer direction is frequent: at least a sixth
-    # of the subjects have it, and at most twice as many have the other direction.
-    n_fewer, n_more = sorted(counts[direction] for direction in _DIRECTIONS[effect])
-    is_mixed = n_fewer >= max(len(answers) / 6, 0.5 * n_more)
-    near_0 = _near_0(group, effect)
-    if is_mixed and near_0:
-        sentences.append(f"These directions differ, so the mean {LABELS[effect]} {near_0}.")
-    return sentences
-
-
-def _near_0(group: PopulationResult | None, effect: str) -> str:
-    """What the interval of a group mean says of 0: 'is near 0' or 'cannot be distinguished from 0'.
-
-    It is empty if the mean may well differ from 0. The interval of a mean that is near 0 lies
-    within half an SD between subjects: a wide interval does not show that the mean is small.
-    """
-    if group is None or effect not in group.identified:
-        return ""
-    mean = group.table.row("mean", effect)
-    may_differ = word_of_bayes_factor(log_factor_of_mean(group, effect)).is_positive
-    if may_differ or not mean.q025 <= 0.0 <= mean.q975:
-        return ""
-    if max(-mean.q025, mean.q975) <= 0.5 * group.table.row("sd", effect).q50:
-        return "is near 0"
-    return "cannot be distinguished from 0"
+    return [f"The first stimulus is {probably}{' and '.join(texts)}."]
 
 
 def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
-    """The subjects whom the model does not fit, and how many other subjects have each effect.
+    """A list with the sentence that names the subjects whom the model does not fit.
 
-    There are no lines if the model fits all subjects.
+    The list is empty if the model fits all subjects.
     """
-    misfits = []
-    good_fits = []
-    for answer in answers:
-        if answer.fits is False:  # None: the fit is not testable, and not poor
-            misfits.append(answer)
-        else:
-            good_fits.append(answer)
-    if not misfits:
+    # The fit is None where it is not testable, which is not poor.
+    names = [answer.subject for answer in answers if answer.fits is False]
+    if not names:
         return []
-    subjects = plural(len(misfits), "subject")
-    names = join_names([answer.subject for answer in misfits], max_items=5)
-    lines = [
-        f"The model does not fit {subjects}: {names}. "
+    subjects = f"{plural(len(names), 'subject')}: {join_names(names, max_items=5)}"
+    return [
+        f"The model does not fit {subjects}. "
         f"By chance, {100 * FALSE_ALARM_SHARE:.0f} % of sound studies have a poor fit."
     ]
-    # The count without poor fits is of interest if a subject with a poor fit has a positive word.
-    counts = []
-    for question in QUESTIONS:
-        if good_fits and _count_positive(misfits, question):
-            n_positive = _count_positive(good_fits, question)
-            counts.append(f"for {with_article(question)} in {n_positive} of {len(good_fits)}")
-    if counts:
-        lines.append(f"Without poor fits, the word is 'yes' or 'probably' {join_words(counts)}.")
-    return lines
 
 
 def with_article(question: str) -> str:
     """A question with its indefinite article: 'order_effect' -> 'an order effect'."""
     name = question.replace("_", " ")
     return f"an {name}" if name.startswith("o") else f"a {name}"
-
-
-def _count_positive(answers: Sequence[OrderEffect], question: str) -> int:
-    """How many subjects have 'yes' or 'probably' for a question."""
-    return sum(answer.words[question].is_positive for answer in answers)
 
 
 def count_words(words: Iterable[str], of_total: str = "") -> str:

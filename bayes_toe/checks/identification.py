@@ -6,17 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray, Texts, run_starts
+from bayes_toe.arrays import FloatArray, Texts, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import THREE_ANSWERS, WHICH_STRONGER
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.parameters import NOISE, PARAMETERS
 
@@ -93,9 +90,7 @@ def identify(subject: Subject) -> Identification:
     if reason:
         return Identification(dict.fromkeys(QUESTIONS, reason), notes)
 
-    # Tuples have a hash for the cache of the function, and arrays have none.
-    columns = map(tuple, (subject.s1, subject.s2, subject.n_trials))
-    reason = _why_no_contraction(subject.task, subject.shared_scales, *columns)
+    reason = _why_no_contraction(subject)
     return Identification({"contraction": reason} if reason else {}, notes)
 
 
@@ -109,19 +104,11 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
     return np.where(is_equal, 0.0, np.sign(difference))
 
 
-@lru_cache(maxsize=1024)
-def _why_no_contraction(
-    task: Task, shared_scales: StimulusScales | None, *columns: tuple[Any, ...]
-) -> str:
-    """The reason why only a constant error can be identified; empty if a contraction can be, too.
-
-    The columns are s1, s2 and n_trials. The subjects of a study often have the same columns. One
-    answer then serves all of them, and the cache holds no subject.
-    """
-    s1, s2, trials = map(np.array, columns)
-    stimuli = np.column_stack([s1, s2])
+def _why_no_contraction(subject: Subject) -> str:
+    """The reason why a contraction cannot be identified; empty if it can be."""
+    stimuli = np.column_stack([subject.s1, subject.s2])
     deviations = stimuli - stimuli.mean(axis=0)
-    if np.ptp(s1) <= ROUNDING * np.abs(deviations).max():
+    if np.ptp(subject.s1) <= ROUNDING * np.abs(deviations).max():
         return ONE_FIRST_STIMULUS
     # The extents of the pairs along and across the line that is nearest to them.
     largest, smallest = np.linalg.svd(deviations, compute_uv=False)
@@ -129,10 +116,11 @@ def _why_no_contraction(
         return ONE_LINE
     # Missed trials change no design, so that a share of the largest number is rounded to a power of
     # two. The largest number becomes 1e6, so that small shares are whole numbers, too.
-    n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(trials / trials.max())))
+    shares = subject.n_trials / subject.n_trials.max()
+    n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(shares)))
     # A subject needs counts of answers, which do not change the expected information.
-    subject = Subject("pairs", s1, s2, n_trials, n_trials, task=task, shared_scales=shared_scales)
-    if contraction_information(subject) < 1.0:  # less than the prior has
+    design = replace(subject, n_yes=n_trials, n_trials=n_trials, n_second=None, answers=None)
+    if contraction_information(design) < 1.0:  # less than the prior has
         return IMITATION
     return ""
 
@@ -141,35 +129,24 @@ def _why_no_contraction(
 
 
 def _order_fills_blocks(answers: Answers) -> bool:
-    """Whether each block, each session or each long stretch of trials holds only one order.
+    """Whether each block, or each long stretch of trials, holds only one order.
 
     A change between them then looks like an effect of order. Equal stimuli do not count.
     """
     order_of_row = _order_sign(*answers.keys.T)
     is_unequal = order_of_row != 0
     order = order_of_row[is_unequal]
-    n_trials = answers.n_trials[is_unequal]
-    if answers.block is not None and _holds_one_order(answers.block[is_unequal], order, n_trials):
-        return True
-    if answers.place is None:  # the order of the rows in time is not known
-        return False
-    session = np.cumsum(answers.is_session_start)[is_unequal]
-    if _holds_one_order(session, order, n_trials):
-        return True
-    # Stretches may begin anywhere, so that what counts is whether they are long on average.
-    return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * len(run_starts(order)))
-
-
-def _holds_one_order(block: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
-    """Whether every block or session has one order, and they are long on average.
-
-    `block` has the number of the block or session of each row, and `order` its :func:`_order_sign`.
-    """
-    blocks, index = np.unique(block, return_inverse=True)
-    has_rising = np.bincount(index, order > 0) > 0
-    has_falling = np.bincount(index, order < 0) > 0
-    is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(blocks)  # the mean over blocks
-    return bool(is_long and not (has_rising & has_falling).any())
+    # Blocks and stretches are long if this exceeds their number: their mean length is what counts,
+    # because stretches may begin anywhere.
+    most_that_are_long = answers.n_trials[is_unequal].sum() / _FEWEST_IN_STRETCH
+    if answers.block is not None:
+        blocks, index = np.unique(answers.block[is_unequal], return_inverse=True)
+        has_rising = np.bincount(index, order > 0) > 0
+        has_falling = np.bincount(index, order < 0) > 0
+        if len(blocks) <= most_that_are_long and not (has_rising & has_falling).any():
+            return True
+    # The rows are in their order in time if their places are known.
+    return answers.place is not None and bool(len(run_starts(order)) <= most_that_are_long)
 
 
 # --- What the pairs say about p ------------------------------------------------------------------

@@ -26,7 +26,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import starmap
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,62 +47,31 @@ from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError
 
-
-class Comparison(NamedTuple):
-    """One pair of different stimuli in both orders, and the responses of one subject.
-
-    Attributes
-    ----------
-    subject : str
-    s_weak, s_strong : float
-        Natural-log intensities r < c.
-    n_equal_weak_first, n_trials_weak_first : int
-        Responses 'equal' to (r, c), with the weaker stimulus first (red in the paper). In 'which
-        was stronger?', the fields count wrong responses, and the names of the columns say so.
-    n_equal_strong_first, n_trials_strong_first : int
-        Responses 'equal' to (c, r), with the stronger stimulus first (blue in the paper).
-    q_weak_first, q_weak_first_se : float
-        Laplace estimator of q(r, c), with the weaker stimulus first, and its uncertainty. Source:
-        Eq. e:2b.
-    q_strong_first, q_strong_first_se : float
-        Laplace estimator of q(c, r), with the stronger stimulus first, and its uncertainty.
-    asymmetry : float
-        Posterior mean of q(c, r) - q(r, c), from -1 to 1.
-    asymmetry_se : float
-        Posterior standard deviation of `asymmetry`. The two orders are independent.
-    p_value : float
-        P-value of the exact two-sided `test`. The null hypothesis is that both orders have the
-        same probability of 'equal'.
-    p_adjusted : float
-        P-value adjusted by Holm's method over the comparisons of this subject.
-    test : {"boschloo", "fisher"}
-    is_maximal : bool
-        True for the comparison with the largest absolute asymmetry of the subject.
-    """
-
-    subject: str
-    s_weak: float
-    s_strong: float
-    n_equal_weak_first: int
-    n_trials_weak_first: int
-    n_equal_strong_first: int
-    n_trials_strong_first: int
-    q_weak_first: float
-    q_weak_first_se: float
-    q_strong_first: float
-    q_strong_first_se: float
-    asymmetry: float
-    asymmetry_se: float
-    p_value: float
-    p_adjusted: float
-    test: str
-    is_maximal: bool
+#: Columns of asymmetry.csv, see docs/data_dictionary.md. In 'which was stronger?', the columns
+#: n_wrong take the place of the columns n_equal.
+ASYMMETRY_COLUMNS = (
+    "subject",
+    "s_weak",
+    "s_strong",
+    "n_equal_weak_first",
+    "n_trials_weak_first",
+    "n_equal_strong_first",
+    "n_trials_strong_first",
+    "q_weak_first",
+    "q_weak_first_se",
+    "q_strong_first",
+    "q_strong_first_se",
+    "asymmetry",
+    "asymmetry_se",
+    "p_value",
+    "p_adjusted",
+    "test",
+    "is_maximal",
+    "accuracy",
+)
 
 
-ASYMMETRY_COLUMNS = (*Comparison._fields, "accuracy")
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SubjectAsymmetry:
     """Asymmetries of one subject.
 
@@ -111,18 +80,18 @@ class SubjectAsymmetry:
     subject : str
     accuracy : float
         Share of correct responses over all pairs, from 0 to 1.
-    comparisons : tuple of Comparison
-        By (s_weak, s_strong); empty where no pair was presented in both orders.
+    comparisons : DataFrame
+        A row for each pair that was presented in both orders, with :data:`ASYMMETRY_COLUMNS`.
     """
 
     subject: str
     accuracy: float
-    comparisons: tuple[Comparison, ...]
+    comparisons: pd.DataFrame
 
     @property
-    def maximal(self) -> Comparison | None:
-        """The comparison with the largest absolute asymmetry; None without any comparison."""
-        return next((row for row in self.comparisons if row.is_maximal), None)
+    def maximal(self) -> Any:
+        """The row with the largest absolute asymmetry, a named tuple; None without comparisons."""
+        return next(self.comparisons[self.comparisons["is_maximal"]].itertuples(), None)
 
 
 @dataclass(frozen=True)
@@ -136,7 +105,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     @property
     def has_comparison(self) -> bool:
         """Whether any subject met a pair of different stimuli in both orders."""
-        return any(row.comparisons for row in self.rows)
+        return any(len(row.comparisons) for row in self.rows)
 
     @property
     def share_of(self) -> str:
@@ -145,16 +114,9 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         return f"'{answer}'" if answer == self.task.yes else answer
 
     def _full_frame(self) -> pd.DataFrame:
-        """One row per subject and comparison, with the columns of asymmetry.csv.
-
-        In 'which is stronger?' the columns n_wrong take the place of the columns n_equal.
-        """
-        rows = []
-        for subject in self.rows:
-            for comparison in subject.comparisons:
-                rows.append([*comparison, subject.accuracy])
-        columns = [key.replace("equal", self.task.compared_answer) for key in ASYMMETRY_COLUMNS]
-        return pd.DataFrame(rows, columns=columns)
+        """One row per subject and comparison, with the columns of asymmetry.csv."""
+        frame = pd.concat([row.comparisons for row in self.rows], ignore_index=True)
+        return frame.rename(columns=lambda key: key.replace("equal", self.task.compared_answer))
 
     def describe(self) -> str:
         """The numbers of positive and negative maximal asymmetries, in sentences.
@@ -245,7 +207,9 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     # difference with the smallest p-value. The last key of a lexsort counts first.
     largest_first = np.lexsort((p_values, -np.abs(difference).round(12)))
 
+    subject_accuracy = accuracy(subject)
     columns = {
+        "subject": np.full(len(tests), subject.name, object),
         "s_weak": subject.s1[weak_first],
         "s_strong": subject.s2[weak_first],
         "n_equal_weak_first": n_wrong[weak_first],
@@ -263,9 +227,8 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
         "test": tests["test"],
         "is_maximal": np.arange(len(tests)) == largest_first[:1],  # [:1], not [0]: may be empty
     }
-    rows = pd.DataFrame(columns).itertuples(index=False, name=None)
-    comparisons = tuple(Comparison(subject.name, *row) for row in rows)
-    return SubjectAsymmetry(subject.name, accuracy(subject), comparisons)
+    comparisons = pd.DataFrame(columns).assign(accuracy=subject_accuracy)
+    return SubjectAsymmetry(subject.name, subject_accuracy, comparisons)
 
 
 @lru_cache(maxsize=1 << 16)

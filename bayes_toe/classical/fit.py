@@ -104,36 +104,40 @@ class PenalisedLikelihood:
         log_widths = np.log(self.step) + np.log(_LARGEST_WIDTH) * np.array([-1.0, 1.0])
         return np.array([(-np.inf, np.inf), log_widths, (0.0, 1.0), _SHARE_BOUNDS])
 
-    @cached_property
-    def grid(self) -> FloatArray:
-        """Points from which searches may start, shape (4 values of mu1, points of each, 4)."""
+    def starts(self, n_yes: IntArray) -> FloatArray:
+        """Points from which searches start, for counts (rows, pairs): (rows, 4 values of mu1, 4).
+
+        Each is the point of a grid with the highest log likelihood among those with its mu1.
+        """
         # Four values of mu1: far below the stimuli, on both sides of their mean, and far above the
         # stimuli. No two values have the same distance from the mean, because a symmetric design
         # has equal maxima on both sides of the mean, and rounding would choose between the two.
-        mu1 = self.subject.mean_first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
+        mu1_values = self.subject.mean_first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
         gammas = (0.01, 0.1, 0.3, 0.9)  # between the bounds 0 and 1
         lapse_rates = np.array([0.03, 0.15, 0.4, 0.7])
         # The fourth parameter q0 is P(equal) without a difference, near 1.
         shares = 1.0 - lapse_rates if self.subject.task.lapses == "q0" else lapse_rates
-        points = np.array(list(product(mu1, log_widths, gammas, shares)))
-        return points.reshape(len(mu1), -1, 4)
-
-    def starts(self, n_yes: IntArray) -> FloatArray:
-        """The best point of the grid with each mu1, for counts (rows, pairs): (rows, mu1, 4)."""
+        answers_at, _ = CURVES[self.subject.task.lapses]
         starts = []
-        for points in self.grid:  # with one mu1
-            starts.append(points[self.objective(points, n_yes).argmax(axis=1)])  # (rows, 4)
+        for mu1 in mu1_values:
+            points = np.array(list(product([mu1], log_widths, gammas, shares)))
+            log_yes, log_no = answers_at(self.distance(points), logit(points[:, 3:]))
+            # (rows, points). The penalty is the same at all points.
+            log_likelihood = n_yes @ log_yes.T + (self.subject.n_trials - n_yes) @ log_no.T
+            starts.append(points[log_likelihood.argmax(axis=1)])
         return np.stack(starts, axis=1)
 
-    def minus_objective(self, x: FloatArray, n_yes: FloatArray) -> tuple[float, FloatArray]:
+    def distance(self, x: FloatArray) -> FloatArray:
+        """(s2 - s1 + p (s1 - mu1)) / width of each pair at points, (..., 4) -> (..., pairs)."""
+        mu1, log_width, gamma, _ = np.moveaxis(x[..., None], -2, 0)  # (..., 1) each
+        s1 = self.subject.s1
+        return np.asarray((self.subject.s2 - s1 + pull(gamma) * (s1 - mu1)) / np.exp(log_width))
+
+    def minus_objective(self, x: FloatArray, n_yes: IntArray) -> tuple[float, FloatArray]:
         """Penalty minus log likelihood of counts, and its gradient, (4,), at one point, (4,)."""
-        # z = (s2 - s1 + p (s1 - mu1)) / width, for each pair.
         mu1, log_width, gamma, share = x.tolist()
-        p = float(pull(gamma))
-        width = np.exp(log_width)
-        distance = self.subject.s1 - mu1
-        z = (self.subject.s2 - self.subject.s1 + p * distance) / width
+        z = self.distance(x)
 
         # The log likelihood, and its slopes in z of each pair and in the logit of the share.
         answers_at, slopes_at = CURVES[self.subject.task.lapses]
@@ -145,18 +149,19 @@ class PenalisedLikelihood:
         z_slopes = n_yes * yes_in_z + n_no * no_in_z  # (pairs,)
         logit_slope = (n_yes * yes_in_logit + n_no * no_in_logit).sum()
 
-        # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = distance/w.
+        # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = (s1 - mu1)/w.
+        p = float(pull(gamma))
+        width = np.exp(log_width)
         deviation = (mu1 - self.mu1_mean) / self.mu1_sd
         mu1_slope = -p * z_slopes.sum() / width - deviation / self.mu1_sd
         # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
-        gamma_slope = z_slopes @ distance / width * (1.0 - p) ** 3 / (1.0 + p)
+        gamma_slope = z_slopes @ (self.subject.s1 - mu1) / width * (1.0 - p) ** 3 / (1.0 + p)
         share_slope = logit_slope / (share * (1.0 - share))  # d logit(q)/dq = 1/(q (1 - q))
         gradient = np.array([mu1_slope, -(z_slopes @ z), gamma_slope, share_slope])
         return 0.5 * deviation**2 - log_likelihood, -gradient
 
     def search(self, n_yes: IntArray, starts: FloatArray) -> Maxima:
         """Search the maximum for counts, (pairs,), from each of the starts, (starts, 4)."""
-        counts = n_yes.astype(np.float64)
         # The first step of a search has the length 1. So each coordinate is searched in a unit that
         # is small for this coordinate: mu1 in a part of :attr:`step`, log width and gamma in 0.1,
         # and shares in 0.05.
@@ -164,7 +169,7 @@ class PenalisedLikelihood:
 
         def minus_objective_in_units(point: FloatArray) -> tuple[float, FloatArray]:
             """The function that is minimised, and its gradient, at a point in these units."""
-            value, gradient = self.minus_objective(point * units, counts)
+            value, gradient = self.minus_objective(point * units, n_yes)
             return value, gradient * units
 
         points = []
@@ -184,21 +189,6 @@ class PenalisedLikelihood:
             values.append(-end.fun)
             has_converged.append(end.success)
         return Maxima(np.array(points), np.array(values), np.array(has_converged))
-
-    def objective(self, x: FloatArray, n_yes: IntArray) -> FloatArray:
-        """Log likelihood minus penalty, for counts (rows, pairs) at points (points, 4).
-
-        The shape is (rows, points). :meth:`minus_objective` is its negative for one row of counts
-        and one point, with the gradient.
-        """
-        subject = self.subject
-        mu1, log_width, gamma, share = x.T[:, :, None]  # (points, 1) each; pairs are the last axis
-        z = (subject.s2 - subject.s1 + pull(gamma) * (subject.s1 - mu1)) / np.exp(log_width)
-        answers_at, _ = CURVES[subject.task.lapses]
-        log_yes, log_no = answers_at(z, logit(share))  # (points, pairs) each
-        log_likelihood = n_yes @ log_yes.T + (subject.n_trials - n_yes) @ log_no.T
-        deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd  # of mu1, the first coordinate
-        return np.asarray(log_likelihood - 0.5 * np.square(deviation))
 
     def natural(self, x: FloatArray) -> FloatArray:
         """mu1, sigma_p, sigma_l and q0 or lapse rate at points, (points, 4).

@@ -29,7 +29,6 @@ from bayes_toe.cli.terminal import (
 )
 from bayes_toe.data.messages import Texts, capitalized, join_names
 from bayes_toe.data.study import Study
-from bayes_toe.groups.population import PopulationResult
 
 OrderEffects: TypeAlias = Sequence[OrderEffect]
 _HEADINGS = (
@@ -202,14 +201,13 @@ def print_answer(
     study: Study,
     group_lines: Texts = (),
     closing: Texts = (),
-    group: PopulationResult | None = None,
 ) -> None:
     """Print the answer of a study: counts, directions, the group, and what is not counted.
 
     `group_lines` are the conclusions on group and conditions, and `closing` has the sentences of
     the last line.
     """
-    lines = [*answer_lines(study, answers, group), *group_lines]
+    lines = [*answer_lines(study, answers), *group_lines]
     for answer in answers:
         # The table has the reasons already, each with its letter.
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
@@ -218,10 +216,10 @@ def print_answer(
     out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
 
 
-def answer_lines(study: Study, answers: OrderEffects, group: PopulationResult | None) -> list[str]:
+def answer_lines(study: Study, answers: OrderEffects) -> list[str]:
     """The sentences of the answer of a study: counts and directions for each question."""
     return study_lines(
-        answers, group, synthetic=study.synthetic, by_condition=study.conditions is not None
+        answers, synthetic=study.synthetic, by_condition=study.conditions is not None
     )
 
 

@@ -79,7 +79,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
         for row in quantities:
             if row.quantity == ORDER_EFFECT:  # A sentence of the answer has the order effect.
                 continue
-            word = row.short_word
+            word = str(row.word)
             if word in ("no", "probably not"):  # A difference that is absent has no size.
                 size = "-"
             else:

@@ -111,7 +111,7 @@ def _print_conclusion(
         lines += analysis.contrast.sentences()
     closing = without_decision(analysis.answers, problems)
     closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
-    print_answer(out, analysis.answers, analysis.study, lines, closing, group)
+    print_answer(out, analysis.answers, analysis.study, lines, closing)
 
 
 def sample(

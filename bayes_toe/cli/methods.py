@@ -35,7 +35,6 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import (
     count_all,
     describe_meaning,
-    misfit_lines,
     with_article,
 )
 from bayes_toe.arrays import Record
@@ -55,7 +54,6 @@ _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
 #: Words of the screens, and the words of a paper in their place. They are replaced in this order.
 _IN_PAPER = {
     "subject": "participant",
-    "directions differ": "directions differed",
     "differs:": "differed between conditions:",
     "differs": "differed",
     "changes": "changed",
@@ -83,7 +81,6 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         group_answer=group_answer,
         in_paper=_in_paper,
         join_words=join_words,
-        misfit_lines=misfit_lines,
         numbers=_numbers,
         p_value=describe_p_value,
         short_direction=short_direction,

@@ -31,7 +31,6 @@ from bayes_toe.answers.order_effect import (
     format_decimals,
     format_draws,
     format_probability,
-    format_small_p,
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
@@ -157,7 +156,6 @@ def _environment() -> Environment:
         sizes_figure=sizes_figure,
         inline_svg=inline_svg,
         probability=format_probability,
-        small_p=format_small_p,
         typeset=_typeset,
     )
     return environment
@@ -193,7 +191,7 @@ def _context(analysis: Analysis, facts: Record) -> Record:
         "contrast": analysis.contrast,
         "fit_limit": flag_limit(len(study)),
         "amount": describe_amount(study),
-        "answer": answer_lines(study, analysis.answers, group) + not_counted(analysis.answers),
+        "answer": answer_lines(study, analysis.answers) + not_counted(analysis.answers),
         "design_notes": merge_notes(notes_of(analysis.answers)),
         "versions": json.loads(analysis.draws.tree.attrs["versions"]),
         "sampler": asdict(analysis.settings.sampler),

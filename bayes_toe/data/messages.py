@@ -11,6 +11,7 @@ import re
 import shlex
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, SupportsIndex, TypeAlias
@@ -201,9 +202,17 @@ def format_p_value(value: float) -> str:
 
 
 def describe_p_value(value: float) -> str:
-    """A p-value in a sentence, 'test p < .001' or 'test p = .012'."""
-    number = format_p_value(value)
-    return f"test p {number}" if number.startswith("<") else f"test p = {number}"
+    """A p-value in a sentence, with two significant digits however small it is.
+
+    Examples
+    --------
+    >>> describe_p_value(0.398), describe_p_value(0.00083), describe_p_value(0.0)
+    ('test p = .40', 'test p = .00083', 'test p < .00001')
+    """
+    if value < 1e-5:
+        return "test p < .00001"
+    digits = f"{Decimal(f'{value:.1e}'):f}"  # 0.00083, and not 8.3e-04
+    return f"test p = {digits.removeprefix('0')}"
 
 
 def join_few(names: Texts) -> str:

@@ -4,23 +4,20 @@
 new group is drawn from the group of one posterior draw, and its responses are simulated. The
 estimates of the observed subjects are not used again, because they would hide a misfit.
 
-Five statistics are compared with those of the new groups: the spread and the farthest subject of
-the mean asymmetry, the spread of accuracy, and the skewness and the farthest subject of the share
-of the counted response.
+Subjects differ in their mean asymmetry and in their share of the counted response. The spread, the
+skewness and the farthest subject of each are compared with those of the new groups.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, Rng, Texts
-from bayes_toe.data.study import Subject, pairs_in_both_orders, units_by_subject
-from bayes_toe.data.tasks import Task
+from bayes_toe.arrays import FloatArray, IntArray, Texts
+from bayes_toe.data.study import pairs_in_both_orders, units_by_subject
 from bayes_toe.groups.population import PopulationResult, subject_rows
 from bayes_toe.model.posterior_array import LinearLikelihood
 from bayes_toe.seeds import generator
@@ -80,115 +77,93 @@ def contradictions(result: PopulationResult) -> Texts:
     )
 
 
-def predictive_check(result: PopulationResult) -> Iterator[Statistic]:
+def predictive_check(result: PopulationResult) -> list[Statistic]:
     """Compare the differences between subjects with new groups drawn from the posterior.
 
-    Asymmetries are missing where fewer than two subjects met a pair in both orders.
+    Statistics are missing for fewer than three subjects. Asymmetries count only subjects who met a
+    pair in both orders.
     """
-    rng = generator(result.settings.seed, "population", "predictive check")
-    draws = result.draws
-    *chains_and_draws, q = draws.mean.shape
-    evenly_spaced = np.linspace(0, math.prod(chains_and_draws) - 1, 500).astype(int)
-    index = np.unravel_index(evenly_spaced, chains_and_draws)
-
-    # New subjects have new coefficients, (groups, subjects, q). The parameters that the group does
-    # not share are those of the observed subjects, because they have no distribution over subjects.
-    coefficients = draws.mean[index][:, None] + result.regressors.x @ draws.effects[index]
-    coefficients += draws.sd[index][:, None] * rng.standard_normal(coefficients.shape)
-    unshared = draws.subjects[..., q:][index]
-    points = np.concatenate([coefficients, unshared], axis=-1).swapaxes(0, 1)
-
-    likelihood = subject_rows(result.study)
     task = result.study.task
-    units_of_subjects = list(units_by_subject(result.study).values())
-    differences_by_block = []
-    # At most 32 subjects at a time, because their responses to every pair in every group are many.
-    for block in np.array_split(np.arange(len(points)), 1 + len(points) // 32):
-        units = list(chain.from_iterable(units_of_subjects[i] for i in block.tolist()))
-        differences_by_block.append(
-            _differences(task, units, likelihood.part(block), points[block], rng)
-        )
-
-    asymmetry, accuracy, share = map(np.concatenate, zip(*differences_by_block, strict=True))
-    yield from _statistics("mean asymmetry", asymmetry, ("spread", "farthest"))
-    yield from _statistics("accuracy", accuracy, ("spread",))
-    yield from _statistics(f"share of {task.yes!r}", share, ("skewness", "farthest"))
-
-
-def _differences(
-    task: Task,
-    units: Sequence[Subject],
-    likelihood: LinearLikelihood,
-    points: FloatArray,
-    rng: Rng,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What subjects differ in: mean asymmetry, accuracy and share of the counted response.
-
-    All have the shape (subjects, groups). The first group is observed. The responses of the other
-    groups are simulated at their points, (subjects, groups, coordinates). Subjects without a pair
-    in both orders have no asymmetry, and subjects without a right response have no accuracy: they
-    are left out there. Each row of the likelihood has the counts of one of the `units`.
-    """
+    likelihood = subject_rows(result.study)  # a row for each unit of subject and condition
     rows = likelihood.rows
-    sum_by_subject = likelihood.summed  # over the rows of each subject, which are its conditions
     # Three answers have the counts of a second question behind the counts of 'equal'. The first
     # stimuli have one entry for each pair.
-    first_question = slice(rows.first.shape[-1])
-    observed = rows.n_yes[:, 0, first_question].astype(np.int64)  # (rows, pairs)
-    n_trials = observed + rows.n_no[:, 0, first_question].astype(np.int64)
-    # The shape is (rows, groups, pairs). Rounding may take a probability above 1.
-    log_yes = rows.log_answers(likelihood.row_points(points)).yes[..., first_question]
-    p_yes = np.exp(np.minimum(log_yes, 0.0))
-    n_yes = np.concatenate([observed[:, None], rng.binomial(n_trials[:, None], p_yes)], axis=1)
-    difference = rows.difference  # s2 - s1, (rows, 1, pairs)
-    n_wrong = task.wrong(difference, n_yes, n_trials[:, None])
+    n_pairs = rows.first.shape[-1]
+    observed = rows.n_yes[:, 0, :n_pairs].astype(np.int64)  # (rows, pairs)
+    n_trials = observed + rows.n_no[:, 0, :n_pairs].astype(np.int64)
+    difference = rows.difference[:, 0]  # s2 - s1, (rows, pairs)
 
     # 1 for a pair with the stronger stimulus first, -1 for the same pair in the other order, and 0
     # for pairs that were met in one order only.
     signs = np.zeros(n_trials.shape)
+    units = chain.from_iterable(units_by_subject(result.study).values())
     for i, unit in enumerate(units):
-        # The indices of each pair in both orders, (pairs, 2); first that with the weaker stimulus
-        # first.
+        # The indices of each pair in both orders, (pairs, 2), first with the weaker stimulus first.
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
-    n_compared = sum_by_subject((signs > 0.0).sum(axis=1))  # pairs of different stimuli
+    n_compared = likelihood.summed((signs > 0.0).sum(axis=1))  # pairs of different stimuli
     is_compared = n_compared > 0
-    # Laplace's estimator of the frequency of a wrong response. Its mean difference between the
-    # orders is the mean asymmetry.
-    wrong_shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)  # (rows, groups, pairs)
-    total = sum_by_subject((signs[:, None] * wrong_shares).sum(axis=2))  # (subjects, groups)
-    asymmetry = total[is_compared] / n_compared[is_compared, None]
 
-    # Equal stimuli have no right response in some tasks, where `right` is 0.
-    n_judged = sum_by_subject((n_trials * (task.right(difference[:, 0]) != 0)).sum(axis=1))
-    has_right_answer = n_judged > 0
-    n_wrong_of_subject = sum_by_subject(n_wrong.sum(axis=2))
-    accuracy = 1.0 - n_wrong_of_subject[has_right_answer] / n_judged[has_right_answer, None]
+    asymmetries = []  # of the observed group, and then of new groups
+    shares = []
+    for n_yes in chain([observed], _simulated_counts(result, likelihood, n_trials)):
+        # Laplace's estimator of the frequency of a wrong response, (rows, pairs).
+        wrong_share = (task.wrong(difference, n_yes, n_trials) + 1.0) / (n_trials + 2.0)
+        total = likelihood.summed((signs * wrong_share).sum(axis=1))
+        asymmetries.append(total[is_compared] / n_compared[is_compared])
+        # The share of the counted response.
+        shares.append(
+            likelihood.summed(n_yes.sum(axis=1)) / likelihood.summed(n_trials.sum(axis=1))
+        )
+    return [
+        *_statistics("mean asymmetry", np.array(asymmetries)),
+        *_statistics(f"share of {task.yes!r}", np.array(shares)),
+    ]
 
-    share = sum_by_subject(n_yes.sum(axis=2)) / sum_by_subject(n_trials.sum(axis=1))[:, None]
-    return asymmetry, accuracy, share
+
+def _simulated_counts(
+    result: PopulationResult, likelihood: LinearLikelihood, n_trials: IntArray
+) -> Iterator[IntArray]:
+    """Counts of the counted response, (rows, pairs), in 500 new groups drawn from the posterior."""
+    rng = generator(result.settings.seed, "population", "predictive check")
+    draws = result.draws
+    n_chains, n_draws, q = draws.mean.shape
+    for index in np.linspace(0, n_chains * n_draws - 1, 500).astype(int).tolist():
+        draw = divmod(index, n_draws)  # a chain, and a draw of this chain
+        # New subjects have new coefficients, (subjects, q). The parameters that the group does not
+        # share are those of observed subjects, because they have no distribution over subjects.
+        centre = draws.mean[draw] + result.regressors.x @ draws.effects[draw]
+        coefficients = centre + draws.sd[draw] * rng.standard_normal(centre.shape)
+        points = np.hstack([coefficients, draws.subjects[draw][:, q:]])
+        row_points = likelihood.row_points(points[:, None])  # with an axis for a single point
+        log_yes = likelihood.rows.log_answers(row_points).yes[:, 0, : n_trials.shape[1]]
+        # Rounding may take a probability above 1.
+        yield rng.binomial(n_trials, np.exp(np.minimum(log_yes, 0.0)))
 
 
-def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
-    """Statistics of values, (subjects, groups), in which the first group is the observed group."""
-    if len(values) < 2:  # one subject has no spread
-        return
-    spread = values.std(axis=0, ddof=1)
-    deviations = values - values.mean(axis=0)
+def _statistics(quantity: str, values: FloatArray) -> list[Statistic]:
+    """Statistics of values, (groups, subjects), of which the first group is the observed group."""
+    if values.shape[1] < 3:  # two subjects have always the same skewness and farthest subject
+        return []
+    spread = values.std(axis=1, ddof=1)
+    deviations = values - values.mean(axis=1, keepdims=True)
     # 0 where all subjects have the same value.
-    scores = np.divide(deviations, spread, out=np.zeros_like(deviations), where=spread > 0.0)
+    scores = deviations / np.where(spread > 0.0, spread, 1.0)[:, None]
     measures = {
         "spread": spread,
-        "skewness": (scores**3).mean(axis=0),
-        "farthest": np.abs(scores).max(axis=0),
-    }  # (groups,) each
-    for kind in kinds:
-        # Two subjects always have the same skewness, and the same distance from their mean in SDs.
-        if kind != "spread" and len(values) < 3:
-            continue
-        observed = float(measures[kind][0])  # the first group is the observed group
-        simulated = measures[kind][1:]
-        tail = int(min((simulated >= observed).sum(), (simulated <= observed).sum()))
+        "skewness": (scores**3).mean(axis=1),
+        "farthest": np.abs(scores).max(axis=1),
+    }
+    statistics = []
+    for kind, (observed, *simulated) in measures.items():
+        n_tail = min(
+            np.greater_equal(simulated, observed).sum(), np.less_equal(simulated, observed).sum()
+        )
         # Two-sided. The observed group counts as one of the groups, so that p is never 0.
-        p_value = min(1.0, 2.0 * (tail + 1) / (len(simulated) + 1))
+        p_value = min(1.0, 2.0 * (n_tail + 1) / (len(simulated) + 1))
         q05, median, q95 = np.quantile(simulated, (0.05, 0.5, 0.95)).tolist()
-        yield Statistic(kind, quantity, observed, q05, q95, p_value, observed > median)
+        statistics.append(
+            Statistic(
+                kind, quantity, float(observed), q05, q95, float(p_value), bool(observed > median)
+            )
+        )
+    return statistics

@@ -15,11 +15,15 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates, level_words, levels
-from bayes_toe.data.messages import display_name, join_names, join_quoted, plural, quoted
+from bayes_toe.data.messages import (
+    display_name,
+    join_display_names,
+    join_names,
+    join_quoted,
+    plural,
+    quoted,
+)
 from bayes_toe.errors import InputError
-
-#: A column follows from other columns if these leave less than this share of the column.
-_ROUNDING = 1e-8
 
 
 class Regressor(NamedTuple):
@@ -104,11 +108,7 @@ def regressors(
         if name not in covariates:
             names = join_quoted(covariates) or "none, without covariates"
             raise InputError(f"categorical: found {quoted(name)}, allowed: {names}")
-    incomplete_subjects = _incomplete_subjects(covariates, subjects)
-    left_out = join_names(
-        f"{quoted(name)} ({reason})" for name, reason in incomplete_subjects.items()
-    )
-    complete_subjects = tuple(name for name in subjects if name not in incomplete_subjects)
+    complete_subjects, left_out = _with_all_covariates(subjects, covariates)
     # The columns cannot be made without subjects. Each covariate has a column or more, and the
     # number of columns is known only below.
     _require_subjects(complete_subjects, len(covariates), left_out)
@@ -117,6 +117,12 @@ def regressors(
     x = np.empty((len(complete_subjects), 0))
     for name, by_subject in covariates.items():
         values = [by_subject[subject] for subject in complete_subjects]
+        words = level_words(values)
+        if len(set(words)) == 1:
+            raise InputError(
+                f"covariate {display_name(name)}: found {quoted(words[0])} for every subject, "
+                "allowed: at least two different values; leave the column out"
+            )
         has_text = any(isinstance(value, str) for value in by_subject.values())
         if has_text or name in categorical:
             new_columns, new_x = _columns_of_category(name, values)
@@ -137,16 +143,20 @@ def regressors(
     return Regressors(complete_subjects, x, tuple(columns), tuple(notes))
 
 
-def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dict[str, str]:
-    """Subjects that lack a covariate, with the reason, such as 'no age'."""
-    reasons = {}
+def _with_all_covariates(
+    subjects: Sequence[str], covariates: Covariates
+) -> tuple[tuple[str, ...], str]:
+    """The subjects that have all covariates, and a text that names the others and their gaps."""
+    complete_subjects = []
+    incomplete_subjects = []
     for subject in subjects:
         missing_covariates = [name for name, values in covariates.items() if subject not in values]
-        if len(missing_covariates) == len(covariates) > 1:  # all of them, where there are several
-            reasons[subject] = "no covariates"
-        elif missing_covariates:
-            reasons[subject] = ", ".join(f"no {display_name(name)}" for name in missing_covariates)
-    return reasons
+        if missing_covariates:
+            reason = f"no {join_display_names(missing_covariates)}"
+            incomplete_subjects.append(f"{quoted(subject)} ({reason})")
+        else:
+            complete_subjects.append(subject)
+    return tuple(complete_subjects), join_names(incomplete_subjects)
 
 
 def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
@@ -156,9 +166,6 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
             f"covariate {display_name(name)}: found a number that is not finite, allowed: finite "
             "numbers; leave out what is missing"
         )
-    if values.min() == values.max():
-        raise _does_not_vary(name, f"{values[0]:g}")
-
     # The square of a number beyond 1e154 is beyond the largest float, so that the mean and the SD
     # are computed with the largest number as unit.
     unit = np.abs(values).max()
@@ -176,9 +183,6 @@ def _columns_of_category(
     """A category as a column of 0 and 1 for each level but the reference."""
     # The first level is the reference. The number 1 and the text '1' are one level.
     reference, *other_levels = dict.fromkeys(level_words(levels(values)))
-    if not other_levels:
-        raise _does_not_vary(name, quoted(reference))
-
     columns = []
     for level in other_levels:
         words = f"{display_name(name)} {display_name(level)} against {display_name(reference)}"
@@ -186,14 +190,6 @@ def _columns_of_category(
     # Whether each subject has each level, (subjects, columns).
     is_level = np.array(level_words(values))[:, None] == np.array(other_levels)
     return columns, is_level.astype(np.float64)
-
-
-def _does_not_vary(name: str, value: str) -> InputError:
-    """The refusal of a covariate that has the same value for every subject."""
-    return InputError(
-        f"covariate {display_name(name)}: found {value} for every subject, allowed: at least "
-        "two different values; leave the column out"
-    )
 
 
 def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) -> None:
@@ -207,17 +203,10 @@ def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) ->
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
-    """Refuse a column that follows from the earlier columns and the intercept.
-
-    The diagonal of R in the QR decomposition has, for each column, the length of what remains when
-    the earlier columns are projected out.
-    """
-    x_with_intercept = np.column_stack([np.ones(len(x)), x])
-    diagonal = np.diagonal(np.linalg.qr(x_with_intercept, mode="r"))
-    remainders = np.abs(diagonal[1:])  # without the intercept
-    lengths = np.linalg.norm(x - x.mean(axis=0), axis=0)  # without the means
+    """Refuse a column that follows from the earlier columns and the intercept."""
+    deviations = x - x.mean(axis=0)  # what the intercept leaves
     for i, column in enumerate(columns):
-        if remainders[i] < _ROUNDING * lengths[i]:
+        if np.linalg.matrix_rank(deviations[:, : i + 1], tol=1e-8) == i:  # not i + 1
             earlier = join_names(earlier_column.label for earlier_column in columns[:i])
             raise InputError(
                 f"covariates: {column.label} follows from {earlier}, "

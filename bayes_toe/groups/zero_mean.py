@@ -18,23 +18,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, ndtri, stdtrit
+from scipy.special import gammaincinv, logsumexp, ndtri, stdtrit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.inference.diagnostics import errors
-from bayes_toe.model.densities import StandardStudent
 
-#: Nodes of a normal density, in standard deviations, with the logs of their shares.
-_NORMAL_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
-_LOG_NORMAL_SHARES = np.log(_WEIGHTS / _WEIGHTS.sum())
-#: Nodes of Student's t with 3 degrees of freedom, with the logs of their shares. At the value
-#: sqrt(3) tan(angle), the density of the angle is 2 cos^2(angle)/pi. The angles are the middles of
-#: 400 equal parts of -pi/2 to pi/2, each as wide as pi/400.
-_ANGLES = (np.arange(400) + 0.5) * np.pi / 400 - 0.5 * np.pi
-_STUDENT_NODES = np.sqrt(3.0) * np.tan(_ANGLES)
-_LOG_STUDENT_SHARES = np.log(np.square(np.cos(_ANGLES)) / 200)
+#: Student's t with 3 degrees of freedom is a mixture of normals with the variances 3/x, where x is
+#: chi-square with 3 degrees of freedom. These are the variances, with the logs of their shares. The
+#: probability of x at a node u is u^3, so that most nodes are in the tails of Student's t.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(100)  # on (-1, 1)
+_U = 0.5 * (_NODES + 1.0)
+_STUDENT_VARIANCES = 1.5 / gammaincinv(1.5, _U**3)  # of x/2, which has a gamma distribution
+_LOG_STUDENT_SHARES = np.log(1.5 * np.square(_U) * _WEIGHTS)  # weights are on an interval of 2
 #: Probabilities of the prior of a standard deviation, at the middle of equal shares.
 _SD_PROBABILITIES = (np.arange(24) + 0.5) / 24
 
@@ -114,23 +111,16 @@ def _log_marginal_density(
 ) -> FloatArray:
     """Log of the integral of Normal(centre; m, width^2) prior(m) dm over the mean of a coefficient.
 
-    The result has the shape of centre and width. With Student's t, the integral is a sum over the
-    nodes of the narrower density, over which the wider one changes little.
+    The result has the shape of centre and width. The variances of two normals add up.
     """
-    mean = numbers.mean[j]
-    scale = numbers.mean_scale[j]
-    if not numbers.has_heavy_tails[j]:  # both densities are normal, and their variances add up
-        return _log_normal_density(centre - mean, np.square(width) + scale**2)
-
-    # The nodes are on a further axis, the last one.
-    score = (centre[..., None] + width[..., None] * _NORMAL_NODES - mean) / scale
-    log_prior = StandardStudent().log_density(score) - np.log(scale)
-    at_normal_nodes = logsumexp(log_prior + _LOG_NORMAL_SHARES, axis=-1)
-
-    distance = centre[..., None] - mean - scale * _STUDENT_NODES
-    log_likelihood = _log_normal_density(distance, np.square(width)[..., None])
-    at_student_nodes = logsumexp(log_likelihood + _LOG_STUDENT_SHARES, axis=-1)
-    return np.where(width < scale, at_normal_nodes, at_student_nodes)
+    distance = centre - numbers.mean[j]
+    scale_squared = numbers.mean_scale[j] ** 2
+    if not numbers.has_heavy_tails[j]:
+        return _log_normal_density(distance, np.square(width) + scale_squared)
+    # The variances of the mixture are on a further axis, the last one.
+    variance = np.square(width)[..., None] + scale_squared * _STUDENT_VARIANCES
+    log_densities = _log_normal_density(distance[..., None], variance)
+    return np.asarray(logsumexp(log_densities + _LOG_STUDENT_SHARES, axis=-1))
 
 
 def zero_effect(

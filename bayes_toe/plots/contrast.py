@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 
 from bayes_toe.answers.contrast import (
     ORDER_EFFECT,
-    WORDS,
     ContrastTable,
     Difference,
     observer_name,
 )
+from bayes_toe.answers.words import Word
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.plots.style import (
     EQUAL,
@@ -35,14 +35,14 @@ from bayes_toe.plots.style import (
 _NO_DIFFERENCE = "no difference, or probably none"
 #: Characters of the longest comparison beside its quantity; a longer one has a line of its own.
 _LONGEST_BESIDE = 16
-#: Face of the mark, colour, and words of the legend, for each of WORDS.
-_MARKS = (
-    (POSTERIOR, POSTERIOR, WORDS[0]),
-    ("#9CC4E4", POSTERIOR, WORDS[1]),
-    ("white", EQUAL, WORDS[2]),
-    ("#C9C9C9", EQUAL, _NO_DIFFERENCE),
-    ("#C9C9C9", EQUAL, _NO_DIFFERENCE),
-)
+#: Face of the mark, colour, and words of the legend.
+_MARKS = {
+    Word.YES: (POSTERIOR, POSTERIOR, "differs"),
+    Word.PROBABLY: ("#9CC4E4", POSTERIOR, "probably differs"),
+    Word.UNDECIDED: ("white", EQUAL, "undecided"),
+    Word.PROBABLY_NOT: ("#C9C9C9", EQUAL, _NO_DIFFERENCE),
+    Word.NO: ("#C9C9C9", EQUAL, _NO_DIFFERENCE),
+}
 
 
 def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
@@ -113,7 +113,7 @@ def _draw_subjects(
     zero_line(ax)
     # The legend explains each word of the table, which this panel may lack.
     words = {row.word for row in table}
-    for word, (face, colour, label) in zip(WORDS, _MARKS, strict=True):
+    for word, (face, colour, label) in _MARKS.items():
         if word not in words:
             continue
         rows_of_word = [row for row in rows if row.word == word]

@@ -143,8 +143,8 @@ def test_a_yes_that_a_wider_prior_changes_is_marked(evidence, monkeypatch):
     assert (marks["constant_error"], marks["contraction"]) == (" ?", "")
     (problem,) = answer.problems.values()
     message = (
-        "A prior of the constant error twice as wide changes order effect and constant error from "
-        "'yes' to 'no'."
+        "A prior of the constant error twice as wide changes order effect from 'yes' to 'no' and "
+        "constant error from 'yes' to 'no'."
     )
     assert problem.message == message
 

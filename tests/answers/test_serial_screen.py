@@ -14,12 +14,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.models import OrderModel
 
 
-@pytest.fixture(autouse=True)
-def fewer_random_orders(monkeypatch):
-    """1,500 random orders of 60 trials instead of 10,800: p-values to .001 suffice here."""
-    monkeypatch.setattr("bayes_toe.answers.serial_screen._SIMULATED_TRIALS", 90_000)
-
-
 def screen(subject, p=0.0):
     """The p-values of the screen, at the observer's true parameters instead of the maximum."""
     posterior = OrderModel("both").posterior(subject)

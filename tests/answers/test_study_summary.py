@@ -1,7 +1,6 @@
 """The answer of a study: counts that add up, directions, how frequent an effect is."""
 
 import re
-from types import SimpleNamespace
 
 import pytest
 from conftest import WORD_BY_LETTER, order_answer
@@ -15,7 +14,6 @@ from bayes_toe.answers.study_summary import (
 )
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.methods import _in_paper
-from bayes_toe.groups.population_table import PopulationRow, PopulationTable
 from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import ParameterHyperprior
 
@@ -41,124 +39,90 @@ ANSWER_A, _, _, SWAPPED = STUDY
 
 #: For each subject the words for order effect, constant error and contraction, by the letters of
 #: `WORD_BY_LETTER`. A `-` after a letter turns the effect around, and a `0` removes its direction.
-#: After the bar are the group's means of constant error and contraction, by the letters of
-#: `MEANS`; `-` stands for no group. Below stand the sentences on the meaning of these words.
+#: Below stand the sentences on the meaning of these words.
 MEANINGS = """
-nnn nnn qqq | -
+nnn nnn qqq
     In all 3 subjects the order probably does not change the response.
 
-nnn nnn | -
+nnn nnn
     In both subjects the order does not change the response.
 
-uuu uuu unn | -
+uuu uuu unn
     In all 3 subjects the data do not show whether the order changes the response.
 
-nnn uuu uuu | -
+nnn uuu uuu
     In most subjects (2 of 3) the data do not show whether the order changes the response. In 1
     of 3 subjects the order does not change the response.
 
-ccc ccc | -
+ccc ccc
     In both subjects the design cannot show whether the order changes the response.
 
-ccc nnn | -
+ccc nnn
     In 1 of 2 subjects the order does not change the response. In 1 of 2 subjects the design
     cannot show whether the order changes the response.
 
-yyn yyn | y
+yyn yyn
     In both subjects the order changes the response. The first stimulus is overestimated in 2
     subjects.
 
-yyn yyn yy-n yy-n | n
-    In all 4 subjects the order changes the response. The first stimulus is overestimated in 2
-    subjects and underestimated in 2. These directions differ, so the mean PSE shift is near 0.
-
-yyn yyn yy-n yy-n | w
-    In all 4 subjects the order changes the response. The first stimulus is overestimated in 2
-    subjects and underestimated in 2. These directions differ, so the mean PSE shift cannot be
-    distinguished from 0.
-
-yyn yyn yy-n yy-n | p
+yyn yyn yy-n yy-n
     In all 4 subjects the order changes the response. The first stimulus is overestimated in 2
     subjects and underestimated in 2.
 
-yyn yy-n nnn nnn nnn nnn nnn | n
+yyn yy-n nnn nnn nnn nnn nnn
     In 2 of 7 subjects the order changes the response. In most subjects (5 of 7) the order does
     not change the response. The first stimulus is overestimated in 1 subject and underestimated
     in 1.
 
-yyn yyn yyn yyn yy-n | n
-    In all 5 subjects the order changes the response. The first stimulus is overestimated in 4
-    subjects and underestimated in 1.
-
-yny yny- uuu | wn
+yny yny- uuu
     In most subjects (2 of 3) the order changes the response. The first stimulus is remembered
-    as nearer to the mean in 1 subject and as farther from the mean in 1. These directions
-    differ, so the mean contraction is near 0.
+    as nearer to the mean in 1 subject and as farther from the mean in 1.
 
-yny- yny- | ny
+yny- yny-
     In both subjects the order changes the response. The first stimulus is remembered as farther
     from the mean in 2 subjects.
 
-ppn puu uuu uuu | -
+ppn puu uuu uuu
     In 2 of 4 subjects the order probably changes the response. The first stimulus is probably
     overestimated in 1 subject.
 
-yp0n yun nnn | -
+yp0n yun nnn
     In most subjects (2 of 3) the order changes the response.
 
-yyy xxx | -
+yyy xxx
     A: The order changes the response: the first stimulus is overestimated and remembered as
     nearer to the mean.
 
-yy-p- | -
+yy-p-
     The order changes the response: the first stimulus is underestimated and probably remembered
     as farther from the mean.
 
-puu | -
+puu
     The order probably changes the response. The data do not show by which effect.
 
-uun | -
+uun
     The data do not show whether the order changes the response.
 
-qqq | -
+qqq
     The order probably does not change the response.
 
-nnn | -
+nnn
     The order does not change the response.
 
-ccc | -
+ccc
     The design cannot show whether the order changes the response.
 
-yyc | -
+yyc
     The order changes the response: the first stimulus is overestimated.
 
-xxx xxx | -
+xxx xxx
     No subject can be interpreted.
 """
-
-
-#: A mean of a group whose SD between subjects is 1: its interval, and the log Bayes factor of 0.
-MEANS = {
-    "n": ((-0.4, 0.0, 0.4), 1.0),  # near 0
-    "w": ((-0.6, 0.0, 0.4), 1.0),  # with too wide an interval
-    "p": ((-0.1, 0.9, 1.0), -2.0),  # probably not 0
-    "y": ((0.1, 0.2, 0.3), 0.0),  # above 0
-}
 
 
 #: Words that a sentence in `methods.md` may not have, because it is in the past tense, and has
 #: 'participants' in the place of 'subjects'.
 PRESENT_TENSE = re.compile(r"\b(is|does|do|cannot|can|changes|differs?|subjects?)\b")
-
-
-def group_rows(name, letter):
-    """The rows of a parameter's mean and of its SD between subjects.
-
-    Behind the interval are numbers that play no role here.
-    """
-    interval, log_bf = MEANS[letter]
-    mean = PopulationRow(name, "mean", "", *interval, 0.0, 0.0, 1.0, ln_bf_zero=log_bf)
-    return mean, PopulationRow(name, "sd", "", 0.9, 1.0, 1.1, 0.0, 0.0, 1.0)
 
 
 def answer_of(name, letters):
@@ -180,23 +144,16 @@ def answer_of(name, letters):
 
 @pytest.mark.parametrize("case", MEANINGS.split("\n\n"))
 def test_the_answer_of_a_study_begins_with_what_its_words_mean(case):
-    """A case has the words of each subject, the group's means ('-' is no group), and the text."""
-    heading, *lines = case.strip().splitlines()
-    subjects, means = heading.split(" | ")
+    """A case has the words of each subject, and the text."""
+    subjects, *lines = case.strip().splitlines()
     meaning = " ".join(map(str.strip, lines))
     # A name for each subject; there are seven at most.
     named_letters = zip("ABCDEFG", subjects.split(), strict=False)
     answers = [answer_of(name, letters) for name, letters in named_letters]
-    means = means.strip("-")
-    rows = []
-    names = ("constant_error", "contraction")[: len(means)]
-    for name, letter in zip(names, means, strict=True):
-        rows += group_rows(name, letter)
-    group = SimpleNamespace(identified=names, table=PopulationTable(tuple(rows), seed=1))
-    assert describe_meaning(answers, group) == meaning
+    assert describe_meaning(answers) == meaning
     # The private `_in_paper` makes the sentence of `methods.md`, which has more text around it.
     assert not PRESENT_TENSE.search(_in_paper(meaning))
-    first_line, *_ = study_lines(answers, group)
+    first_line, *_ = study_lines(answers)
     assert first_line == (f"A: {meaning}" if len(answers) == 1 else meaning)
 
 

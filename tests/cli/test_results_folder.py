@@ -202,7 +202,7 @@ def folder_with_conditions(study_with_conditions, tmp_path_factory):
 
 def test_tables_of_a_run_name_its_conditions(folder_with_conditions):
     contrast = pd.read_csv(folder_with_conditions / "contrast.csv")
-    assert contrast[contrast.quantity == "constant error"].word.tolist() == ["differs"]
+    assert contrast[contrast.quantity == "constant error"].word.tolist() == ["yes"]
     assert contrast.seed.unique().tolist() == [1]
     for name in ("evidence.csv", "summary.csv"):
         table = pd.read_csv(folder_with_conditions / name)
@@ -230,8 +230,8 @@ def test_report_and_methods_of_a_run_with_conditions_name_them(folder_with_condi
         "Not compared: P9 (at left only).",
     ):
         assert words in report, words
-    # The difference with its interval and its word: '>82 % [61, 104] ... differs (BF > 1000)'.
-    assert re.search(r">\d+(\.\d)? % \[.*<span class=\"soft\">differs \(BF ", report)
+    # The difference with its interval and its word: '>82 % [61, 104] ... yes (BF > 100)'.
+    assert re.search(r">\d+(\.\d)? % \[.*<span class=\"soft\">yes \(BF ", report)
     methods = text_of(folder_with_conditions, "methods.md")
     for words in (
         "An order effect was present in 2 of 2 conditions of 1 participant",

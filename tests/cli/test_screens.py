@@ -98,8 +98,6 @@ Contraction: 2 yes (1 contraction, 1 repulsion), 1 probably (contraction), 1
 undecided, 1 probably not, 1 no, 1 cannot be told.
 The model does not fit 1 subject: A02. By chance, 5 % of sound studies have a
 poor fit.
-Without poor fits, the word is 'yes' or 'probably' for an order effect in 4 of 6
-and for a constant error in 2 of 6.
 In the group of 7, the mean PSE shift is +5 % [-3, +13].
 The answer does not count A08. Start with results/report.html. Seed 1.
 """
@@ -225,7 +223,8 @@ def contrast_table():
 
 
 def test_a_word_that_depends_on_lapses_has_a_mark(contrast_table, capsys):
-    print_contrast(Terminal(), contrast_table)
+    rows = tuple(row._replace(robust="yes") for row in contrast_table)
+    print_contrast(Terminal(), replace(contrast_table, rows=rows))
     text = capsys.readouterr().out
     assert re.match(r"\nsubject +right - left ", text)
     # Three quantities have a line each, and only the first line has the name.

@@ -57,7 +57,7 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
     assert result.columns[0].meaning.endswith("about 27.5")
     assert result.notes == (
         "covariates of subjects that are not in the study ignored: 'z'",
-        "subjects left out: 'h' (no covariates), 'g' (no covariates), 'e' (no site), 'b' (no age)",
+        "subjects left out: 'h' (no age, site), 'g' (no age, site), 'e' (no site), 'b' (no age)",
     )
 
 
@@ -98,7 +98,7 @@ def test_the_unit_of_a_covariate_changes_nothing():
     [
         (
             {"age": dict.fromkeys(NAMES, 30.0)},
-            "covariate age: found 30 for every subject, allowed: at least two different values; "
+            "covariate age: found '30' for every subject, allowed: at least two different values; "
             "leave",
         ),
         (
