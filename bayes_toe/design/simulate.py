@@ -20,7 +20,6 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
 from bayes_toe.data.messages import quoted
-from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject, units_by_subject, with_shared_scales
@@ -37,7 +36,7 @@ from bayes_toe.design.study_design import (
     PAPER_BATCHES,
     StudyDesign,
     full_design,
-    read_stimuli,
+    read_study_design,
     reference_design,
     stimulus_columns,
 )
@@ -55,8 +54,6 @@ from bayes_toe.seeds import generator, root_seed
 #: The population of observers of the paper's kinds.
 PAPER = "paper"
 POPULATIONS = (PAPER, *KINDS)
-#: The options for stimuli that are natural logs.
-_IN_LOGS = ReadOptions()
 #: Parameters that may differ between conditions. A size is a difference, and for the noise a
 #: difference of its logarithm.
 DIFFERING = ("constant_error", "contraction", "noise")
@@ -467,9 +464,9 @@ def make_design(
     design: str | StudyDesign,
     batches: int,
     trials: int | None = None,
-    options: ReadOptions = _IN_LOGS,
+    unit: str | None = None,
 ) -> StudyDesign:
-    """The design of `--design` and `--trials`, in the unit of the options.
+    """The design of `--design` and `--trials`, with stimuli in this unit.
 
     `design` is 'reference', 'full', or the name of a CSV file with s1,s2 or s1,s2,n_trials. A pair
     is shown `batches` times, if neither the file nor `trials`, their total, says how often.
@@ -478,16 +475,12 @@ def make_design(
         return design
     require_number("batches", batches)
     if design in _DESIGNS:
-        if options.unit is not None:
+        if unit is not None:
             raise InputError("--unit: allowed with --design FILE.csv")
         study_design = _DESIGNS[design](batches=batches)
     else:
         require_file(design, "--design", _DESIGNS)
-        _, columns = read_stimuli(design, options, optional=("n_trials",))
-        s1 = columns["s1"]
-        s2 = columns["s2"]
-        n_trials = columns.get("n_trials", np.full(len(s1), batches)).astype(np.int64)
-        study_design = StudyDesign(s1, s2, n_trials)
+        study_design = read_study_design(design, unit=unit, batches=batches)
     return study_design if trials is None else study_design.with_total(trials)
 
 
