@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias, cast
 import numpy as np
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, Record, Rng
+from bayes_toe.arrays import FloatArray, Record, Rng, StrPath, Texts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
@@ -412,11 +412,20 @@ def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
     # All columns are optional: what an observer lacks is refused when it is made. Both models have
     # q0.
     names = dict.fromkeys((*natural_names(task), *parameter_names(task)))
-    subjects, columns = read_numbers(path, names=(), key="subject", optional=tuple(names))
+    return _stated_observers(read_parameters(path, tuple(names)), task, path)
+
+
+def read_parameters(path: StrPath, names: Texts, *, gaps: bool = False) -> Truth:
+    """Parameters of each subject of a CSV file; those of `names` that the file has are read.
+
+    With `gaps` cells may be empty, and their parameters are left out.
+    """
+    subjects, columns = read_numbers(path, names=(), key="subject", optional=names, gaps=gaps)
     truth = {}
     for i, subject in enumerate(subjects):
-        truth[subject] = {name: float(column[i]) for name, column in columns.items()}
-    return _stated_observers(truth, task, path)
+        values = {name: float(column[i]) for name, column in columns.items()}
+        truth[subject] = {name: value for name, value in values.items() if not np.isnan(value)}
+    return truth
 
 
 def _stated_observers(
