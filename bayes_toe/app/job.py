@@ -2,9 +2,8 @@
 
 `Job` is one study, `job_of` finds the study of some files, and `list_jobs` lists all studies.
 
-A study is analysed by the command `bayes-toe run` in its folder. The process holds a lock of the
+A study is analysed by the command `bayes-toe run` in its folder. The process holds a lock in the
 home folder, so that one study is analysed at a time, also after the server was started again.
-`home_lock` is the lock of the server. Both locks stand in a folder that holds nothing else.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ import signal
 import subprocess
 import sys
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from hashlib import sha256
@@ -28,11 +27,11 @@ from pathlib import Path
 from typing import IO, Any
 
 from bayes_toe.arrays import Record
-from bayes_toe.data.messages import format_path, quoted
+from bayes_toe.data.messages import quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.whole_files import reporting, whole_folder, write_whole
-from bayes_toe.errors import InputError, OutputError
+from bayes_toe.errors import InputError
 from bayes_toe.result_store import discard, stored_files
 
 #: Files that a study may have. Files of the page have other names.
@@ -41,10 +40,8 @@ RECORD = "study"
 _COMMAND = "command"
 _LOG = "run.log"
 _STORE = f"{RESULTS}.partial"
-#: In the home folder, a folder with the locks of the server and of the run.
-_LOCKS = ".bayes_toe_app"
-_SERVER = "server"
-_RUN = "run"
+#: In the home folder, the lock of the run.
+_LOCK = ".bayes_toe_app.lock"
 
 #: The kind of value of each option of the page. The options of the command have the same names.
 _KINDS: dict[str, type] = {"swap": list, "exclude": list}
@@ -148,7 +145,7 @@ class Job:
             If a study is analysed now.
         """
         words = self.command()
-        with _open_lock(self.folder.parent, _RUN) as lock:
+        with _open_lock(self.folder.parent) as lock:
             if not take_lock(lock):
                 raise InputError("Another study is being analysed. Wait for it, or stop it.")
             store = self.folder / _STORE
@@ -192,37 +189,17 @@ class Job:
 # --- The home folder ------------------------------------------------------------------------------
 
 
-@contextmanager
-def home_lock(home: Path) -> Iterator[None]:
-    """Hold the home folder for one server; make the folder and its locks if they are missing.
+def prepare_home(home: Path) -> None:
+    """Make the home folder and the lock of its run, if they are missing.
 
     Raises
     ------
-    InputError
-        If another server holds the home folder.
     OutputError
-        If the home folder cannot be used, if its folder of locks or a lock is a link, or if the
-        folder of locks holds other files.
+        If the home folder cannot be used, or if the lock is a link.
     """
-    locks = home / _LOCKS
     with reporting(home):
         home.mkdir(mode=0o700, parents=True, exist_ok=True)  # for this user only
-        locks.mkdir(mode=0o700, exist_ok=True)
-        # A link may lead to a foreign folder, and files besides the two locks are foreign files.
-        if locks.is_symlink() or {path.name for path in locks.iterdir()} - {_SERVER, _RUN}:
-            raise OutputError(
-                f"{format_path(locks)}: a link, or holds files that this program did not write; "
-                "name another folder with --folder"
-            )
-        _open_lock(home, _RUN).close()  # raises now, and not at the first run, if it is a link
-        server_lock = _open_lock(home, _SERVER)
-    with server_lock:
-        if not take_lock(server_lock):
-            raise InputError(
-                f"{format_path(home)}: in use by another bayes-toe app; use its page, or name "
-                "another folder with --folder"
-            )
-        yield
+        _open_lock(home).close()  # raises now, and not at the first run
 
 
 def job_of(home: Path, files: Mapping[str, bytes]) -> Job:
@@ -364,7 +341,7 @@ def running_job(home: Path) -> tuple[str, int]:
 
     The lock of the run has them as text, '0123456789abcdef 4711'.
     """
-    with _open_lock(home, _RUN) as lock:
+    with _open_lock(home) as lock:
         if take_lock(lock):
             return "", 0
         lock.seek(0)
@@ -379,10 +356,10 @@ def end_group(group: int, number: signal.Signals) -> None:
             os.killpg(group, number)
 
 
-def _open_lock(home: Path, name: str) -> IO[str]:
-    """Open a lock of the home folder; a link is refused, and the content stays."""
+def _open_lock(home: Path) -> IO[str]:
+    """Open the lock of the run in the home folder; a link is refused, and the content stays."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
-    return open(os.open(home / _LOCKS / name, flags, 0o666), "a+", encoding="utf-8")
+    return open(os.open(home / _LOCK, flags, 0o666), "a+", encoding="utf-8")
 
 
 def take_lock(lock: IO[str]) -> bool:

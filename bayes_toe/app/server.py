@@ -29,10 +29,10 @@ from bayes_toe.app.job import (
     RESULTS,
     Job,
     end_group,
-    home_lock,
     job_of,
     list_jobs,
     named_files,
+    prepare_home,
     require_options,
     running_job,
 )
@@ -346,12 +346,12 @@ def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
         raise InputError(
             f"{format_path(home)}: there is no such home folder; name a folder with --folder"
         )
-    with home_lock(expanded):
-        return asyncio.run(_serve(expanded.resolve(), port, ready))
+    prepare_home(expanded)
+    return asyncio.run(_serve(expanded.resolve(), port, ready))
 
 
 async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
-    """Serve the page, as :func:`serve` does, from a home folder that exists and is held."""
+    """Serve the page, as :func:`serve` does, from a home folder that exists."""
     try:
         listening = socket.create_server((ADDRESS, port))
     except OSError as error:
@@ -371,5 +371,7 @@ async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
     ready(f"http://{site.host}/?token={site.token}")
     first_signal = await signals.get()
     server.stop()
-    await site.stop()
+    # Another server of the folder may have started the present run, which then goes on.
+    if site.process is not None and site.process.poll() is None:
+        await site.stop()
     return first_signal

@@ -28,8 +28,6 @@ from bayes_toe.cli.options import (
 )
 from bayes_toe.cli.run_context import MODEL, RunContext
 from bayes_toe.data.messages import join_names, plural, quoted
-from bayes_toe.data.stimulus_unit import ANY_UNIT
-from bayes_toe.errors import Remedy
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
@@ -220,9 +218,7 @@ class SearchOptions:
     def log_levels(self) -> FloatArray:
         """The levels that pairs can have, natural-log intensity, from the range or the file.
 
-        A range is refused if it is incomplete, if a file of levels is given, too, or if its numbers
-        cannot be in the unit that is given. Without a unit, numbers that probably are no natural
-        logs are refused.
+        A range is refused if it is incomplete, or if a file of levels is given, too.
         """
         from bayes_toe.design.optimal_pairs import levels_between, read_levels
 
@@ -238,18 +234,6 @@ class SearchOptions:
             raise bt.InputError(
                 "No range of stimuli is given. Use --lowest and --highest with --unit (natural "
                 "logs without it), or --levels levels.csv."
-            )
-        typed_range = f"--lowest {self.lowest:g} --highest {self.highest:g}"
-        if options.has_intensities and not (self.lowest > 0.0 and self.highest > 0.0):
-            raise bt.InputError(f"{typed_range}: found with a unit, allowed: positive numbers")
-        # Without a unit, numbers are natural logs of intensities. If even the weakest stimulus is
-        # above 10, all intensities are above exp(10) = 22,000. If the range is wider than 10, the
-        # strongest intensity is more than 22,000 times the weakest. Then the numbers are more
-        # probably intensities themselves.
-        if self.unit is None and (self.lowest > 10.0 or self.highest - self.lowest > 10.0):
-            raise bt.InputError(
-                f"{typed_range}: no natural logs of intensities are so large or so far apart",
-                [Remedy("unit", ANY_UNIT, "if they are intensities, or the name of their unit")],
             )
         return levels_between(self.lowest, self.highest, self.step, options)
 
@@ -497,8 +481,7 @@ def simulate(
         raise bt.InputError("--subjects: allowed with a kind of --observers, not with a file.")
     seed = root_seed(context.seed)
 
-    options = bt.ReadOptions(unit=study.unit)
-    design = make_design(study.design, PAPER_BATCHES, study.trials, options)
+    design = make_design(study.design, PAPER_BATCHES, study.trials, study.unit)
     levels, sizes = read_differences(study.conditions, study.differ)
     simulated, truth = bt.simulate(
         study.subjects or 16,
@@ -511,7 +494,7 @@ def simulate(
         differ=sizes,
     )
 
-    trials = trial_frame(simulated, design, options.stimulus_unit)
+    trials = trial_frame(simulated, design, bt.ReadOptions(unit=study.unit).stimulus_unit)
     writers = {output: partial(write_table, trials)}
     if truth_output is not None:
         # A row for each subject, or for a subject in a condition.

@@ -6,6 +6,9 @@ studies of several subjects find.
 
 from __future__ import annotations
 
+from itertools import groupby
+from operator import itemgetter
+
 import numpy as np
 
 from bayes_toe.answers.order_effect import QUESTIONS, SIZE_OF
@@ -20,11 +23,10 @@ from bayes_toe.model.parameters import CONSTANT_ERROR
 def print_power(out: Terminal, table: PowerTable) -> None:
     """Print the shares of 'yes' and 'probably' by observers, in a table for each design."""
     headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
-    for design in table.different("design"):
+    for design, sizes in groupby(table.designs, itemgetter(0)):
         rows = []
-        for name, trials in table.designs:
-            if name == design:
-                rows += _power_rows(table, name, trials)
+        for _, trials in sizes:
+            rows += _power_rows(table, design, trials)
         title = f"{capitalized(design)}: observers with 'yes' or 'probably' [95 % interval]"
         out.table(headings, rows, title=title)
     out.line("In brackets: false positives, from observers without the effect.")

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from itertools import chain
-from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -72,20 +71,14 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
     The file has a column subject and one for each quantity that is known. Unknown values are empty.
     An InputError is raised if no subject has a true value of a quantity of the draws.
     """
-    from bayes_toe.data.validation import read_numbers
+    from bayes_toe.design.simulate import read_parameters
 
     if path is None:
         return {}
     # All subjects of a file have the same quantities.
     quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
     # Each quantity once, because several files of draws may have the same quantities.
-    optional = dict.fromkeys(quantities)
-    names, columns = read_numbers(path, names=(), key="subject", optional=list(optional), gaps=True)
-    truth: dict[str, dict[str, float]] = {name: {} for name in names}
-    for key, column in columns.items():
-        for name, value in zip(names, column.tolist(), strict=True):
-            if not isnan(value):  # an empty cell
-                truth[name][key] = value
+    truth = read_parameters(path, tuple(dict.fromkeys(quantities)), gaps=True)
     if not any(truth.get(name) for name in subjects):
         raise bt.InputError(
             f"{display_name(path.name)}: there are no true values of "

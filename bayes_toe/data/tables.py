@@ -147,7 +147,6 @@ def write_table(
     OutputError
         If the file cannot be written, or exists and may not be replaced.
     """
-    target = Path(path)
     if units:
         parts = frame["subject"].str.partition(CONDITION_SEPARATOR)  # subject, @, condition
         frame = frame.assign(subject=parts[0])
@@ -156,9 +155,9 @@ def write_table(
     if seed is not None:
         frame = frame.assign(seed=seed)
     frame = frame.map(_inert).rename(columns=_inert)
-    with whole_file(target, overwrite=overwrite) as temporary:
+    with whole_file(path, overwrite=overwrite) as temporary:
         frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
-    return target
+    return Path(path)
 
 
 def _inert(value: object) -> object:

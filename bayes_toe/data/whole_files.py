@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import Texts, format_path, join_names
-from bayes_toe.errors import OutputError, OutputExistsError
+from bayes_toe.errors import OutputError, OutputExistsError, require_kind
 
 #: Beginning of the name of a folder whose files are not finished.
 HIDDEN = ".bayes_toe-"
@@ -38,6 +38,7 @@ def whole_file(path: StrPath, *, overwrite: bool = False) -> Iterator[Path]:
     OutputError
         If the file exists and may not be replaced, is no regular file, or cannot be written.
     """
+    require_kind("path", path, (str, Path), "the name of a file")
     target = Path(path)
     _refuse_taken(target, overwrite)
     with unfinished(target.parent) as new:

@@ -371,12 +371,12 @@ class Adaptive:
 def _design_of_rows(rows: npt.ArrayLike, task: Task) -> StudyDesign:
     """The design that has each row (s1, s2) once."""
     try:
-        columns = np.asarray(rows, np.float64).T
+        pairs = np.asarray(rows, np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"pairs: allowed are rows of s1 and s2 ({error})") from error
-    if columns.ndim != 2 or len(columns) != 2:
-        raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2)")
-    return each_once(*columns, task=task)
+    if pairs.shape[1:] != (2,):
+        raise InputError(f"pairs: found shape {pairs.shape}, allowed: (pairs, 2)")
+    return each_once(*pairs.T, task=task)
 
 
 def _entropy(p_answers: FloatArray) -> FloatArray:

@@ -26,6 +26,7 @@ from bayes_toe.design.study_design import (
     each_once,
     log_levels,
     read_stimuli,
+    to_logs,
 )
 from bayes_toe.errors import InputError, Remedy, require_number
 from bayes_toe.model.observer import DEFAULT_PRIOR
@@ -195,6 +196,11 @@ def levels_between(
     >>> levels_between(0.0, 20.0, "10", ReadOptions(unit="dB")).round(3).tolist()
     [0.0, 1.151, 2.303]
     """
+    ends = f"--lowest {lowest:g} --highest {highest:g}"
+    if not -np.inf < lowest < highest < np.inf:
+        raise InputError(f"{ends}: allowed are finite numbers, the first the smaller one")
+    log_ends = np.concatenate(to_logs(ends, [np.array([lowest]), np.array([highest])], options))
+
     if not step:  # the default
         step = "5%" if options.has_intensities else f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
     is_percent = step.endswith("%")
@@ -204,19 +210,11 @@ def levels_between(
             f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
             "intensity, such as 5%"
         )
-
-    # Per cent are equal steps of natural logs. Another step, and its ends, are in the given unit.
-    ends = np.array([lowest, highest])
-    if is_percent:
-        ends = log_levels(ends, options)
-        size = np.log1p(0.01 * size)
-    if not (np.isfinite(ends).all() and lowest < highest):
-        raise InputError(
-            f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the "
-            "smaller one"
-        )
-
-    width = np.ptp(ends)
+    if is_percent:  # equal steps of natural logs
+        size = float(np.log1p(0.01 * size))
+        width = float(np.ptp(log_ends))
+    else:
+        width = highest - lowest
     smallest_size = width / (_MOST_LEVELS - 1)
     if not smallest_size <= size <= width:
         proposed = 1.01 * smallest_size  # still allowed when rounded to three digits
@@ -228,7 +226,7 @@ def levels_between(
         )
 
     if is_percent:
-        levels = np.linspace(ends[0], ends[1], round(width / size) + 1)
+        levels = np.linspace(log_ends[0], log_ends[1], round(width / size) + 1)
     else:
         levels = log_levels(grid(lowest, highest, size), options)
     # Intensities get four digits, such as 66.37. Two equal levels then become one level.

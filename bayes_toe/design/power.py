@@ -10,7 +10,6 @@ subjects and the group means with 'yes' or 'probably'.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -182,10 +181,9 @@ class PowerTable(Table[PowerEstimate]):
         return lines
 
     def _describe_detection(self, design: str, trials: int) -> list[str]:
-        """The two order effects that a design detects least often, and false positives.
+        """The order effect that a design detects least often, and false positives.
 
-        As in ['contraction detected in 35 % [17, 57]', 'every other effect in at least 60 %',
-        'false positives 2 % [0, 9]'].
+        As in ['contraction detected least often, in 35 % [17, 57]', 'false positives 2 % [0, 9]'].
         """
         effects = []
         false_positives = []
@@ -195,16 +193,12 @@ class PowerTable(Table[PowerEstimate]):
                 effects.append(estimate)
             else:
                 false_positives.append(f"false positives {estimate.percent}")
-        effects.sort(key=attrgetter("value"))
 
         findings = []
         if effects:
-            findings.append(f"{effects[0].observers} detected in {effects[0].percent}")
-        if len(effects) > 1:
-            # Rounded down, because it is a lower bound; 29 % is 28.999... in floating point.
-            percent = math.floor(round(100 * effects[1].value, 6))
-            least = "at least " if percent < 100 else ""
-            findings.append(f"every other effect in {least}{percent} %")
+            weakest = min(effects, key=attrgetter("value"))
+            adverb = " least often," if len(effects) > 1 else ""
+            findings.append(f"{weakest.observers} detected{adverb} in {weakest.percent}")
         return findings + false_positives
 
     def is_unknown(self, design: str, trials: int, question: str) -> bool:

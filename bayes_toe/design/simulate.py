@@ -15,12 +15,11 @@ from typing import NamedTuple, TypeAlias, cast
 import numpy as np
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, Record, Rng
+from bayes_toe.arrays import FloatArray, Record, Rng, StrPath, Texts
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
 from bayes_toe.data.messages import quoted
-from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject, units_by_subject, with_shared_scales
@@ -37,7 +36,7 @@ from bayes_toe.design.study_design import (
     PAPER_BATCHES,
     StudyDesign,
     full_design,
-    read_stimuli,
+    read_study_design,
     reference_design,
     stimulus_columns,
 )
@@ -55,8 +54,6 @@ from bayes_toe.seeds import generator, root_seed
 #: The population of observers of the paper's kinds.
 PAPER = "paper"
 POPULATIONS = (PAPER, *KINDS)
-#: The options for stimuli that are natural logs.
-_IN_LOGS = ReadOptions()
 #: Parameters that may differ between conditions. A size is a difference, and for the noise a
 #: difference of its logarithm.
 DIFFERING = ("constant_error", "contraction", "noise")
@@ -415,11 +412,20 @@ def read_observers(path: str, task: Task) -> Sequence[SimulatedObserver]:
     # All columns are optional: what an observer lacks is refused when it is made. Both models have
     # q0.
     names = dict.fromkeys((*natural_names(task), *parameter_names(task)))
-    subjects, columns = read_numbers(path, names=(), key="subject", optional=tuple(names))
+    return _stated_observers(read_parameters(path, tuple(names)), task, path)
+
+
+def read_parameters(path: StrPath, names: Texts, *, gaps: bool = False) -> Truth:
+    """Parameters of each subject of a CSV file; those of `names` that the file has are read.
+
+    With `gaps` cells may be empty, and their parameters are left out.
+    """
+    subjects, columns = read_numbers(path, names=(), key="subject", optional=names, gaps=gaps)
     truth = {}
     for i, subject in enumerate(subjects):
-        truth[subject] = {name: float(column[i]) for name, column in columns.items()}
-    return _stated_observers(truth, task, path)
+        values = {name: float(column[i]) for name, column in columns.items()}
+        truth[subject] = {name: value for name, value in values.items() if not np.isnan(value)}
+    return truth
 
 
 def _stated_observers(
@@ -467,9 +473,9 @@ def make_design(
     design: str | StudyDesign,
     batches: int,
     trials: int | None = None,
-    options: ReadOptions = _IN_LOGS,
+    unit: str | None = None,
 ) -> StudyDesign:
-    """The design of `--design` and `--trials`, in the unit of the options.
+    """The design of `--design` and `--trials`, with stimuli in this unit.
 
     `design` is 'reference', 'full', or the name of a CSV file with s1,s2 or s1,s2,n_trials. A pair
     is shown `batches` times, if neither the file nor `trials`, their total, says how often.
@@ -478,16 +484,12 @@ def make_design(
         return design
     require_number("batches", batches)
     if design in _DESIGNS:
-        if options.unit is not None:
+        if unit is not None:
             raise InputError("--unit: allowed with --design FILE.csv")
         study_design = _DESIGNS[design](batches=batches)
     else:
         require_file(design, "--design", _DESIGNS)
-        _, columns = read_stimuli(design, options, optional=("n_trials",))
-        s1 = columns["s1"]
-        s2 = columns["s2"]
-        n_trials = columns.get("n_trials", np.full(len(s1), batches)).astype(np.int64)
-        study_design = StudyDesign(s1, s2, n_trials)
+        study_design = read_study_design(design, unit=unit, batches=batches)
     return study_design if trials is None else study_design.with_total(trials)
 
 

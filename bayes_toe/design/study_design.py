@@ -201,6 +201,8 @@ def read_study_design(
     path: StrPath,
     task: Task | str = SAME_DIFFERENT,
     unit: str | None = None,
+    *,
+    batches: int | None = None,
 ) -> StudyDesign:
     """Read a design from a CSV file with the columns s1,s2,n_trials.
 
@@ -210,21 +212,22 @@ def read_study_design(
     task : Task or str
     unit : str, optional
         Of the stimuli, as in :class:`bayes_toe.ReadOptions`; intensities may be in i1 and i2.
+    batches : int, optional
+        Trials of each pair of a file without the column n_trials, which is otherwise required.
 
     Raises
     ------
     InputError
         One line per problem of the file, with row and column.
     """
-    _, columns = read_stimuli(path, ReadOptions(unit=unit), required=("n_trials",))
-    n_trials = columns["n_trials"].astype(np.int64)
+    counts = ("n_trials",)
+    required, optional = (counts, ()) if batches is None else ((), counts)
+    _, columns = read_stimuli(path, ReadOptions(unit=unit), required=required, optional=optional)
+    s1 = columns["s1"]
+    s2 = columns["s2"]
+    n_trials = columns.get("n_trials", np.full(len(s1), batches)).astype(np.int64)
     try:
-        design = StudyDesign(
-            columns["s1"],
-            columns["s2"],
-            n_trials,
-            task=task,  # type: ignore[arg-type]
-        )
+        design = StudyDesign(s1, s2, n_trials, task=task)  # type: ignore[arg-type]
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return design.in_order()
@@ -264,24 +267,24 @@ def read_stimuli(
         table, (*stimulus_names, *required), optional=optional, counts=("n_trials",)
     )
     stimuli = [columns.pop(name) for name in stimulus_names]
-    logs = _to_logs(path, stimuli, options)
+    logs = to_logs(str(path), stimuli, options)
     return stimulus_names, columns | dict(zip(s_names, logs, strict=True))
 
 
-def _to_logs(path: StrPath, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
+def to_logs(source: str, stimuli: list[FloatArray], options: ReadOptions) -> list[FloatArray]:
     """Natural logs of one or two columns of stimuli in the unit of these options.
 
-    Without a unit, numbers that look like intensities are refused.
+    Without a unit, numbers that look like intensities are refused. An error begins with `source`.
     """
     smallest = min(values.min() for values in stimuli)
     if options.has_intensities and smallest <= 0.0:
-        raise InputError(f"{path}: found the intensity {smallest:g}, allowed: positive numbers")
+        raise InputError(f"{source}: found the intensity {smallest:g}, allowed: positive numbers")
     if options.unit is None and not options.has_intensities:
         # A single column stands for both s1 and s2.
         reason, _ = why_not_logs(stimuli[0], stimuli[-1])
         if reason:
             raise InputError(
-                f"{path}: found {reason}, allowed: natural logs of intensities",
+                f"{source}: found {reason}, allowed: natural logs of intensities",
                 intensity_remedies(np.concatenate(stimuli)),
             )
     return [log_levels(values, options) for values in stimuli]

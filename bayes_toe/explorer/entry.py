@@ -65,7 +65,7 @@ from bayes_toe.plots.corner import (
     prior_values,
     quantity_names,
 )
-from bayes_toe.plots.curves import pairs_with_weaker
+from bayes_toe.plots.curves import pairs_with_stronger, pairs_with_weaker
 from bayes_toe.plots.style import MARKED_QUANTILES, Scale, difference_scale, stimulus_scale
 from bayes_toe.seeds import generator
 
@@ -469,8 +469,7 @@ def pack_slice(fitted: Predictor, stimulus: float, *, has_title: bool) -> Record
         position = position[is_member]
         x = _curve_positions(stimulus, float(position.max()))
         ends = [min(stimulus, float(position.min())), float(x[-1])]
-        weaker_stimuli = np.full_like(x, stimulus)
-        pairs_by_order = {-1: (weaker_stimuli, x), 1: (x, weaker_stimuli), 0: (x, x)}
+        pairs_by_order = pairs_with_stronger(stimulus, x)
         # Like the scale of the plane, this scale does not need the mean.
         scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)
 

@@ -249,11 +249,9 @@ def require_bokeh() -> None:
 
 def require_few(n_entries: int, noun: str) -> None:
     """Refuse a page without entries, or with more than :data:`MOST_ENTRIES`."""
-    if n_entries == 0:
-        raise InputError("explore: found no subjects, allowed: at least one")
-    if n_entries > MOST_ENTRIES:
+    if not 1 <= n_entries <= MOST_ENTRIES:
         raise InputError(
-            f"explore: found {n_entries} {noun}, allowed: at most {MOST_ENTRIES} in a page; name "
+            f"explore: found {n_entries} {noun}, allowed: 1 to {MOST_ENTRIES} in a page; name "
             "some with --subject or subjects="
         )
 

@@ -23,6 +23,7 @@ from bayes_toe.plots.style import (
     PAGE,
     POSTERIOR,
     UNNAMED_HEIGHT,
+    checked,
     draw_intervals,
     legend_outside,
     name_rows,
@@ -45,6 +46,7 @@ _MARKS = {
 }
 
 
+@checked
 def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
     """Draw the differences between conditions of every subject. The marker shows the word.
 

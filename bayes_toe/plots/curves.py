@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from scipy.stats import mode
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IntArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -35,6 +35,7 @@ from bayes_toe.plots.style import (
     SMALL,
     Mark,
     Style,
+    checked,
     difference_axis,
     draw_band,
     explain_curves,
@@ -65,6 +66,7 @@ _SHIFT = 0.008
 # --- one subject, over the stimuli ----------------------------------------------------------------
 
 
+@checked
 def curves(source: Analysis | Draws, subject: str) -> Figure:
     """Draw the responses of one subject in both orders, with the fitted probabilities.
 
@@ -188,16 +190,10 @@ def weaker_stimulus_panel(ax: Axes, subject: Subject, curve: Curve, weaker: floa
     high = float(stronger[is_in_panel].max(initial=weaker))
     high = max(high, weaker + 1e-9)  # a curve needs two ends
     x = np.linspace(weaker, high, POINTS)
-    # The curve of equal stimuli begins at `low`, because in the panel of the weakest stimulus equal
-    # stimuli may be below it. The other curves begin at the weaker stimulus.
+    pairs_by_order = pairs_with_stronger(weaker, x)
+    # In the panel of the weakest stimulus, equal stimuli may be below it.
     equal_stimuli = np.linspace(low, high, POINTS)
-    weaker_stimuli = np.full_like(x, weaker)
-    # The first and second stimuli along the curve of each order.
-    pairs_by_order = {
-        0: (equal_stimuli, equal_stimuli),
-        -1: (weaker_stimuli, x),
-        1: (x, weaker_stimuli),
-    }
+    pairs_by_order[0] = equal_stimuli, equal_stimuli
 
     order = presentation_order(subject)
     for sign, mark in ORDERS.items():
@@ -211,6 +207,19 @@ def weaker_stimulus_panel(ax: Axes, subject: Subject, curve: Curve, weaker: floa
 
     stimulus_axis(ax, "stronger stimulus", subject.unit, subject.mean_first)
     ax.set_ylabel(f"proportion '{subject.task.yes}'")
+
+
+def pairs_with_stronger(weaker: float, stronger: FloatArray) -> dict[int, ArrayPair]:
+    """The first and the second stimuli along the curve of each order, shape (points,) each.
+
+    The order 0 has pairs of equal stimuli, both of them the stronger stimulus.
+    """
+    weaker_stimuli = np.full_like(stronger, weaker)
+    return {
+        -1: (weaker_stimuli, stronger),
+        1: (stronger, weaker_stimuli),
+        0: (stronger, stronger),
+    }
 
 
 def first_stimulus_panel(

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_number
+from bayes_toe.plots.style import checked
 
 #: Metadata that would differ from one writing to the next, by format.
 _UNDATED = {
@@ -51,6 +52,7 @@ def figure_bytes(figure: Figure, form: str, *, dpi: int = 300) -> bytes:
     return buffer.getvalue()
 
 
+@checked
 def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: int = 200) -> Path:
     """Write a figure to a file. The suffix determines the format.
 
@@ -64,9 +66,8 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
         If matplotlib knows no such format.
     """
     require_number("dpi", dpi)
-    form = require_suffix(path)
     with whole_file(path, overwrite=overwrite) as target:
-        target.write_bytes(figure_bytes(figure, form, dpi=dpi))
+        target.write_bytes(figure_bytes(figure, require_suffix(path), dpi=dpi))
     return Path(path)
 
 

@@ -27,6 +27,7 @@ from bayes_toe.plots.style import (
     SMALL,
     UNNAMED_HEIGHT,
     Style,
+    checked,
     draw_intervals,
     mark_synthetic,
     new_figure,
@@ -77,6 +78,7 @@ _FILLS = {
 }
 
 
+@checked
 def order_effect(
     table: EvidenceTable, group: PopulationResult | None = None, *, synthetic: bool = False
 ) -> Figure:

@@ -28,6 +28,7 @@ from bayes_toe.plots.style import (
     PAGE,
     SMALL,
     Style,
+    checked,
     draw_intervals,
     legend_outside,
     name_rows,
@@ -56,6 +57,7 @@ _EFFECT_LABELS = {
 }
 
 
+@checked
 def population(result: PopulationResult) -> Figure:
     """Draw the subjects of a group, and the group mean with its prior.
 

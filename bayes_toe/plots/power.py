@@ -23,6 +23,7 @@ from bayes_toe.plots.style import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     Style,
+    checked,
     legend_outside,
     new_figure,
     plain,
@@ -38,6 +39,7 @@ _MARKERS = "Dos^vP"
 _LARGEST_AREA = 160.0
 
 
+@checked
 def power(table: PowerTable) -> Figure:
     """Draw the share of observers with the answer 'yes' or 'probably', by number of trials.
 
@@ -105,6 +107,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
 # --- An optimised design --------------------------------------------------------------------------
 
 
+@checked
 def design(optimal: OptimalDesign) -> Figure:
     """Draw the pairs of a design over the information that one more trial of any pair would add.
 

@@ -22,6 +22,7 @@ from bayes_toe.plots.style import (
     MARKED_QUANTILES,
     PAGE,
     Style,
+    checked,
     grid_panels,
     grid_rows,
     label_outer,
@@ -40,6 +41,7 @@ _TITLE_AND_LEGEND = 1.0  # inches
 _INTERVAL = "#C8C8C8"  # colour of the predictive intervals
 
 
+@checked
 def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = None) -> Figure:
     """Draw the observed proportion and the 95 % predictive interval of every ordered pair.
 

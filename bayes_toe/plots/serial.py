@@ -18,6 +18,7 @@ from bayes_toe.plots.style import (
     PAGE,
     POSTERIOR,
     SMALL,
+    checked,
     draw_band,
     explain_curves,
     legend_outside,
@@ -31,6 +32,7 @@ from bayes_toe.plots.style import (
 MOST_ROWS = 6
 
 
+@checked
 def serial(table: SerialDependence, *subjects: str) -> Figure:
     """Draw the serial dependence of the named subjects, one row for each subject.
 

@@ -7,9 +7,11 @@ stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import wraps
+from inspect import signature
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +24,7 @@ from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
+from bayes_toe.errors import require_kind
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
 WEAKER_FIRST = "#D55E00"
@@ -49,6 +52,8 @@ UNNAMED_HEIGHT = 5.6
 MARKED_QUANTILES = (0.025, 0.5, 0.975)
 #: Arguments that several calls of matplotlib share.
 Style = dict[str, Any]
+#: A function that draws.
+Draw = TypeVar("Draw", bound=Callable[..., Any])
 
 
 class Mark(NamedTuple):
@@ -104,6 +109,23 @@ def rounded(low: float, high: float, *values: float) -> list[str]:
         digits = 3
     # Adding 0.0 leaves no -0.0.
     return [f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values]
+
+
+# --- arguments ------------------------------------------------------------------------------------
+
+
+def checked(draw: Draw) -> Draw:
+    """Make a function refuse a first argument that is not of the type in its annotation."""
+    described = signature(draw, eval_str=True)
+    name, parameter = next(iter(described.parameters.items()))
+
+    @wraps(draw)
+    def draw_checked(*args: Any, **options: Any) -> Any:
+        arguments = described.bind(*args, **options).arguments
+        require_kind(name, arguments[name], parameter.annotation, draw.__annotations__[name])
+        return draw(*args, **options)
+
+    return cast(Draw, draw_checked)
 
 
 # --- panels ---------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from commands import run_command, run_ok
 from conftest import each_row, refused
 
 pytest.importorskip("tornado")
-from bayes_toe.app.job import end_group, home_lock, job_of, list_jobs, named_files, running_job
+from bayes_toe.app.job import end_group, job_of, list_jobs, named_files, prepare_home, running_job
 from bayes_toe.app.server import read_in_process
 from bayes_toe.errors import OutputError
 
@@ -217,46 +217,26 @@ def test_folders_of_others_and_damaged_studies_are_named_and_can_be_stored_again
         (tmp_path / name / "study").write_text(record)
     (tmp_path / "mine" / "study").mkdir(parents=True)
     job = job_of(tmp_path, TWO_FILES)
-    with home_lock(tmp_path):
-        job.store(TWO_FILES)
-        for name in ("command", "study"):
-            (job.folder / name).write_text("")  # as after a loss of power
-        # No study is whole, and all folders are named.
-        assert list_jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
-        job.store(TWO_FILES)
-        assert list_jobs(tmp_path) == ([job], sorted([*records, "mine"]))
-        assert job.run_state() == "new"
+    prepare_home(tmp_path)
+    job.store(TWO_FILES)
+    for name in ("command", "study"):
+        (job.folder / name).write_text("")  # as after a loss of power
+    # No study is whole, and all folders are named.
+    assert list_jobs(tmp_path) == ([], sorted([job.name, *records, "mine"]))
+    job.store(TWO_FILES)
+    assert list_jobs(tmp_path) == ([job], sorted([*records, "mine"]))
+    assert job.run_state() == "new"
     # Nobody but the user may read it.
     assert stat.S_IMODE(job.folder.stat().st_mode) == 0o700
 
 
-def test_a_folder_is_used_by_one_server_at_a_time(tmp_path):
-    with home_lock(tmp_path), refused("in use by another bayes-toe app"):
-        home_lock(tmp_path).__enter__()
-
-
-@pytest.mark.parametrize("link", [".bayes_toe_app", ".bayes_toe_app/run", ".bayes_toe_app/server"])
-def test_locks_are_no_links_and_stand_in_no_folder_of_others(tmp_path, link):
-    # The folder of locks, or one of two locks in it, is replaced by a link to a folder or file of
-    # the user, who also has a folder of this name elsewhere.
-    home_folder = tmp_path / "home"
-    mine = tmp_path / "mine"
-    with home_lock(home_folder):
-        pass  # the locks are made
-    (mine / ".bayes_toe_app").mkdir(parents=True)
-    notes = mine / ".bayes_toe_app" / "notes"
+def test_a_lock_that_is_a_link_is_refused_and_its_target_stays(tmp_path):
+    notes = tmp_path / "notes"
     notes.write_text("of the user")
-    target = notes
-    if link.endswith("app"):
-        shutil.rmtree(home_folder / link)
-        target = mine
-    else:
-        (home_folder / link).unlink()
-    (home_folder / link).symlink_to(target)
-    for folder in (home_folder, mine):
-        with refused(str(folder), OutputError):
-            home_lock(folder).__enter__()
-    assert [path.read_text() for path in notes.parent.iterdir()] == ["of the user"]
+    (tmp_path / ".bayes_toe_app.lock").symlink_to(notes)
+    with refused(str(tmp_path), OutputError):
+        prepare_home(tmp_path)
+    assert notes.read_text() == "of the user"
 
 
 def require_error_line(refusal, text):
@@ -516,9 +496,9 @@ def test_a_run_is_the_only_one_and_ends_with_its_server_alone(tmp_path, study_fi
         server.state(study_id, "/run", "")
         assert server.study(other, "/run", "").code == 400
         assert server.study(study_id, "/options", "{}").code == 400
-        require_error_line(
-            run_command("app --folder", tmp_path, "--port", "0"), "in use by another bayes-toe app"
-        )
+        with serving(tmp_path) as second_server:  # whose end leaves the run of the first server
+            assert second_server.state(study_id)["run"] == "running"
+            assert second_server.end() == (128 + signal.SIGINT, "")
         assert server.state(study_id)["run"] == "running"
         _, group = running_job(tmp_path)  # the process group of the run
         assert server.end() == (128 + signal.SIGINT, "")

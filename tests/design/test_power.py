@@ -88,8 +88,8 @@ def test_the_effect_that_is_detected_least_comes_first(table):
     assert paper_sentence.endswith(" Contraction: cannot be told.")
     assert not group_power(table, [10]).select("paper", 650, "contraction")
     assert wide_sentence == (
-        "Wide, 650 trials: large constant error detected in 100 % [46, 100]; every other effect in "
-        "100 %; false positives 0 % [0, 54]."
+        "Wide, 650 trials: large constant error detected least often, in 100 % [46, 100]; false "
+        "positives 0 % [0, 54]."
     )
 
 

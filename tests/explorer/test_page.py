@@ -127,7 +127,7 @@ def test_a_name_can_neither_end_the_page_nor_turn_its_text_around(small_study, n
     "explore, message",
     [
         (lambda draws: bt.explore(draws, subjects=["D"]), "no subject 'D' among the draws"),
-        (lambda draws: bt.explore(draws, subjects=[]), "found no subjects"),
+        (lambda draws: bt.explore(draws, subjects=[]), "found 0 subjects, allowed: 1 to 200"),
         (
             lambda draws: bt.explore(draws, truths={"A": {"mu": 1.0}}),
             "truths of 'A': unknown quantity 'mu'",
@@ -135,7 +135,7 @@ def test_a_name_can_neither_end_the_page_nor_turn_its_text_around(small_study, n
         (lambda _: bt.explore([]), "found no draws"),
         (
             lambda _: require_few(MOST_ENTRIES + 1, "subjects"),
-            "found 201 subjects, allowed: at most 200 in a page; name some with --subject",
+            "found 201 subjects, allowed: 1 to 200 in a page; name some with --subject",
         ),
     ],
 )

@@ -2,8 +2,11 @@
 
 import io
 import json
+from functools import partial
 
 import numpy as np
+import pytest
+from conftest import refused
 from legible import words_of
 from matplotlib.image import imread
 from matplotlib.text import Text
@@ -22,6 +25,24 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
         assert "synthetic" in " ".join(words_of(figure.findobj(Text)))
     figure = bt.plots.order_effect(analysis.evidence, synthetic=True)
     assert "synthetic" in figure.get_suptitle()
+
+
+@pytest.mark.parametrize("name", bt.plots.__all__)
+def test_an_argument_of_another_kind_is_refused_in_one_line(name):
+    arguments = {"curves": ["A"], "corner": ["A"], "save_figure": ["a.png"]}.get(name, [])
+    with refused("found NoneType, allowed:"):
+        getattr(bt.plots, name)(None, *arguments)
+
+
+def test_a_file_without_a_name_is_refused_in_one_line(analysis):
+    figure = new_figure(1.0, 1.0)
+    for save in (
+        analysis.evidence.save,
+        analysis.draws.save,
+        partial(bt.plots.save_figure, figure),
+    ):
+        with refused("path: found NoneType, allowed: the name of a file"):
+            save(None)
 
 
 def test_names_are_shortened_to_what_tells_them_apart():
