@@ -24,7 +24,6 @@ import numpy as np
 
 from bayes_toe.answers.order_effect import (
     ANSWER_COLUMNS,
-    PROBABILITIES,
     OrderEffect,
     Size,
     format_bayes_factor,
@@ -103,10 +102,10 @@ class Difference(NamedTuple):
     ----------
     subject, quantity, comparison : str
         As in 'S01', 'contraction', 'right - left'.
-    q025, q50, q975 : float
-        Median and 95 % interval of the difference, given that the quantity differs. The unit is
-        natural-log intensity; the contraction has none. The order effect has the size of its
-        change: the root mean square of the change of the shift over the first stimuli shown.
+    mean, sd, q025, q05, q50, q95, q975 : float
+        The difference, given that the quantity differs. The unit is natural-log intensity; the
+        contraction has none. The order effect has the size of its change: the root mean square
+        of the change of the shift over the first stimuli shown.
     p_direction : float or None
         Probability of the more probable sign; None for a size.
     log_bf_differs, log_bf_differs_se : float
@@ -118,8 +117,12 @@ class Difference(NamedTuple):
     subject: str
     quantity: str
     comparison: str
+    mean: float
+    sd: float
     q025: float
+    q05: float
     q50: float
+    q95: float
     q975: float
     p_direction: float | None
     log_bf_differs: float
@@ -148,9 +151,9 @@ class Difference(NamedTuple):
 
         Examples
         --------
-        >>> quantiles = {"q025": -0.0012, "q50": 0.0104, "q975": 0.019}
+        >>> quantiles = {"q025": -0.0012, "q05": 0.001, "q50": 0.0104, "q95": 0.018, "q975": 0.019}
         >>> factor = {"log_bf_differs": 2.5, "log_bf_differs_se": 0.01, "robust": "yes"}
-        >>> numbers = {"p_direction": 0.98, **quantiles, **factor}
+        >>> numbers = {"mean": 0.01, "sd": 0.01, "p_direction": 0.98, **quantiles, **factor}
         >>> Difference("S", "JND", "b - a", **numbers).size(StimulusUnit())
         '+1.0 % [-0.1, +1.9]'
         """
@@ -401,10 +404,10 @@ def subject_contrast(
 
 
 def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tuple[Any, ...]:
-    """Quantiles and direction of a difference between two conditions.
+    """Mean, standard deviation, quantiles and direction of a difference between two conditions.
 
     `changes` has draws of the change of each quantity of the observer, shape (draws,). The result
-    has the entries of :class:`Difference` from `q025` to `p_direction`.
+    has the entries of :class:`Difference` from `mean` to `p_direction`.
     """
     if quantity == ORDER_EFFECT:
         # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
@@ -414,7 +417,8 @@ def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tup
     else:
         difference = changes[observer_name(quantity)]
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
-    return *np.quantile(difference, PROBABILITIES).tolist(), p_direction
+    quantiles = np.quantile(difference, [0.025, 0.05, 0.5, 0.95, 0.975]).tolist()
+    return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
 
 
 def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, ModelSet]:

@@ -55,14 +55,14 @@ def test_what_differs_has_its_sign_and_size(table):
     assert [row.quantity for row in table] == 2 * quantities
     for row in table.select("constant error"):
         assert (row.word, row.robust) == ("yes", "yes")
-        assert row.q025 < -0.16 < row.q975  # the truth is -.08 - .08
+        assert row.q025 < row.q05 < -0.16 < row.q95 < row.q975  # the truth is -.08 - .08
         assert row.p_direction > 0.99
         # The table is in the log of intensity, and `interval` in per cent of it.
         assert row.interval(table.unit).q975 == pytest.approx(100.0 * np.expm1(row.q975))
     for row in table.select(ORDER_EFFECT):
         assert row.word == "yes"
         assert row.p_direction is None  # The order effect is a size, without a sign.
-        assert row.q025 < 0.16 < row.q975
+        assert row.q05 < 0.16 < row.q95
     for row in table.select("contraction"):
         assert row.word in NOT_DIFFERENT
 
@@ -103,7 +103,7 @@ def test_of_levels_that_are_numbers_the_highest_and_the_lowest_are_compared(thre
     table = bt.contrast(bt.read_study(three_levels), seed=1)
     assert [(row.subject, row.comparison) for row in table.select("JND")] == [("A", "4 - 1")]
     (constant_error,) = table.select("constant error")
-    assert constant_error.q50 < -0.05  # the truth is -.1 - .1
+    assert constant_error.mean < -0.05  # the truth is -.1 - .1
     assert table.left_out == {"B": "at 2, 4 only"}
 
 
