@@ -23,7 +23,6 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import minimize
-from scipy.special import logit
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng, Texts
 from bayes_toe.data.study import Study, Subject, require_study
@@ -135,22 +134,20 @@ class PenalisedLikelihood:
         distance = self.subject.s1 - mu1
         z = (self.subject.s2 - self.subject.s1 + p * distance) / width
 
-        # The log likelihood, and its slopes in z of each pair and in the logit of the share.
+        # The log likelihood, and its slopes in z of each pair and in the share.
         answers_at, slopes_at = CURVES[self.subject.task.lapses]
-        logit_share = np.asarray(logit(share))
-        log_p = answers_at(z, logit_share)
-        (yes_in_z, no_in_z), (yes_in_logit, no_in_logit) = slopes_at(z, logit_share, log_p)
+        log_yes, log_no = answers_at(z, share, 1.0 - share)
+        (yes_in_z, no_in_z), (yes_in_share, no_in_share) = slopes_at(z, share, (log_yes, log_no))
         n_no = self.subject.n_trials - n_yes
-        log_likelihood = n_yes @ log_p.yes + n_no @ log_p.no
+        log_likelihood = n_yes @ log_yes + n_no @ log_no
         z_slopes = n_yes * yes_in_z + n_no * no_in_z  # (pairs,)
-        logit_slope = (n_yes * yes_in_logit + n_no * no_in_logit).sum()
+        share_slope = (n_yes * yes_in_share + n_no * no_in_share).sum()
 
         # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = distance/w.
         deviation = (mu1 - self.mu1_mean) / self.mu1_sd
         mu1_slope = -p * z_slopes.sum() / width - deviation / self.mu1_sd
         # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
         gamma_slope = z_slopes @ distance / width * (1.0 - p) ** 3 / (1.0 + p)
-        share_slope = logit_slope / (share * (1.0 - share))  # d logit(q)/dq = 1/(q (1 - q))
         gradient = np.array([mu1_slope, -(z_slopes @ z), gamma_slope, share_slope])
         return 0.5 * deviation**2 - log_likelihood, -gradient
 
@@ -195,7 +192,7 @@ class PenalisedLikelihood:
         mu1, log_width, gamma, share = x.T[:, :, None]  # (points, 1) each; pairs are the last axis
         z = (subject.s2 - subject.s1 + pull(gamma) * (subject.s1 - mu1)) / np.exp(log_width)
         answers_at, _ = CURVES[subject.task.lapses]
-        log_yes, log_no = answers_at(z, logit(share))  # (points, pairs) each
+        log_yes, log_no = answers_at(z, share, 1.0 - share)  # (points, pairs) each
         log_likelihood = n_yes @ log_yes.T + (subject.n_trials - n_yes) @ log_no.T
         deviation = (x[:, 0] - self.mu1_mean) / self.mu1_sd  # of mu1, the first coordinate
         return np.asarray(log_likelihood - 0.5 * np.square(deviation))

@@ -131,13 +131,11 @@ def _differences(
     """
     rows = likelihood.rows
     sum_by_subject = likelihood.summed  # over the rows of each subject, which are its conditions
-    # Three answers have the counts of a second question behind the counts of 'equal'. The first
-    # stimuli have one entry for each pair.
-    first_question = slice(rows.first.shape[-1])
-    observed = rows.n_yes[:, 0, first_question].astype(np.int64)  # (rows, pairs)
-    n_trials = observed + rows.n_no[:, 0, first_question].astype(np.int64)
+    counts = rows.counts[:, :, 0].astype(np.int64)  # (rows, answers, pairs)
+    observed = counts[:, 0]  # the first answer is the counted one
+    n_trials = counts.sum(axis=1)
     # The shape is (rows, groups, pairs). Rounding may take a probability above 1.
-    log_yes = rows.log_answers(likelihood.row_points(points)).yes[..., first_question]
+    log_yes, *_ = rows.log_answers(likelihood.row_points(points))
     p_yes = np.exp(np.minimum(log_yes, 0.0))
     n_yes = np.concatenate([observed[:, None], rng.binomial(n_trials[:, None], p_yes)], axis=1)
     difference = rows.difference  # s2 - s1, (rows, 1, pairs)
