@@ -220,7 +220,7 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
     # The last two coordinates are kappa and the probit of rho. Both effects are 0.
     without_effects = np.column_stack([x, np.zeros(20), np.full(20, -40.0)])
     expected = order.posterior(subject).log_likelihood(x)
-    computed = posterior.array.likelihood.plain_value(without_effects[None])[0]
+    computed = posterior.array.likelihood.value(without_effects[None])[0]
     assert computed == pytest.approx(expected, rel=1e-10)
 
     # With a kappa above 0, the answer in the trial before becomes more probable.

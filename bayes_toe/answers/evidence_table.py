@@ -155,7 +155,7 @@ def subject_evidence(fitted: Fitted, estimate: Evidence, answer: OrderEffect) ->
     # other question.
     direction_part = direction_evidence(subject)
     # The array has one posterior; NaN where the approximation does not exist.
-    _, laplace_evidence = laplace(fitted.target.array, [fitted.maxima])
+    _, laplace_evidence = laplace(fitted.target.array, [fitted.ends])
     laplace_h1 = float(laplace_evidence[0])
     return SubjectEvidence(
         subject=subject.name,

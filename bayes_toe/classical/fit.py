@@ -23,7 +23,6 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import minimize
-from scipy.special import logit
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng, Texts
 from bayes_toe.data.study import Study, Subject, require_study
@@ -122,7 +121,8 @@ class PenalisedLikelihood:
         starts = []
         for mu1 in mu1_values:
             points = np.array(list(product([mu1], log_widths, gammas, shares)))
-            log_yes, log_no = answers_at(self.distance(points), logit(points[:, 3:]))
+            share = points[:, 3:]
+            log_yes, log_no = answers_at(self.distance(points), share, 1.0 - share)
             # (rows, points). The penalty is the same at all points.
             log_likelihood = n_yes @ log_yes.T + (self.subject.n_trials - n_yes) @ log_no.T
             starts.append(points[log_likelihood.argmax(axis=1)])
@@ -139,15 +139,14 @@ class PenalisedLikelihood:
         mu1, log_width, gamma, share = x.tolist()
         z = self.distance(x)
 
-        # The log likelihood, and its slopes in z of each pair and in the logit of the share.
+        # The log likelihood, and its slopes in z of each pair and in the share.
         answers_at, slopes_at = CURVES[self.subject.task.lapses]
-        logit_share = np.asarray(logit(share))
-        log_p = answers_at(z, logit_share)
-        (yes_in_z, no_in_z), (yes_in_logit, no_in_logit) = slopes_at(z, logit_share, log_p)
+        log_yes, log_no = answers_at(z, share, 1.0 - share)
+        (yes_in_z, no_in_z), (yes_in_share, no_in_share) = slopes_at(z, share, (log_yes, log_no))
         n_no = self.subject.n_trials - n_yes
-        log_likelihood = n_yes @ log_p.yes + n_no @ log_p.no
+        log_likelihood = n_yes @ log_yes + n_no @ log_no
         z_slopes = n_yes * yes_in_z + n_no * no_in_z  # (pairs,)
-        logit_slope = (n_yes * yes_in_logit + n_no * no_in_logit).sum()
+        share_slope = (n_yes * yes_in_share + n_no * no_in_share).sum()
 
         # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = (s1 - mu1)/w.
         p = float(pull(gamma))
@@ -156,7 +155,6 @@ class PenalisedLikelihood:
         mu1_slope = -p * z_slopes.sum() / width - deviation / self.mu1_sd
         # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
         gamma_slope = z_slopes @ (self.subject.s1 - mu1) / width * (1.0 - p) ** 3 / (1.0 + p)
-        share_slope = logit_slope / (share * (1.0 - share))  # d logit(q)/dq = 1/(q (1 - q))
         gradient = np.array([mu1_slope, -(z_slopes @ z), gamma_slope, share_slope])
         return 0.5 * deviation**2 - log_likelihood, -gradient
 

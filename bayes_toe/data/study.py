@@ -327,12 +327,16 @@ class Subject:
         return self.n_trials - self.n_yes - self.n_second
 
     @property
+    def counts(self) -> tuple[IntArray, ...]:
+        """How often each answer of the task was given, shape (pairs,) each."""
+        if self.n_second is None:
+            return self.n_yes, self.n_trials - self.n_yes
+        return self.n_yes, self.n_second, self.n_first
+
+    @property
     def answers_given(self) -> Texts:
         """The answers that were given at least once."""
-        counts = [self.n_yes, self.n_trials - self.n_yes]
-        if self.n_second is not None:
-            counts = [self.n_yes, self.n_second, self.n_first]
-        return list(compress(self.task.answers, map(np.any, counts)))
+        return list(compress(self.task.answers, map(np.any, self.counts)))
 
     @property
     def total_trials(self) -> int:

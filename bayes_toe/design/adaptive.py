@@ -27,7 +27,6 @@ from bayes_toe.inference.fitted import fit_posterior
 from bayes_toe.inference.mixture import WeightedDraws
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import MODEL_NAMES, PRIOR_PROBABILITIES
-from bayes_toe.inference.prediction import answer_probabilities
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
@@ -255,9 +254,8 @@ class Adaptive:
         for name, probability in self.probabilities.items():
             particles = self._particles[name]
             if particles.p_answers is None:  # (answers, draws, pairs)
-                particles.p_answers = answer_probabilities(
-                    particles.template, particles.x[first_draws]
-                )
+                log_answers = particles.template.log_answers(particles.x[first_draws])
+                particles.p_answers = np.exp(log_answers)
             weights = particles.draws.part(first_draws).shares
             p_answers_of_model = weights @ particles.p_answers  # (answers, pairs)
             p_answers += probability * p_answers_of_model

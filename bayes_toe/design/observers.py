@@ -24,6 +24,7 @@ from bayes_toe.data.study import Subject, pooled
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError, require_number
+from bayes_toe.model.answer_curves import log_questions
 from bayes_toe.model.models import ObserverPosterior, OrderModel
 from bayes_toe.model.observer import DEFAULT_PRIOR
 from bayes_toe.model.parameters import (
@@ -147,7 +148,7 @@ class Observer:
         )
         parameters = {name: np.asarray(value) for name, value in self.parameters.items()}
         point = posterior.points(parameters).reshape(1, 1, -1)
-        log_yes = rows.log_answers(point).yes  # the trials of one question after the other
+        log_yes = [log_yes for log_yes, _ in log_questions(rows.log_answers(point))]
         return np.exp(log_yes).reshape(-1, *s1.shape)
 
     def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:

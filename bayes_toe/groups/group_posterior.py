@@ -115,12 +115,9 @@ class SubjectRows(LinearLikelihood):
         """Length of a subject's point: q, and the number of unshared parameters."""
         return int(self.loading.shape[2])
 
-    def plain_gradient(self, w: FloatArray) -> ArrayPair:
-        """Log likelihood and its gradient in w, (subjects, points[, coordinates of w]).
-
-        Both come from probabilities, not from logs, which is faster.
-        """
-        value, slope = self.rows.plain_gradient(self.row_points(w))
+    def gradient(self, w: FloatArray) -> ArrayPair:
+        """Log likelihood and its gradient in w, (subjects, points[, coordinates of w])."""
+        value, slope = self.rows.gradient(self.row_points(w))
         return self.summed(value), self.summed(slope @ self.loading)
 
     def log_unshared_prior(self, unshared: FloatArray) -> ArrayPair:
@@ -275,7 +272,7 @@ class GroupPosterior:
         score = tau * share * pull + root * xi
         w = self._subject_points(expected + np.square(unit) * pull + unit * xi, unshared)
 
-        log_likelihood, likelihood_slope = self.rows.plain_gradient(w)
+        log_likelihood, likelihood_slope = self.rows.gradient(w)
         log_unshared, unshared_slope = self.rows.log_unshared_prior(w[..., q:])
         # Normal prior of the scores, with the Jacobian |du/dxi| = s^(1/2).
         log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)

@@ -86,11 +86,9 @@ def predictive_check(result: PopulationResult) -> list[Statistic]:
     task = result.study.task
     likelihood = subject_rows(result.study)  # a row for each unit of subject and condition
     rows = likelihood.rows
-    # Three answers have the counts of a second question behind the counts of 'equal'. The first
-    # stimuli have one entry for each pair.
-    n_pairs = rows.first.shape[-1]
-    observed = rows.n_yes[:, 0, :n_pairs].astype(np.int64)  # (rows, pairs)
-    n_trials = observed + rows.n_no[:, 0, :n_pairs].astype(np.int64)
+    counts = rows.counts[:, :, 0].astype(np.int64)  # (rows, answers, pairs)
+    observed = counts[:, 0]  # the first answer is the counted one
+    n_trials = counts.sum(axis=1)
     difference = rows.difference[:, 0]  # s2 - s1, (rows, pairs)
 
     # 1 for a pair with the stronger stimulus first, -1 for the same pair in the other order, and 0
@@ -135,9 +133,9 @@ def _simulated_counts(
         coefficients = centre + draws.sd[draw] * rng.standard_normal(centre.shape)
         points = np.hstack([coefficients, draws.subjects[draw][:, q:]])
         row_points = likelihood.row_points(points[:, None])  # with an axis for a single point
-        log_yes = likelihood.rows.log_answers(row_points).yes[:, 0, : n_trials.shape[1]]
+        log_yes, *_ = likelihood.rows.log_answers(row_points)  # (rows, 1, pairs)
         # Rounding may take a probability above 1.
-        yield rng.binomial(n_trials, np.exp(np.minimum(log_yes, 0.0)))
+        yield rng.binomial(n_trials, np.exp(np.minimum(log_yes[:, 0], 0.0)))
 
 
 def _statistics(quantity: str, values: FloatArray) -> list[Statistic]:

@@ -298,12 +298,9 @@ class Draws:
 
         # One chain at a time: temporaries of a large design stay small.
         for i, points in enumerate(x):
-            answers = target.log_answers(points)
-            # (draws, questions, pairs): three answers are two questions to each pair.
-            terms = target.rows.terms(answers).reshape(len(points), -1, subject.n_pairs)
-            log_likelihood[i] = terms.sum(axis=1)
-            p_yes = np.exp(answers.yes[:, : subject.n_pairs])  # of the first question
-            predicted[i] = rng.binomial(subject.n_trials, p_yes)
+            log_answers = target.log_answers(points)
+            (log_likelihood[i],) = target.rows.terms(log_answers)  # of the one row
+            predicted[i] = rng.binomial(subject.n_trials, np.exp(log_answers[0]))
         return {
             "log_likelihood": log_likelihood,
             "posterior_predictive": predicted.astype(np.int64),  # counts

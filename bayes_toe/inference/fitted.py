@@ -24,7 +24,6 @@ from bayes_toe.inference.engine import (
 )
 from bayes_toe.inference.maxima import POLISH_GAIN, Ascent, ascend_from, polished
 from bayes_toe.inference.mixture import WeightedDraws
-from bayes_toe.inference.order_evidence import MODEL_NAMES, order_posteriors
 from bayes_toe.inference.searches import funnel_of_maxima, observer_maxima, paper_maxima
 from bayes_toe.model.models import ObserverPosterior
 from bayes_toe.model.paper_model import FunnelArray, PaperPosterior
@@ -39,8 +38,9 @@ class Fitted:
     Attributes
     ----------
     target : SubjectPosterior
-    maxima : Ascent
-        Distinct maxima, the highest first, with all coordinates of the task.
+    ends : Ascent
+        Distinct ends of searches, the highest first, with all coordinates of the task: maxima, or
+        several points along a ridge.
     array : PosteriorArray
         The posterior as an array of one posterior, in the coordinates w of the mixture.
     mixture : PriorMixture
@@ -50,7 +50,7 @@ class Fitted:
     """
 
     target: SubjectPosterior
-    maxima: Ascent
+    ends: Ascent
     array: PosteriorArray
     mixture: PriorMixture
     draws: WeightedDraws
@@ -65,10 +65,10 @@ class Fitted:
         """Whether the mixture suffices for a mostly global sampler."""
         return is_trusted(self.pareto_k, self.draws.efficiency)
 
-    @property
+    @cached_property
     def maximum(self) -> FloatArray:
         """The highest maximum of the posterior, (k,)."""
-        return self.maxima.x[0, self.target.is_free]
+        return _maxima_from(self.target, self.ends).x[0, self.target.is_free]
 
     def fresh(self, rng: AnyRng, size: int) -> WeightedDraws:
         """`size` further draws of the mixture."""
@@ -130,7 +130,7 @@ def fit_posterior(
     first_mixture = mixture_of_clouds(clouds, ends, posterior, rng)
     precision = replace(SHARP, most_draws=judging_draws)
     (mixture,), (draws,) = fitted_draws(posterior, [first_mixture], [rng], precision)
-    return Fitted(target, _maxima_from(target, ends), posterior, mixture, draws)
+    return Fitted(target, ends, posterior, mixture, draws)
 
 
 def find_maxima(target: SubjectPosterior) -> Ascent:
@@ -150,10 +150,7 @@ def _distinct_ends(target: SubjectPosterior) -> Ascent:
     A mixture needs the points along a ridge. An exact search would move all of them to one maximum.
     """
     if isinstance(target, ObserverPosterior):
-        # All four models are searched, because a model without a constant error needs the searches
-        # of the same model with a constant error.
-        maxima_of_models = observer_maxima(order_posteriors(target.rows))
-        coarse_ends = maxima_of_models[MODEL_NAMES.index(target.model.name)]
+        (coarse_ends,) = observer_maxima(target.array)
     else:
         coarse_ends = paper_maxima(cast(PaperPosterior, target))
     starts = coarse_ends.distinct().x

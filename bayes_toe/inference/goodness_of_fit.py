@@ -21,7 +21,7 @@ from scipy.special import chdtrc, gammaln, xlogy
 from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, thinned
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.model.answer_curves import times_counts
+from bayes_toe.model.answer_curves import log_questions, times_counts
 from bayes_toe.model.posterior import SubjectPosterior
 
 # --- Deviance -------------------------------------------------------------------------------------
@@ -162,16 +162,23 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     maximum : ndarray, shape (k,)
         The point with the highest posterior density.
     """
-    rows = posterior.rows  # counts have the shape (1, 1, questions): there is one row
-    trials_of_question = (rows.n_yes + rows.n_no)[0, 0]  # (questions,)
-    # With three answers, the second question to a pair has no trial if all answers are 'equal'.
-    asked_questions = np.flatnonzero(trials_of_question)
-    n_trials = trials_of_question[asked_questions]
-    n_yes = rows.n_yes[0, 0, asked_questions]
-
     # The maximum comes first; 2000 draws are enough for a mean.
     points = np.vstack([maximum, thinned(x, 2000)])
-    log_yes, log_no = (logs[:, asked_questions] for logs in posterior.log_answers(points))
+    # The questions to all pairs: all pairs of the first question, then all of the second question.
+    questions = log_questions(posterior.log_answers(points))
+    log_yes, log_no = np.concatenate(questions, axis=-1)  # (points, questions) each
+
+    counts = posterior.rows.counts[0, :, 0]  # of the one row, (answers, pairs)
+    # A question is asked until an answer is counted: in fewer trials than the question before.
+    n_yes = counts[:-1].ravel()
+    n_trials = np.concatenate([counts[i:].sum(axis=0) for i in range(len(questions))])
+    # With three answers, the second question to a pair has no trial if all answers are 'equal'.
+    asked_questions = np.flatnonzero(n_trials)
+    n_trials = n_trials[asked_questions]
+    n_yes = n_yes[asked_questions]
+    log_yes = log_yes[:, asked_questions]
+    log_no = log_no[:, asked_questions]
+
     deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)  # (1 + draws, questions)
     deviance = float(deviances[0].sum())
     n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance

@@ -47,10 +47,6 @@ class Ascent(NamedTuple):
         """Some of the searches, by a mask or by their indices."""
         return Ascent._make([values[is_chosen] for values in self])
 
-    def joined(self, other: Ascent) -> Ascent:
-        """These searches, followed by the searches of another ascent."""
-        return Ascent._make([np.concatenate(pair) for pair in zip(self, other, strict=True)])
-
     def distinct(self) -> Ascent:
         """The distinct ends that matter, the highest first.
 
@@ -190,7 +186,7 @@ def ascend_from(
         starts,
         is_held=~posteriors.is_free[owners] | is_held,
         least_gain=least_gain,
-        most_steps=12,  # exact maxima are left to `polished`
+        most_steps=30,  # exact maxima are left to `polished`
         retry_damping=0.0,
     )
 

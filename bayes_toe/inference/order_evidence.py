@@ -186,7 +186,7 @@ def unchecked_evidence(
 
 def order_posteriors(rows: ObserverRows) -> PosteriorArray:
     """The posteriors of the four models for every row: four of the first row, and so on."""
-    n_rows = len(rows.n_yes)
+    n_rows = len(rows.counts)
     repeated_rows = rows.part(np.repeat(np.arange(n_rows), _N_MODELS))
     coordinates = [OrderModel(name).coordinates(rows.task) for name in MODEL_NAMES]
     return independent_array(repeated_rows, coordinates * n_rows)

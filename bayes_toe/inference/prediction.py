@@ -55,7 +55,7 @@ class Predictor:
         )
 
         # (answers, draws, pairs), in the order of the answers, for the sorted pairs.
-        p_of_sorted_pairs = answer_probabilities(self.target.for_subject(subject), self.x)
+        p_of_sorted_pairs = np.exp(self.target.for_subject(subject).log_answers(self.x))
         probabilities = p_of_sorted_pairs[..., index_of_sorted.ravel()]
         answers = tested_subject.task.answers
         if len(probabilities) < len(answers):  # the paper's model, without 'second' and 'first'
@@ -69,23 +69,6 @@ def _stimuli_of_pairs(s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
         return np.array(np.broadcast_arrays(s1, s2), np.float64).reshape(2, -1)
     except (TypeError, ValueError) as error:
         raise InputError(f"s1, s2: allowed are numbers, as many of each ({error})") from error
-
-
-def answer_probabilities(target: SubjectPosterior, x: FloatArray) -> FloatArray:
-    """P of each answer to the pairs of a subject at points, shape (answers, points, pairs).
-
-    With three answers, the paper's model has P of 'equal' and P of the two other answers together.
-    """
-    n_pairs = target.subject.n_pairs
-    yes, no = (np.exp(logs) for logs in target.log_answers(x))  # (points, questions)
-    p_yes = yes[:, :n_pairs]
-    p_no = no[:, :n_pairs]
-    if yes.shape[1] == n_pairs:  # one question to each pair
-        return np.stack([p_yes, p_no])
-    # The second question, 'second' or 'first', is asked where the stimuli do not seem equal.
-    p_second = p_no * yes[:, n_pairs:]
-    p_first = p_no * no[:, n_pairs:]
-    return np.stack([p_yes, p_second, p_first])
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:

@@ -12,7 +12,6 @@ from typing import cast
 import numpy as np
 from scipy.special import logit, ndtri
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.maxima import Ascent, ascend_from
 from bayes_toe.model.densities import probit_of_logit
@@ -22,11 +21,10 @@ from bayes_toe.model.paper_model import Funnel, PaperPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, LAPSE_RATE, NOISE, PEAK
 from bayes_toe.model.posterior_array import PosteriorArray
 
-#: Constant errors at which searches start, over the D of the prior. The first one, 0, is that
-#: of a model without constant error.
-_ERRORS = np.array([0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0])
-#: Searches hold the lapse rate at these normal scores of its prior.
-_LAPSE_STARTS = (-1.0, 0.6, 1.8)
+#: Constant errors that searches hold, over the D of the prior.
+_ERRORS = (0.0, -0.4, 0.4, -0.9, 0.9, -2.0, 2.0, -4.0, 4.0)
+#: Normal scores of the lapse rate in its prior that searches hold.
+_LAPSE_SCORES = (-1.0, 0.6, 1.8)
 #: Normal scores of the noise in its prior at which searches start. With little noise the curve is
 #: steep, and with much noise it is flat.
 _STEEP = -0.5
@@ -38,90 +36,33 @@ _PEAK_START = 2.0
 def observer_maxima(posteriors: PosteriorArray) -> list[Ascent]:
     """The ends of searches of every posterior with the observer's coordinates.
 
-    First, searches hold a constant error, or start from a flat curve. From the best of their ends,
-    further searches are free, or hold a lapse rate.
-
-    The posterior of a model without constant error must stand right before that of the same model
-    with a constant error. At the constant error 0 both are equal, and both begin with one search.
-    """
-    has_error = posteriors.is_free[:, posteriors.names.index(CONSTANT_ERROR.name)]
-    lapse_index = posteriors.names.index(LAPSE_RATE.name)
-    profile, profile_owners = _profile(posteriors, has_error)
-    # The last searches of the profile, one for each posterior, start from a flat curve.
-    first_flat_search = len(profile.x) - len(posteriors)
-
-    # Positions of the searches of the profile from whose ends further searches start.
-    starts_of_free_searches = []
-    free_owners = []
-    starts_of_held_searches = []
-    # Position of the search that holds the constant error 0: of this posterior or, if it has no
-    # constant error, of the next posterior. The searches at other errors follow.
-    zero_search = 0
-    for i in range(len(posteriors)):
-        if has_error[i]:
-            heights = profile.value[zero_search : zero_search + len(_ERRORS)]
-            candidates = (zero_search + _two_best_local_maxima(heights)).tolist()
-            zero_search += len(_ERRORS)
-        else:
-            candidates = [zero_search]
-        starts_of_free_searches += candidates
-        free_owners += [i] * len(candidates)
-
-        best = max(candidates[0], first_flat_search + i, key=lambda search: profile.value[search])
-        starts_of_held_searches += [best] * len(_LAPSE_STARTS)
-
-    # From the best end of each posterior, one search holds each lapse rate.
-    n_free = len(starts_of_free_searches)
-    starts = profile.x[starts_of_free_searches + starts_of_held_searches]
-    starts[n_free:, lapse_index] = np.tile(_LAPSE_STARTS, len(posteriors))
-    is_held = np.zeros(starts.shape, np.bool_)
-    is_held[n_free:, lapse_index] = True
-    owners = np.append(free_owners, np.repeat(np.arange(len(posteriors)), len(_LAPSE_STARTS)))
-
-    ends = profile.joined(ascend_from(posteriors, owners, starts, is_held))
-    all_owners = np.append(profile_owners, owners)
-    return [ends.part(all_owners == i) for i in range(len(posteriors))]
-
-
-def _profile(posteriors: PosteriorArray, has_error: BoolArray) -> tuple[Ascent, IndexArray]:
-    """Ends of searches that hold a constant error, then of a search from a flat curve for each.
-
-    Posteriors without constant error have only the search from a flat curve. The second value has
-    the posterior of each search.
+    A steep curve and a flat one are where free searches start. Further searches hold a constant
+    error or a lapse rate: a mixture needs their ends, which are beside the maximum.
     """
     rows = cast(ObserverRows, posteriors.likelihood.rows)
-    noise_index, error_index = map(posteriors.names.index, (NOISE.name, CONSTANT_ERROR.name))
-    indices_with_error = np.flatnonzero(has_error)
-
-    # Starts of the searches, (searches, d). All coordinates but noise, error and peak start at 0.
-    starts_at_errors = np.zeros((len(indices_with_error) * len(_ERRORS), len(posteriors.names)))
-    starts_at_errors[:, noise_index] = _STEEP
-    starts_at_errors[:, error_index] = np.tile(
-        _ERRORS / rows.prior.constant_error_scale, len(indices_with_error)
+    noise, lapse_rate, error = map(
+        posteriors.names.index, (NOISE.name, LAPSE_RATE.name, CONSTANT_ERROR.name)
     )
-    starts_from_flat = np.zeros((len(posteriors), len(posteriors.names)))
-    starts_from_flat[:, noise_index] = _FLAT
+    # The coordinate that each search holds, and its value.
+    held_values = [(error, value / rows.prior.constant_error_scale) for value in _ERRORS]
+    held_values += [(lapse_rate, score) for score in _LAPSE_SCORES]
 
-    owners = np.append(np.repeat(indices_with_error, len(_ERRORS)), np.arange(len(posteriors)))
-    starts = np.concatenate([starts_at_errors, starts_from_flat])
+    # Starts of the searches of a posterior, (searches, d). Two free searches come last. Coordinates
+    # without a value start at 0.
+    starts = np.zeros((len(held_values) + 2, len(posteriors.names)))
+    is_held = np.zeros(starts.shape, np.bool_)
+    for search, (coordinate, value) in enumerate(held_values):
+        starts[search, coordinate] = value
+        is_held[search, coordinate] = True
+    starts[:, noise] = _STEEP
+    starts[-1, noise] = _FLAT
     if PEAK.name in posteriors.names:
         starts[:, posteriors.names.index(PEAK.name)] = _PEAK_START
-    is_held = np.zeros(starts.shape, np.bool_)
-    is_held[: len(starts_at_errors), error_index] = True
-    return ascend_from(posteriors, owners, starts, is_held), owners
 
-
-def _two_best_local_maxima(heights: FloatArray) -> IndexArray:
-    """Indices of the two highest local maxima along `_ERRORS`, the highest first.
-
-    If there is one local maximum only, the second index is that of the next highest value.
-    """
-    order = np.argsort(_ERRORS)
-    ordered = heights[order]  # from the lowest to the highest constant error
-    padded = np.pad(ordered, 1, constant_values=-np.inf)  # the neighbours at both ends
-    is_local = (ordered >= padded[:-2]) & (ordered >= padded[2:])
-    # The last key counts most: local maxima come first, then other points, each kind by height.
-    return order[np.lexsort((-ordered, ~is_local))[:2]]
+    # A model without a constant error does not have the searches that hold another error than 0.
+    owners, searches = np.nonzero(posteriors.is_free[:, None, error] | (starts[:, error] == 0.0))
+    ends = ascend_from(posteriors, owners, starts[searches], is_held[searches])
+    return [ends.part(owners == i) for i in range(len(posteriors))]
 
 
 # --- The paper's model ---------------------------------------------------------------------------

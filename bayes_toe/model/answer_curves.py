@@ -1,12 +1,9 @@
-"""Log probabilities of both answers, their derivatives, and the log likelihood of counts.
+"""Rows of counts: their log likelihood, its gradient and its Fisher information.
 
-All are functions of the distance z between two stimuli, which counts in standard deviations of the
-noise. An observer who is asked which stimulus is stronger answers 'second' with P = Phi(z).
-An observer who is asked 'same or different' answers 'equal' where the noisy distance lies within a
-criterion k: P = Phi(k - z) - Phi(-k - z).
-
-Both answers have a log probability of their own, formed from positive terms, so that each is
-accurate where the other probability is near 1.
+A model has the log probability of each answer to each pair, see :class:`AnswerRows`. The
+probability of each answer is a sum of positive terms of its own, so that it is accurate where the
+probability of another answer is near 1. An answer whose probability is below the smallest float
+counts as impossible.
 """
 
 from __future__ import annotations
@@ -14,36 +11,24 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, Self
 
 import numpy as np
-from scipy.special import expit, log_expit, log_ndtr
+from scipy.special import expit, log_expit
 
-from bayes_toe.arrays import FloatArray, IndexArray, NamedArrays, Texts
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray, IntArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.model.densities import Priors, half_normal_quantile, log_normal_density
 from bayes_toe.model.paper_equations import LN2
 
-#: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level:
-#: there, twelve nodes leave no error but rounding. NumPy has nodes and weights on (-1, 1).
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_NODES = 0.5 * (_NODES + 1.0)
-_WEIGHTS = 0.5 * _WEIGHTS
+#: The log probability of each answer, (rows, points, pairs). The answer that the task counts comes
+#: first: 'equal' or 'second'. Three answers are 'equal', 'second' and 'first'.
+LogAnswers = Sequence[FloatArray] | FloatArray
+#: The log probability of each answer, and its slopes in every coordinate, (rows, points, k, pairs).
+AnswerSlopes = tuple[LogAnswers, Sequence[FloatArray]]
 
 
-class LogAnswers(NamedTuple):
-    """Log probabilities of the answer that the task counts, and of the other answer."""
-
-    yes: FloatArray
-    no: FloatArray
-
-
-#: The log probability of each answer, (rows, points, pairs), and its slopes in every coordinate,
-#: (rows, points, k, pairs).
-AnswerSlopes = tuple[Sequence[FloatArray], Sequence[FloatArray]]
-
-
-# --- Counts --------------------------------------------------------------------------------------
+# --- Counts and answers --------------------------------------------------------------------------
 
 
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
@@ -57,32 +42,11 @@ def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
     return np.where(is_given, product, 0.0)
 
 
-def with_complement(yes: FloatArray, no: FloatArray) -> LogAnswers:
-    """Both log probabilities, the larger computed as the complement of the smaller.
-
-    The log of the larger probability is near 0, where its own digits are lost.
-    """
-    yes_is_rare = yes < no
-    larger = np.log1p(-np.exp(np.minimum(yes, no)))
-    return LogAnswers(np.where(yes_is_rare, yes, larger), np.where(yes_is_rare, larger, no))
-
-
 def over_scale(numerator: FloatArray, log_scale: FloatArray) -> FloatArray:
     """A numerator over a scale; 0 stays 0, even if the scale is below the smallest float."""
     # In logs, because 0 / 0 is NaN; the log of a numerator of 0 is -inf.
     with np.errstate(divide="ignore", over="ignore"):
         return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
-
-
-# --- Which is stronger ---------------------------------------------------------------------------
-
-
-def second_answers(z: FloatArray) -> LogAnswers:
-    """Log of Phi(z), 'second', and of Phi(-z), 'first'."""
-    return LogAnswers(log_ndtr(z), log_ndtr(-z))
-
-
-# --- Same or different ---------------------------------------------------------------------------
 
 
 def criterion(logit_peak: FloatArray) -> FloatArray:
@@ -101,83 +65,48 @@ def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:
     return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_normal_density(k) - LN2)
 
 
-def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
-    """Log of Phi(k - z) - Phi(-k - z), 'equal', and of its complement, 'different'.
+def log_questions(log_answers: LogAnswers) -> list[ArrayPair]:
+    """Log probabilities of the counted answer and of the other answer to each question.
 
-    Parameters
-    ----------
-    z, k : array_like
-        Distance and criterion, k >= 0; they broadcast. Both may be infinite.
+    Three answers are two questions: was it 'equal'; and if not, was it 'second'? Where every answer
+    is 'equal', the share of 'second' among the other answers is not defined: it is 1/2 here.
     """
-    distance, k = np.broadcast_arrays(np.abs(z), k)
-    # Infinite arguments give logs of 0, which are -inf, and inf - inf, which `near_edge` replaces.
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        near_end = near_edge(distance, k)
-        log_inside = _log_inside(distance, k, near_end)
-        log_outside = np.logaddexp(log_ndtr(-near_end), log_ndtr(-distance - k))
-        return with_complement(log_inside, log_outside)
-
-
-def near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
-    """How far the near edge of the window is beyond the distance, k - d; 0 if both are infinite."""
-    edge = np.asarray(k - distance)
-    edge[np.isnan(edge)] = 0.0
-    return edge
-
-
-def _log_inside(distance: FloatArray, k: FloatArray, near_end: FloatArray) -> FloatArray:
-    """Log of Phi(k - d) - Phi(-k - d) for d, k >= 0; `near_end` is k - d."""
-    log_upper = log_ndtr(near_end)
-    log_lower = log_ndtr(-k - distance)
-    # Where Phi(k - d) is 0 even as a logarithm, so is the difference.
-    log_ratio = np.where(np.isfinite(log_upper), log_lower - log_upper, -np.inf)
-    result = np.asarray(log_upper + np.log1p(-np.exp(log_ratio)))
-
-    # In a narrow window, in which the density changes by a factor of less than e, the two terms
-    # would cancel. There the density is integrated.
-    is_narrow = (k < 0.5) & (k * distance < 0.5)
-    if is_narrow.any():
-        d = distance[is_narrow]
-        result[is_narrow] = _log_window(d, k[is_narrow]) + log_normal_density(d)
-    return result
-
-
-def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
-    """Log of the integral of exp(-t^2/2 - d t) over -k < t < k, shape (n,).
-
-    By symmetry it is twice that of exp(-t^2/2) cosh(d t) over 0 < t < k, whose terms are positive.
-    """
-    t = k[:, None] * _NODES
-    heights = np.exp(-0.5 * np.square(t)) * np.cosh(distance[:, None] * t)
-    # Not by a matrix product: it may round a row otherwise where the matrix has other rows.
-    return np.log(2.0 * k * (heights * _WEIGHTS).sum(axis=1))
+    if len(log_answers) == 2:
+        log_yes, log_no = log_answers
+        return [(log_yes, log_no)]
+    log_equal, log_second, log_first = log_answers
+    log_unequal = np.logaddexp(log_second, log_first)
+    with np.errstate(invalid="ignore"):  # -inf - -inf
+        log_odds = np.where(np.isfinite(log_unequal), log_second - log_first, 0.0)
+    return [(log_equal, log_unequal), (log_expit(log_odds), log_expit(-log_odds))]
 
 
 # --- Rows of counts ------------------------------------------------------------------------------
 
 
-#: The names of the arrays that :func:`pair_arrays` gives.
-_PAIR_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no")
-
-
 def pair_arrays(
-    subjects: Sequence[Subject], origins: Sequence[float], units: Sequence[float]
+    subjects: Sequence[Subject],
+    origins: Sequence[float],
+    units: Sequence[float],
+    counts_by_subject: Sequence[Sequence[IntArray]],
 ) -> NamedArrays:
-    """Stimuli and counts of several subjects by name, shape (rows, 1, pairs) each.
+    """Stimuli and counts of several subjects by name, with the shapes of :class:`AnswerRows`.
 
     The stimuli of each subject count from its origin, in its unit. Subjects with fewer pairs than
     other subjects get further pairs that nobody answered: their counts are 0.
     """
+    n_rows = len(subjects)
     n_pairs = max(subject.n_pairs for subject in subjects)
-    arrays = np.zeros((len(_PAIR_ARRAYS), len(subjects), 1, n_pairs))  # with an axis of one point
+    # The axis of length 1 is for the points.
+    stimuli = np.zeros((3, n_rows, 1, n_pairs))
+    counts = np.zeros((n_rows, len(counts_by_subject[0]), 1, n_pairs))
     for i, (subject, origin, unit) in enumerate(zip(subjects, origins, units, strict=True)):
         first = (subject.s1 - origin) / unit
         second = (subject.s2 - origin) / unit
         difference = (subject.s2 - subject.s1) / unit  # without the rounding of `first`
-        n_no = subject.n_trials - subject.n_yes
-        columns = (first, difference, 0.5 * (first + second), subject.n_yes, n_no)
-        arrays[:, i, 0, : subject.n_pairs] = columns
-    return dict(zip(_PAIR_ARRAYS, arrays, strict=True))
+        stimuli[:, i, 0, : subject.n_pairs] = first, difference, 0.5 * (first + second)
+        counts[i, :, 0, : subject.n_pairs] = counts_by_subject[i]
+    return dict(zip(("first", "difference", "middle"), stimuli, strict=True)) | {"counts": counts}
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,16 +119,14 @@ class AnswerRows(ABC):
     ----------
     first, difference, middle : ndarray, shape (rows, 1, pairs)
         s1, s2 - s1 and (s1 + s2)/2, from the origin of the model and in its unit.
-    n_yes, n_no : ndarray, shape (rows, 1, pairs)
-        How often each answer was given. With three answers, (rows, 1, 2 pairs): 'equal' and
-        'unequal' to each pair, then 'second' and 'first' to each pair.
+    counts : ndarray, shape (rows, answers, 1, pairs)
+        How often each answer was given, in the order of :data:`LogAnswers`.
     """
 
     first: FloatArray
     difference: FloatArray
     middle: FloatArray
-    n_yes: FloatArray
-    n_no: FloatArray
+    counts: FloatArray
     #: The names of the further arrays of a model that have a row for each row of counts.
     row_numbers: ClassVar[Texts] = ()
 
@@ -215,33 +142,29 @@ class AnswerRows(ABC):
 
     def part(self, index: IndexArray) -> Self:
         """The rows with these indices, in their order; an index may be there more than once."""
-        names = (*_PAIR_ARRAYS, *self.row_numbers)
+        names = ("first", "difference", "middle", "counts", *self.row_numbers)
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     @abstractmethod
     def log_answers(self, u: FloatArray) -> LogAnswers:
-        """Log probability of both answers to every pair, (rows, points, pairs) each."""
-
-    @property
-    def answer_counts(self) -> tuple[FloatArray, ...]:
-        """How often each answer was given to every pair, (rows, 1, pairs) each."""
-        return self.n_yes, self.n_no
+        """Log probability of each answer to every pair, (rows, points, pairs) each."""
 
     @abstractmethod
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log probability of each answer, and its slopes, with the shapes of `AnswerSlopes`."""
 
+    @property
+    def counts_by_answer(self) -> FloatArray:
+        """How often each answer was given to every pair, (answers, rows, 1, pairs)."""
+        return self.counts.swapaxes(0, 1)
+
     def log_likelihood(self, u: FloatArray) -> FloatArray:
         """Log likelihood without binomial coefficients, (rows, points, k) -> (rows, points)."""
         return self.terms(self.log_answers(u)).sum(axis=-1)
 
-    def terms(self, answers: LogAnswers) -> FloatArray:
-        """What each question of each pair adds to the log likelihood, (rows, points, pairs)."""
-        return times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
-
-    def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
-        """:meth:`log_likelihood` by a cheaper form, if the model has it."""
-        return self.log_likelihood(u)
+    def terms(self, log_answers: LogAnswers) -> FloatArray:
+        """What each pair adds to the log likelihood, (rows, points, pairs)."""
+        return np.asarray(sum(map(times_counts, self.counts_by_answer, log_answers)))
 
     def scoring(self, u: FloatArray) -> tuple[FloatArray, ...]:
         """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]]).
@@ -249,11 +172,13 @@ class AnswerRows(ABC):
         The information is the sum over answers of n P slope slope', with the trials n of the pair.
         """
         log_answers, slopes = self.answer_slopes(u)
-        n_trials = np.asarray(sum(self.answer_counts))
+        n_trials = self.counts.sum(axis=1)
         value, gradient, information = np.zeros((3, 1))  # sums over the answers, which broadcast
         # Where an answer is impossible its slopes are infinite or NaN. It counts only if given.
         with np.errstate(over="ignore", invalid="ignore"):
-            for counts, log_p, slope in zip(self.answer_counts, log_answers, slopes, strict=True):
+            for counts, log_p, slope in zip(
+                self.counts_by_answer, log_answers, slopes, strict=True
+            ):
                 # The root of n P, so that a product of scaled slopes has n P. Counts get an axis
                 # for the coordinates, as slopes have: (rows, points, k, pairs).
                 root_expected = np.sqrt(n_trials * np.exp(log_p))

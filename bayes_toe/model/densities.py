@@ -183,16 +183,6 @@ def probit_of_logit(logits: FloatArray) -> FloatArray:
     return np.sign(logits) * -ndtri_exp(log_expit(-np.abs(logits)))
 
 
-def logit_of_probit(probits: FloatArray) -> FloatArray:
-    """Inverse of :func:`probit_of_logit`."""
-    return log_ndtr(probits) - log_ndtr(-probits)
-
-
-def logit_rise(probits: FloatArray) -> FloatArray:
-    """Derivative of :func:`logit_of_probit`, phi / (Phi Phi(-v)): the sum of both hazards."""
-    return normal_hazard(probits) + normal_hazard(-probits)
-
-
 def _log_beta_quantile(
     a: float, b: float, probability: FloatArray, smallest: float = 1e-200
 ) -> FloatArray:

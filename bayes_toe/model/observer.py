@@ -13,9 +13,7 @@ criterion of 'equal'; b and g are the slopes of noise and criterion with intensi
 are those of :mod:`bayes_toe.model.parameters`. The four models
 (:mod:`bayes_toe.model.models`) have the constant error, the contraction, both or neither.
 
-:class:`ObserverRows` computes the likelihood of many rows of counts at once. Three answers are two
-questions with two answers each: was it 'equal'; and if not, was it 'second'? Their product is
-exactly the trinomial. So P(equal) is that of 'same or different'.
+:class:`ObserverRows` computes the likelihood of many rows of counts at once.
 """
 
 from __future__ import annotations
@@ -23,10 +21,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import erf, log_expit, log_ndtr, ndtr, xlogy
+from scipy.special import erf, ndtr
 
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
 from bayes_toe.data.conditions import StimulusScales
@@ -38,11 +36,8 @@ from bayes_toe.model.answer_curves import (
     LogAnswers,
     criterion,
     criterion_slope,
-    equal_answers,
-    near_edge,
     over_scale,
     pair_arrays,
-    second_answers,
 )
 from bayes_toe.model.densities import (
     CutNormal,
@@ -86,7 +81,7 @@ class ObserverRows(AnswerRows):
     ----------
     first, difference, middle : ndarray, shape (rows, 1, pairs)
         s1 - sbar, s2 - s1 and (s1 + s2)/2 - sbar, in units of D.
-    n_yes, n_no : ndarray, shape (rows, 1, pairs), or (rows, 1, 2 pairs) of three answers
+    counts : ndarray, shape (rows, answers, 1, pairs)
     slope_unit : ndarray, shape (rows, 1)
         D / R.
     contraction_sd : ndarray, shape (rows, 1)
@@ -116,19 +111,11 @@ class ObserverRows(AnswerRows):
             subjects,
             [row_scales.sbar for row_scales in scales],
             [row_scales.step for row_scales in scales],
+            [subject.counts for subject in subjects],
         )
-        task = subjects[0].task
-        if task.has_three_answers:
-            # The answers to the second question stand behind the answers to the first question.
-            n_second, n_first = np.zeros((2, *pairs["first"].shape))
-            for i, subject in enumerate(subjects):
-                n_second[i, 0, : subject.n_pairs] = subject.n_second
-                n_first[i, 0, : subject.n_pairs] = subject.n_first
-            pairs["n_yes"] = np.concatenate([pairs["n_yes"], n_second], axis=-1)
-            pairs["n_no"] = np.concatenate([pairs["n_no"], n_first], axis=-1)
         return cls(
             **pairs,
-            task=task,
+            task=subjects[0].task,
             prior=prior,
             slope_unit=np.array([[row_scales.step / row_scales.spread] for row_scales in scales]),
             contraction_sd=np.array(
@@ -194,44 +181,12 @@ class ObserverRows(AnswerRows):
 
     # --- Likelihood ------------------------------------------------------------------------------
 
+    @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # far out, and the log of 0
     def log_answers(self, u: FloatArray) -> LogAnswers:
-        """Log probability of both answers to every pair, (rows, points, pairs) each.
+        """Log probability of each answer to every pair, (rows, points, pairs) each."""
+        return list(map(np.log, self.answers_at(self.curve_at(u))))
 
-        Three answers are two questions. The answers to the second question stand behind those to
-        the first question, (rows, points, 2 pairs) each.
-        """
-        curve = self.curve_at(u)
-        answers = _first_answers(curve)
-        if not self.task.has_three_answers:
-            return answers
-        # Each of the two questions has the log probabilities of both of its answers, (2, rows,
-        # points, pairs). The two questions are joined along the pairs.
-        return LogAnswers(*np.concatenate([answers, _direction_answers(curve)], axis=-1))
-
-    def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
-        """:meth:`log_likelihood` by plain probabilities, at a third of its cost.
-
-        Each answer has a sum of positive terms of its own. Both forms agree to 1e-12 within 200
-        nats of the best point; far from there the plain form may be -inf.
-        """
-        return self._multinomial(self.plain_answers_at(self.curve_at(u)))
-
-    @property
-    def answer_counts(self) -> tuple[FloatArray, ...]:
-        """How often each answer was given: of three answers 'equal', 'second' and 'first'."""
-        if not self.task.has_three_answers:
-            return self.n_yes, self.n_no
-        # The first half of n_no counts 'unequal', which is no further answer: each of these answers
-        # is also counted as 'second' or 'first'.
-        n_equal, n_second = np.split(self.n_yes, 2, axis=-1)
-        return n_equal, n_second, self.n_no[..., n_equal.shape[-1] :]
-
-    def _multinomial(self, probabilities: Sequence[FloatArray]) -> FloatArray:
-        """Log likelihood, (rows, points), from the probabilities of the answers."""
-        terms = map(xlogy, self.answer_counts, probabilities)
-        return np.asarray(sum(terms)).sum(axis=-1)
-
-    def plain_answers_at(self, curve: Curve) -> tuple[FloatArray, ...]:
+    def answers_at(self, curve: Curve) -> tuple[FloatArray, ...]:
         """Probability of each answer on a curve, (rows, points, pairs) each.
 
         The counted answer comes first. Three answers are 'equal', 'second' and 'first'.
@@ -257,33 +212,34 @@ class ObserverRows(AnswerRows):
         return equal, second, first
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
-    def plain_gradient(self, u: FloatArray) -> ArrayPair:
-        """Log likelihood and its gradient, (rows, points[, k]), by plain probabilities.
+    def gradient(self, u: FloatArray) -> ArrayPair:
+        """Log likelihood and its gradient, (rows, points[, k]).
 
         The answers to a pair depend only on z, on ln k and on the lapse rate. Slopes in these are
         summed over the answers to a pair, and slopes in the coordinates follow from the sums. Where
         an answer that was given has a probability of 0, the slopes are not finite.
         """
         curve = self.curve_at(u)
-        probabilities = self.plain_answers_at(curve)
+        probabilities = self.answers_at(curve)
         # The slope n / P of n ln P in P, for each answer; 0 for an answer that was never given.
         slopes_by_answer = []
-        for counts, probability in zip(self.answer_counts, probabilities, strict=True):
+        for counts, probability in zip(self.counts_by_answer, probabilities, strict=True):
             zeros = np.zeros(probability.shape)
             slopes_by_answer.append(np.divide(counts, probability, out=zeros, where=counts > 0.0))
         terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, slopes_by_answer))
         sums = [term.sum(axis=-1) for term in terms]
         gradient = np.stack(sums, axis=-1) * self._slope_units(curve.values)
-        return self._multinomial(probabilities), gradient
+        log_likelihood = self.terms(list(map(np.log, probabilities))).sum(axis=-1)
+        return log_likelihood, gradient
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log probability of each answer, and its slopes in every coordinate.
 
-        The slopes have the shape (rows, points, k, pairs). They come from plain probabilities.
+        The slopes have the shape (rows, points, k, pairs).
         """
         curve = self.curve_at(u)
-        probabilities = self.plain_answers_at(curve)
+        probabilities = self.answers_at(curve)
         units = self._slope_units(curve.values)[..., None]
         slopes = []
         for i, probability in enumerate(probabilities):
@@ -390,38 +346,6 @@ class ObserverRows(AnswerRows):
         return normal, peak, normal, student, student, student, contraction
 
 
-def _first_answers(curve: Curve) -> LogAnswers:
-    """Log probability of both answers to the only or to the first question, with lapses.
-
-    In a lapse, the subject answers as if the stimuli were equal: z = 0.
-    """
-    no_distance = np.zeros(1)
-    if curve.k is None:
-        attending = second_answers(curve.z)
-        blind = second_answers(no_distance)  # a guess: ln(1/2)
-    else:
-        attending = equal_answers(curve.z, curve.k)
-        blind = equal_answers(no_distance, curve.k)
-    yes = np.logaddexp(curve.log_lapse + blind.yes, curve.log_attend + attending.yes)
-    no = np.logaddexp(curve.log_lapse + blind.no, curve.log_attend + attending.no)
-    return LogAnswers(yes, no)
-
-
-def _direction_answers(curve: Curve) -> LogAnswers:
-    """Log of P('second') and of P('first') among the answers that are not 'equal'.
-
-    Where k is infinite, every answer is 'equal' and the share of 'second' is not defined: it is
-    1/2 here.
-    """
-    k = cast(FloatArray, curve.k)  # a task with three answers has a criterion
-    log_guess = curve.log_lapse + log_ndtr(-k)
-    log_second = np.logaddexp(log_guess, curve.log_attend + log_ndtr(curve.z - k))
-    log_first = np.logaddexp(log_guess, curve.log_attend + log_ndtr(-curve.z - k))
-    with np.errstate(invalid="ignore"):
-        log_odds = np.where(np.isfinite(k), log_second - log_first, 0.0)
-    return LogAnswers(log_expit(log_odds), log_expit(-log_odds))
-
-
 def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """P that the noisy distance lies from -k to k, beyond the nearer end, and beyond the other end.
 
@@ -429,7 +353,8 @@ def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatAr
     """
     distance = np.abs(z)
     with np.errstate(invalid="ignore"):  # `distance` and k may both be infinite
-        near_end = near_edge(distance, k)
+        near_end = k - distance
+    near_end[np.isnan(near_end)] = 0.0
     far_end = -k - distance
     inside = ndtr(near_end) - ndtr(far_end)
     # Rounding could turn this difference negative if the window from -k to k is narrow. There it is

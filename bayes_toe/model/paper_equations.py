@@ -156,43 +156,6 @@ def normalised_distance(
     return displacement / width(sigma_p, gamma)
 
 
-def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
-    """Log P(different) = log(1 - q0 2^(-z^2)), accurate for q near 0 and for q near 1.
-
-    Parameters
-    ----------
-    z : array_like
-        Normalised distance.
-    logit_q0 : array_like
-        log(q0 / (1 - q0)); carries 1 - q0 below machine precision.
-
-    Notes
-    -----
-    1 - q = (1 - q0) + q0 (1 - 2^(-z^2)) adds positive terms only; where q is small, log1p(-q) keeps
-    its relative accuracy.
-
-    Examples
-    --------
-    >>> float(log_different(0.0, 690.0))
-    -690.0
-    """
-    t = LN2 * np.square(z)
-    logit = np.asarray(logit_q0)
-    q = np.exp(-np.logaddexp(0.0, -logit) - t)  # q0 2^(-z^2)
-    fall = -np.expm1(-t)  # 1 - 2^(-z^2)
-    lapse = np.exp(-np.logaddexp(0.0, logit))  # 1 - q0
-
-    with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0
-        result = np.asarray(np.log(lapse + (1.0 - lapse) * fall))
-        np.log1p(-q, out=result, where=q < 0.5)
-        # Beyond a logit of 700, 1 - q0 = exp(-logit) is too small for a float, but its logarithm is
-        # -logit, and q0 is 1 to all digits.
-        is_extreme = (q >= 0.5) & (logit > 700.0)
-        if is_extreme.any():
-            result = np.where(is_extreme, np.logaddexp(-logit, np.log(fall)), result)
-    return result
-
-
 def equal_probability(
     s1: npt.ArrayLike,
     s2: npt.ArrayLike,

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import expit, log_expit, log_ndtr, ndtr, ndtri, xlogy
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
@@ -34,8 +34,6 @@ from bayes_toe.model.answer_curves import (
     LogAnswers,
     over_scale,
     pair_arrays,
-    second_answers,
-    with_complement,
 )
 from bayes_toe.model.densities import (
     Priors,
@@ -45,15 +43,12 @@ from bayes_toe.model.densities import (
     log_half_normal_slope,
     log_half_normal_value,
     log_normal_density,
-    logit_of_probit,
-    logit_rise,
     normal_hazard,
     probit_of_logit,
 )
 from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.paper_equations import (
     LN2,
-    log_different,
     natural_names,
     noise_ratio,
     pull,
@@ -87,7 +82,8 @@ class PaperRows(AnswerRows):
         With numbers in the place of "stimuli".
     first, difference : ndarray, shape (rows, 1, pairs)
         s1 and s2 - s1, natural-log intensity.
-    n_yes, n_no : ndarray, shape (rows, 1, pairs)
+    counts : ndarray, shape (rows, 2, 1, pairs)
+        Three answers are two here: 'equal' and not 'equal'.
     """
 
     task: Task
@@ -177,22 +173,8 @@ class PaperRows(AnswerRows):
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
         answers_at, _ = CURVES[self.task.lapses]
-        return answers_at(self.distance(u), logit_of_probit(u[..., 3:]))
-
-    def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
-        """:meth:`log_likelihood`; in 2AFC by plain probabilities, at half the cost.
-
-        Then it may be -inf far from the best point.
-        """
-        if self.task.lapses == "q0":
-            return self.log_likelihood(u)
-        z = self.distance(u)
         # The slice keeps an axis for the pairs: (rows, points, 1).
-        guessed = 0.5 * ndtr(u[..., 3:])
-        attend = ndtr(-u[..., 3:])
-        second = guessed + attend * ndtr(z)
-        first = guessed + attend * ndtr(-z)
-        return (xlogy(self.n_yes, second) + xlogy(self.n_no, first)).sum(axis=-1)
+        return answers_at(self.distance(u), ndtr(u[..., 3:]), ndtr(-u[..., 3:]))
 
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log probability of each answer, and its slopes, (rows, points, 4, pairs).
@@ -201,10 +183,10 @@ class PaperRows(AnswerRows):
         acts through q0 or the lapse rate.
         """
         z = self.distance(u)  # (rows, points, pairs)
-        logit_share = logit_of_probit(u[..., 3:])  # (rows, points, 1)
+        share, complement = ndtr(u[..., 3:]), ndtr(-u[..., 3:])  # (rows, points, 1) each
         answers_at, slopes_at = CURVES[self.task.lapses]
-        answers = answers_at(z, logit_share)
-        in_z, in_share = slopes_at(z, logit_share, answers)
+        log_answers = answers_at(z, share, complement)
+        in_z, in_share = slopes_at(z, share, log_answers)
 
         # The slope of the pull p in the third coordinate v: from gamma = p/(1 - p)^2 = Phi(v),
         # d ln gamma / d ln p = (1 + p)/(1 - p) and d ln gamma / dv = phi(v)/Phi(v).
@@ -227,77 +209,73 @@ class PaperRows(AnswerRows):
             z_by_spread = -z * width_by_spread[..., None]
             z_by_pull = pull_slope[..., None] * first_from_mu1 * inverse_width
             z_by_gamma = z_by_pull - z * width_by_gamma[..., None]
+            share_rise = np.exp(log_normal_density(u[..., 3:]))  # slope of the share in its probit
             for log_p_by_z, log_p_by_share in zip(in_z, in_share, strict=True):
                 terms = [log_p_by_z * slope for slope in (z_by_mu1, z_by_spread, z_by_gamma)]
-                terms.append(log_p_by_share * logit_rise(u[..., 3:]))
+                terms.append(log_p_by_share * share_rise)
                 slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2))
-        return answers, slopes
+        return log_answers, slopes
 
 
 # --- Curves of both answers ----------------------------------------------------------------------
 
 
-def bell_answers(z: FloatArray, logit_q0: FloatArray) -> LogAnswers:
-    """Log of P(equal) = q0 2^(-z^2) and of its complement. Source: Eq. mod:q."""
-    with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf
-        return LogAnswers(log_expit(logit_q0) - LN2 * np.square(z), log_different(z, logit_q0))
+def bell_answers(z: FloatArray, q0: FloatArray, complement: FloatArray) -> ArrayPair:
+    """Log of P(equal) = q0 2^(-z^2) and of P(different), where `complement` is 1 - q0.
 
-
-def bell_slopes(
-    z: FloatArray, logit_q0: FloatArray, answers: LogAnswers
-) -> tuple[ArrayPair, ArrayPair]:
-    """Slopes of :func:`bell_answers` in z, and in the logit of q0; both answers in each.
-
-    With the odds r = q/(1 - q), the slopes of log(1 - q) are 2 ln2 r z and -r (1 - q0).
-    """
-    lapse = expit(-logit_q0)  # 1 - q0, the slope of log q
-    with np.errstate(over="ignore", invalid="ignore"):
-        yes_in_z = -2.0 * LN2 * z
-        odds = np.exp(answers.yes - answers.no)
-        no_in_z = 2.0 * LN2 * odds * z
-        return (yes_in_z, no_in_z), (lapse, -odds * lapse)
-
-
-def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
-    """Log of P(second) = lambda/2 + (1 - lambda) Phi(z) and of its complement.
+    P(different) is the sum of 1 - q0 and q0 (1 - 2^(-z^2)). Source: Eq. mod:q.
 
     Examples
     --------
-    >>> far = guessing_answers(np.array([[-1e9]]), np.array([[np.log(0.2 / 0.8)]]))
-    >>> round(float(np.exp(far.yes)[0, 0]), 12)
+    >>> log_equal, _ = bell_answers(np.array(1e3), np.array(0.5), np.array(0.5))
+    >>> round(float(log_equal), 2)  # the probability is below the smallest float
+    -693147.87
+    """
+    with np.errstate(over="ignore", divide="ignore"):  # the log of 0
+        log_bell = -LN2 * np.square(z)
+        return np.log(q0) + log_bell, np.log(complement - q0 * np.expm1(log_bell))
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def bell_slopes(
+    z: FloatArray, q0: FloatArray, log_answers: LogAnswers
+) -> tuple[ArrayPair, ArrayPair]:
+    """Slopes of :func:`bell_answers` in z, and in q0; both answers in each.
+
+    With the odds r = P(equal)/P(different), the slopes of ln P(different) are 2 ln2 r z and -r/q0.
+    """
+    log_equal, log_different = log_answers
+    odds = np.exp(log_equal - log_different)
+    equal_in_z = -2.0 * LN2 * z
+    return (equal_in_z, -odds * equal_in_z), (1.0 / q0, -odds / q0)
+
+
+def guessing_answers(z: FloatArray, rate: FloatArray, complement: FloatArray) -> ArrayPair:
+    """Log of P(second) = lambda/2 + (1 - lambda) Phi(z) and of P(first).
+
+    Examples
+    --------
+    >>> log_second, _ = guessing_answers(np.array(-1e9), np.array(0.2), np.array(0.8))
+    >>> round(float(np.exp(log_second)), 12)
     0.1
     """
-    log_guessed, log_attended = _guessing_parts(z, logit_rate)
-    yes = np.logaddexp(log_guessed, log_attended.yes)
-    return with_complement(yes, np.logaddexp(log_guessed, log_attended.no))
+    with np.errstate(divide="ignore"):  # the log of 0
+        log_second, log_first = (
+            np.log(0.5 * rate + complement * ndtr(distance)) for distance in (z, -z)
+        )
+    return log_second, log_first
 
 
-@np.errstate(over="ignore", invalid="ignore")
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def guessing_slopes(
-    z: FloatArray, logit_rate: FloatArray, answers: LogAnswers
+    z: FloatArray, rate: FloatArray, log_answers: LogAnswers
 ) -> tuple[ArrayPair, ArrayPair]:
-    """Slopes of :func:`guessing_answers` in z, and in the logit of lambda; both answers in each.
-
-    In the logit, ln lambda has the slope 1 - lambda, and ln(1 - lambda) has -lambda.
-    """
-    log_guessed, log_attended = _guessing_parts(z, logit_rate)
-    log_density = log_expit(-logit_rate) + log_normal_density(z)
-    yes_in_z = np.exp(log_density - answers.yes)
-    no_in_z = -np.exp(log_density - answers.no)
-    in_rate = []
-    for log_part, log_p in zip(log_attended, answers, strict=True):
-        guessed_share = np.exp(log_guessed - log_p)
-        attended_share = np.exp(log_part - log_p)
-        in_rate.append(guessed_share * expit(-logit_rate) - attended_share * expit(logit_rate))
-    yes_in_rate, no_in_rate = in_rate
-    return (yes_in_z, no_in_z), (yes_in_rate, no_in_rate)
-
-
-def _guessing_parts(z: FloatArray, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:
-    """Log of lambda/2, a guess, and of the part of the curve in the probability of each answer."""
-    curve = second_answers(z)
-    log_attend = log_expit(-logit_rate)
-    return log_expit(logit_rate) - LN2, LogAnswers(log_attend + curve.yes, log_attend + curve.no)
+    """Slopes of :func:`guessing_answers` in z, and in lambda; both answers in each."""
+    log_second, log_first = log_answers
+    log_density = np.log1p(-rate) + log_normal_density(z)
+    in_z = np.exp(log_density - log_second), -np.exp(log_density - log_first)
+    in_rate = (0.5 - ndtr(z)) * np.exp(-log_second), (0.5 - ndtr(-z)) * np.exp(-log_first)
+    return in_z, in_rate
 
 
 #: The log probabilities of both answers, and their slopes, by the fourth parameter of the task.
@@ -354,9 +332,11 @@ class PaperPosterior(SubjectPosterior):
     @cached_property
     def rows(self) -> PaperRows:
         """The counts, as one row."""
+        subject = self.subject
+        counts = subject.n_yes, subject.n_trials - subject.n_yes
         return PaperRows(
-            **pair_arrays([self.subject], [0.0], [1.0]),
-            task=self.subject.task,
+            **pair_arrays([subject], [0.0], [1.0], [counts]),
+            task=subject.task,
             prior=self.prior,
         )
 

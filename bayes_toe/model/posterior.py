@@ -19,7 +19,7 @@ import numpy.typing as npt
 from bayes_toe.arrays import AnyRng, BoolArray, FloatArray, NamedArrays, Texts
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError, NumericalError
-from bayes_toe.model.answer_curves import AnswerRows, LogAnswers
+from bayes_toe.model.answer_curves import AnswerRows
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.posterior_array import PosteriorArray, independent_array
 
@@ -140,14 +140,14 @@ class SubjectPosterior(ABC):
 
     # --- Densities -------------------------------------------------------------------------------
 
-    def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
-        """Log probability of both answers to every pair, (points, pairs) each.
+    def log_answers(self, x: npt.ArrayLike) -> FloatArray:
+        """Log probability of each answer to every pair, (answers, points, pairs).
 
-        Three answers are two questions. The answers to the second question follow those to the
-        first question: (points, 2 pairs).
+        The answer that the task counts comes first. Of three answers, the paper's model has 'equal'
+        and not 'equal'.
         """
-        yes, no = self.rows.log_answers(self.full_points(x))  # (1, points, pairs), of the one row
-        return LogAnswers(yes[0], no[0])
+        log_answers = self.rows.log_answers(self.full_points(x))  # (1, points, pairs) each
+        return np.concatenate(log_answers)
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""

@@ -67,14 +67,11 @@ class LinearLikelihood:
         w_of_rows = np.repeat(w, self.sizes, axis=0)  # each row has the points of its posterior
         return w_of_rows @ self.loading.swapaxes(1, 2)
 
-    def plain_value(self, w: FloatArray) -> FloatArray:
-        """Log likelihood without binomial coefficients, (posteriors, points).
-
-        It comes from plain probabilities, at a third of the cost of :meth:`scoring`.
-        """
-        value = self.summed(self.rows.plain_log_likelihood(self.row_points(w)))
+    def value(self, w: FloatArray) -> FloatArray:
+        """Log likelihood without binomial coefficients, (posteriors, points)."""
+        value = self.summed(self.rows.log_likelihood(self.row_points(w)))
         for task in self.further_tasks:
-            value = value + task.plain_value(w)
+            value = value + task.value(w)
         return value
 
     def scoring(self, w: FloatArray) -> tuple[FloatArray, ...]:
@@ -162,9 +159,9 @@ class PosteriorArray:
         return np.where(self.is_free[:, None], points, 0.0)
 
     def densities(self, w: FloatArray) -> ArrayPair:
-        """Log prior and log posterior density by plain probabilities, (posteriors, points)."""
+        """Log prior and log posterior density, (posteriors, points)."""
         log_prior = self.log_prior(w)
-        log_posterior = self.likelihood.plain_value(w) + log_prior
+        log_posterior = self.likelihood.value(w) + log_prior
         # At an impossible contraction, abs(p) of 1 or more, the density is 0.
         log_posterior[~np.isfinite(log_prior)] = -np.inf
         return log_prior, log_posterior
@@ -184,7 +181,7 @@ def independent_array(rows: AnswerRows, free_names: Sequence[Sequence[str]]) -> 
         The coordinates that the model of each row has.
     """
     names = rows.coordinates
-    n_rows = len(rows.n_yes)
+    n_rows = len(rows.counts)
     # A row has the coordinates of its posterior: L is the identity.
     loading = np.broadcast_to(np.eye(len(names)), (n_rows, len(names), len(names)))
     likelihood = LinearLikelihood(rows, loading, np.arange(n_rows))

@@ -134,20 +134,16 @@ class HistoryRows(ObserverRows):
         n_positive = np.bincount(cell_of_trial, answer_of_trial > 0.0)
         n_negative = np.bincount(cell_of_trial, answer_of_trial < 0.0)
         if observer.subject.task.has_three_answers:
-            # The first question is whether the stimuli are equal, and the second question which
-            # stimulus is stronger.
             n_equal = np.bincount(cell_of_trial, answer_of_trial == 0.0)
-            n_yes = np.append(n_equal, n_positive)
-            n_no = np.append(n_positive + n_negative, n_negative)
+            counts = [n_equal, n_positive, n_negative]
         else:
-            n_yes, n_no = n_positive, n_negative
+            counts = [n_positive, n_negative]
 
         # Task, scales and prior come from the posterior. A cell has the stimuli of its pair.
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
             values[name] = values[name][..., pair_of_cell]
-        values["n_yes"] = n_yes[None, None]  # (1, 1, cells)
-        values["n_no"] = n_no[None, None]
+        values["counts"] = np.array(counts)[None, :, None]  # (1, answers, 1, cells)
 
         scales = observer.scales
         return cls(
@@ -206,7 +202,7 @@ class HistoryRows(ObserverRows):
         assert curve.k is not None  # same or different
         return curve._replace(k=curve.k * np.exp(shift))
 
-    def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
+    def log_likelihood(self, u: FloatArray) -> FloatArray:
         """Log likelihood, (1, points); -inf where abs(p) is 1 or more.
 
         A contraction of that size does not exist. An expectation would grow from trial to trial.
@@ -214,7 +210,7 @@ class HistoryRows(ObserverRows):
         is_possible = np.abs(super().quantities(u)["contraction"]) < 1.0  # (1, points)
         log_likelihood_of_blocks = []
         for block in self._point_blocks(u[:, is_possible[0]]):
-            log_likelihood_of_blocks.append(super().plain_log_likelihood(block))
+            log_likelihood_of_blocks.append(super().log_likelihood(block))
 
         log_likelihood = np.full(u.shape[:2], -np.inf)
         log_likelihood[is_possible] = np.concatenate(log_likelihood_of_blocks, axis=1)[0]
@@ -228,7 +224,7 @@ class HistoryRows(ObserverRows):
         p_of_cells = []
         for block in self._point_blocks(u):
             # The last answer is 'different' or 'first'. Before it stands 'equal' or 'second'.
-            *_, counted, _ = self.plain_answers_at(self.curve_at(block))
+            *_, counted, _ = self.answers_at(self.curve_at(block))
             p_of_cells.append(counted[0])  # (points, cells), of the one row
         return np.concatenate(p_of_cells)[:, self.cell_of_trial]
 

@@ -105,10 +105,8 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
 def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     """Ends of the 95 % posterior predictive interval of every pair's share, shape (2, pairs)."""
     subject = fitted.target.subject
-    log_yes = fitted.target.log_answers(fitted.x).yes
-    # With three answers, the first columns have 'equal' to each pair, and further columns have
-    # 'second' to each pair.
-    p_yes = np.exp(log_yes[:, : subject.n_pairs])  # (draws, pairs)
+    log_yes, *_ = fitted.target.log_answers(fitted.x)
+    p_yes = np.exp(log_yes)  # (draws, pairs)
     rng = generator(seed, subject.name, "posterior predictive interval")
     # Ten replicated studies for each draw, (10 draws, pairs).
     replicated = rng.binomial(subject.n_trials, np.tile(p_yes, (10, 1)))

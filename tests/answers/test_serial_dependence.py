@@ -79,7 +79,7 @@ def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, st
     ratio = np.zeros(len(scores))
     for i, score in enumerate(scores):
         with_kappa = np.column_stack([static_draws, np.full(len(static_draws), score)])
-        log_likelihood = posterior.array.likelihood.plain_value(with_kappa[None])[0]
+        log_likelihood = posterior.array.likelihood.value(with_kappa[None])[0]
         ratio[i] = np.exp(log_likelihood - static_log_likelihood).mean()
     expected = np.log(np.trapezoid(ratio * norm.pdf(scores), scores))
     static, previous_response, *_ = row.log_evidence

@@ -86,7 +86,7 @@ def test_information_is_the_expected_fall_of_entropy(aim, error):
     for number, (name, probability) in enumerate(MODEL_PRIOR.items()):
         posterior = OrderModel(name).posterior(DESIGN.unanswered)
         x = posterior.sample_prior(default_rng(number), size=8_000)
-        p_yes = np.exp(posterior.log_answers(x).yes)  # (draws, pairs)
+        p_yes = np.exp(posterior.log_answers(x)[0])  # (draws, pairs)
         model_mean = p_yes.mean(axis=0)
         mean = mean + probability * model_mean
         # The entropy that is left if the model is known, or the parameters, too.

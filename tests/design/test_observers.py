@@ -36,7 +36,7 @@ def test_observers_answer_as_the_model_both_predicts(task):
     parameters = {name: PARAMETERS[name] for name in posterior.coordinates}
     observer = make_observer("name", "kind", parameters, task)
     x = posterior.points({name: np.array([value]) for name, value in parameters.items()})
-    expected = np.exp(posterior.log_answers(x).yes[0])
+    expected = np.exp(posterior.log_answers(x)[0, 0])
     assert observer.p_design(design)[0] == pytest.approx(expected, rel=1e-12)
 
 

@@ -77,7 +77,7 @@ def test_predictions_are_those_of_the_draws(draws):
     subject = draws.subject("A")
     target = draws.posterior("A")
     x = draws.points("A").reshape(-1, len(target.coordinates))  # (draws, coordinates)
-    q = np.exp(target.log_answers(x).yes)  # P(equal), (draws, pairs)
+    q = np.exp(target.log_answers(x)[0])  # P(equal), (draws, pairs)
     predicted = bt.predict(draws, "A", subject.s1, subject.s2)
     assert predicted["mean"].to_numpy() == pytest.approx(q.mean(axis=0), rel=1e-9)
     assert predicted["q95"].to_numpy() == pytest.approx(np.quantile(q, 0.95, axis=0), rel=1e-9)

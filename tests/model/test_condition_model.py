@@ -78,7 +78,7 @@ def test_the_likelihood_is_the_product_over_conditions(models):
     points = 0.5 * default_rng(1).standard_normal((1, 4, len(posteriors.names)))
     value, *_ = posteriors.likelihood.scoring(points)  # (1 model, 4 points)
     np.testing.assert_allclose(value[0], sum_of_log_likelihoods(models, points[0]), rtol=1e-11)
-    np.testing.assert_allclose(posteriors.likelihood.plain_value(points), value, rtol=1e-12)
+    np.testing.assert_allclose(posteriors.likelihood.value(points), value, rtol=1e-12)
 
 
 @EACH_MODEL

@@ -13,12 +13,12 @@ from bayes_toe.model.paper_equations import (
     equal_probability,
     evolved_mean,
     gain,
-    log_different,
     noise_ratio,
     normalised_distance,
     pull,
     width,
 )
+from bayes_toe.model.paper_model import bell_answers
 
 # A scalar Kalman filter with a random walk, written from its textbook equations.
 
@@ -99,9 +99,9 @@ def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
 
 
 def test_log_of_a_small_probability_of_different_does_not_round():
-    """log(1 - q0 2^(-z^2)) with q0 = 1/(1 + e^-10000), which rounds to 1."""
-    assert float(log_different(0.0, 1e4)) == -1e4
-    assert float(log_different(1.0, 1e4)) == pytest.approx(np.log(0.5), rel=1e-15)
+    """log(1 - q0 2^(-z^2)) at z = 0 and 1, with q0 = 1 - 1e-300, which rounds to 1."""
+    _, log_different = bell_answers(np.arange(2.0), np.ones(1), np.array([1e-300]))
+    assert log_different == pytest.approx(np.log([1e-300, 0.5]), rel=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def draw_points(posterior, n_points):
 
 def log_likelihood_at(posterior, points):
     """The log likelihood at points, (points, coordinates) -> (points,)."""
-    return posterior.array.likelihood.plain_value(points[None])[0]
+    return posterior.array.likelihood.value(points[None])[0]
 
 
 def loop_log_likelihood(subject, values, kappa, rho):

@@ -28,7 +28,7 @@ def test_answers_are_those_of_a_simulated_belief():
     no_lapses = 1e-12
     theta = {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_l, "lapse_rate": no_lapses}
     x = target.points({name: np.array([value]) for name, value in theta.items()})
-    p = np.exp(target.log_answers(x).yes[0])  # P(second) of each pair, at the only point
+    p = np.exp(target.log_answers(x)[0, 0])  # P(second) of each pair, at the only point
     rng = default_rng(1)
     s1 = target.subject.s1
     s2 = target.subject.s2
