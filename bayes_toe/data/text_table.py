@@ -74,6 +74,8 @@ _REMARKS = (
 #: Finds, among names in lines, a name that two or more columns without names follow, and then
 #: another name. Each of these columns has a trial of the row, as saveAsText of PsychoPy writes it.
 _TRIALS_IN_A_ROW = r"(?m)^(.+_raw)(\n{3,})(?=.)"
+#: What else may be wrong where rows have too many cells.
+_DECIMAL_COMMA = "Between commas, a number with a decimal comma needs quotation marks"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
     "end of data": "a quote that is never closed",
@@ -404,11 +406,16 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # By the name of columns of several trials, a line end for each trial in a row.
     newlines = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
     rows, texts = _texts_by_name(records, names, newlines, problems)
+    if delimiter == "," and problems.count > max(MAX_LINES, len(rows)):  # most rows
+        raise InputError(
+            f"{source}: {problems.count} rows have another number of cells than row {first_row}, "
+            f"which has the names. {_DECIMAL_COMMA}"
+        )
     # R numbers the rows by default. Other texts in front of a row may be a cell too many.
     if len(names) > len(head) and texts[names[0]] != list(map(str, range(1, len(rows) + 1))):
         raise InputError(
             f"{source}: row {rows[0]}: found {len(names)} cells below {len(head)} names, "
-            "allowed: a name for each column"
+            f"allowed: a name for each column. {_DECIMAL_COMMA}"
         )
 
     chosen_names = {*choice(names), ""}  # also the numbers of rows, which have no name
