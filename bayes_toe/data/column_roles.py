@@ -628,7 +628,8 @@ def _missing_columns(names: Texts, missing: Texts, columns: Collection[Column]) 
     if series:
         problem += (
             f" If each of the {len(series)} columns such as {display_name(series[0])} belongs to a "
-            "trial, write a row for each trial with columns subject, s1, s2 and response."
+            "trial, write a row for each trial with columns subject, s1, s2 and response. If their "
+            "names have both stimuli, type --wide with the pattern, such as '*{first}_{second}'."
         )
     # A column has no name, or that of the column before it, as where a cell was merged.
     if re.search(r"\n\n.|(?m:^(\D.*)\n\1$)", "\n".join(names)):

@@ -45,11 +45,14 @@ DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "spa
 #: The largest table; Excel has as many columns. A larger table would fill the memory.
 _MOST_COLUMNS = 2**14
 _MOST_CELLS = 5 * 10**7
-#: How logs begin in which trials are no rows, by the program and what is read in their place.
-#: Presentation writes the first line above other tables, too.
-_LOGS = {
-    "E-Prime, allowed: its trials as CSV, which E-DataAid exports": r"\*\*\* Header Start \*\*\*",
-    "Presentation, allowed: its trials as CSV, such as those that a scenario prints to an "
+#: How texts begin in which trials are no rows, by what they are and what is read in their place.
+#: Presentation writes the first line of its log above other tables, too.
+_NO_TABLES = {
+    "a web page, allowed: its table as CSV": r"(?i)\s*<(?:!doctype|html|table)",
+    "a log of E-Prime, allowed: its trials as CSV, which E-DataAid exports": (
+        r"\*\*\* Header Start \*\*\*"
+    ),
+    "a log of Presentation, allowed: its trials as CSV, such as those that a scenario prints to an "
     "output_file, since the rows of a log are events": "Scenario - [^\0]{0,2000}\tEvent Type\t",
 }
 #: Records among which the names are looked for.
@@ -439,11 +442,11 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 def _without_remarks(source: str, text: str) -> tuple[str, int]:
     """The text without lines that are no part of a table, and in how many places below names.
 
-    Logs, whose lines are no trials, are refused.
+    Logs and web pages, whose lines are no trials, are refused.
     """
-    for program, start in _LOGS.items():
+    for finding, start in _NO_TABLES.items():
         if re.match(start, text):
-            raise InputError(f"{source}: found a log of {program}")
+            raise InputError(f"{source}: found {finding}")
     # Spreadsheets name the delimiter in a first line, such as 'sep=;'. It becomes an empty line, so
     # that rows keep their numbers.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)

@@ -812,6 +812,7 @@ REFUSED = {
         "subject,1_2,2_1\nP03,first,second\nP04,first,maybe\n",
         "row 3, column 2_1: found 'maybe', allowed: second",
     ),
+    "table.xls": ("<html><table><tr><td>subject</td></tr></table></html>", "found a web page, al"),
     "table.ods": ("PK", "its copy as .xlsx or CSV"),
     "table.csv.gz": (gzip.compress(csv_bytes(IN_LOGS)), "an archive, allowed: the file in it"),
     "data.RData": ("RDX3", "R data"),
