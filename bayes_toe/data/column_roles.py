@@ -1076,16 +1076,20 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     (('', 0), ('[{first},{second}]', 2))
     >>> _pair_pattern([f"W{pair}_{i}" for pair in ("50_60", "60_50") for i in range(9)])
     ('W{first}_{second}_*', 18)
+    >>> _pair_pattern(["01-02-2026", "02-01-2026"])
+    ('', 0)
     """
     # The shape of '440 Hz vs 460 Hz' is '{} Hz vs {} Hz'.
     shape_of_text = {text: re.sub(_NUMBER_OF_PAIR, "{}", text) for text in texts}
     [(shape, n_texts)] = Counter(shape_of_text.values()).most_common(1) or [("", 0)]  # of no texts
     # The number of a repetition may stand behind a pair, as in 'p{}_{}_r{}'.
     shape = re.sub("(?i)({}[^{}]+{}[^{}]*[-_. ](?:r|rep|t|trial|run)[-_. ]?){}$", r"\1*", shape)
-    # It also does if the two numbers in front of it have more values in common, as in 'W{}_{}_{}'.
+    # It also does if it begins at 0 or 1, as no year does, and the two numbers in front of it have
+    # more values in common, as in 'W{}_{}_{}'.
     numbers = [re.findall(_NUMBER_OF_PAIR, text) for text in texts if shape_of_text[text] == shape]
     values = list(map(set, zip(*numbers, strict=True)))
-    if len(values) == 3 and len(values[0] & values[1]) > len(values[1] & values[2]):
+    has_repetitions = len(values) == 3 and values[2] & {"0", "1"}
+    if has_repetitions and len(values[0] & values[1]) > len(values[1] & values[2]):
         shape = re.sub("{}([^{}]*)$", r"*\1", shape)
     if not re.fullmatch(_PAIR_SHAPE, shape):
         return "", 0

@@ -581,5 +581,6 @@ def _without_repetitions(names: Texts) -> Texts:
     Names with such numbers have no other dot, and are mostly equal without them.
     """
     bare_names = [re.sub(r"\.\d+$", "", name) for name in names]
-    are_mostly_equal = len(set(bare_names)) < 0.6 * len(names)
-    return bare_names if are_mostly_equal and "." not in "".join(bare_names) else names
+    if len(set(bare_names)) < 0.6 * len(names) and "." not in "".join(bare_names):
+        return bare_names
+    return names
