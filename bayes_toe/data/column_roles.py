@@ -363,6 +363,8 @@ _NUMBER_OF_TRIAL = (
 )
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
+#: A number of a pair of stimuli. In '[440,460]' the comma stands between two numbers.
+_NUMBER_OF_PAIR = r"\d+(?:\.\d+|,\d+(?![\d.]*[\])]))?"
 #: Shapes of names with two numbers, neither of which belongs to a question, trial or subject, as in
 #: 'Q{}_{}', or to the name of a value, as in 'F{}={}'.
 _PAIR_SHAPE = (
@@ -604,16 +606,16 @@ def columns_to_read(
     if not missing:
         return roles_read, problems, task_remedies(columns)
 
-    problems.append(_missing_columns(names, missing))
+    problems.append(_missing_columns(names, missing, columns))
     return roles_read, problems, list(dict.fromkeys(_remedies(roles_read, options, columns)))
 
 
-def _missing_columns(names: Texts, missing: Texts) -> str:
+def _missing_columns(names: Texts, missing: Texts, columns: Collection[Column]) -> str:
     """What is missing, what the file has instead, and what may help."""
-    columns = join_names(map(display_name, filter(None, names)), max_items=30)
+    names_shown = join_names(map(display_name, filter(None, names)), max_items=30)
     absent = join_words([f"no column {display_name(name)}" for name in missing])
     absent = absent.replace("n_equal", "n_equal or n_second")  # either may be meant
-    problem = f"there is {absent}. The columns are {columns}."
+    problem = f"there is {absent}. The columns are {names_shown}."
     if "n_equal" in missing:
         problem += (
             " --columns n_second=NAME names the column that counts 'second'; in the same way, name "
@@ -630,13 +632,25 @@ def _missing_columns(names: Texts, missing: Texts) -> str:
             " If these are a base and a difference, add their sum (with a ratio, their product) as "
             "a column: s2, or the comparison."
         )
-    if names_like(names, "event"):
+    series = _series(names)
+    if series:
+        problem += (
+            f" If each of the {len(series)} columns such as {display_name(series[0])} belongs to a "
+            "trial, write a row for each trial with columns subject, s1, s2 and response. If their "
+            "names have both stimuli, type --wide with the pattern, such as '*{first}_{second}'."
+        )
+    # A column has no name, or that of the column before it, as where a cell was merged.
+    if re.search(r"\n\n.|(?m:^(\D.*)\n\1$)", "\n".join(names)):
+        problem += " If names stand in two rows, write them in one row."
+    # An interval that differs from row to row, 1, 2, 1, 2, is that of the stimulus in the row.
+    alternating = [
+        column for column in columns if len(run_starts(column.codes)) == len(column.codes) > 9
+    ]
+    if names_like(names, "event") or _interval_names(alternating):
         problem += (
             " If a row is one event, such as a stimulus or a response, write a row for each trial "
             "with columns s1, s2 and response."
         )
-    if re.search(r"(?i)(\b|_|\d)(off|offset|end|stop(ped)?)(\b|_|\d)", " ".join(names)):
-        problem += " If stimuli have times of on and off, add the differences as columns s1 and s2."
     if names_like(names, "comparison") and not names_like(names, "standard"):
         problem += (
             " If one standard was in all trials, add a column standard with its level. Type "
@@ -920,6 +934,21 @@ def _pairs_by_sign(names: Texts, signs: Mapping[str, str]) -> Iterator[Sequence[
         yield pairs
 
 
+def _series(names: Iterable[str]) -> list[str]:
+    """Names that differ from six others or more in numbers only, as those of columns of trials.
+
+    Examples
+    --------
+    >>> len(_series(["id", "s1", "s2", *map("T{}_a".format, range(20))])), _series("12345678")
+    (20, [])
+    """
+    letters = {}
+    for name in filterfalse(str.isdigit, names):  # columns without names have numbers
+        letters[name] = re.sub("[0-9]", "", name)
+    n_names = Counter(letters.values())
+    return [name for name, name_letters in letters.items() if n_names[name_letters] > 6]
+
+
 def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> list[Texts]:
     """Pairs of names of columns that may be the stimuli, at most three, the likeliest first.
 
@@ -960,8 +989,9 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
         """What ranks pairs: a name of a stimulus, the values in common, and a unit in the name."""
         return _may_be_stimulus(pair[0]), agreement(pair), unit_in(pair[0])
 
-    names = filterfalse(re.compile(_NUMBER_OF_TRIAL).fullmatch, texts)
-    pairs = chain(*_pairs_by_sign(list(names), _NUMBERS | _LETTERS))
+    names_to_skip = {*_series(texts), *filter(re.compile(_NUMBER_OF_TRIAL).fullmatch, texts)}
+    names = list(filterfalse(names_to_skip.__contains__, texts))
+    pairs = chain(*_pairs_by_sign(names, _NUMBERS | _LETTERS))
     # Columns without names have their numbers as names. Few values in common may be a chance there.
     neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if agreement(pair) > 2.0]
     return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
@@ -1079,14 +1109,25 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     (('Q*_{first}_{second}', 2), ('', 0))
     >>> _pair_pattern(["p350_500_r1", "p350_500_r2"]), _pair_pattern(["1_Q7", "2_Q7", "3_Q7"])
     (('p{first}_{second}_r*', 2), ('', 0))
-    >>> _pair_pattern(["F1=190", "F1=130"]), _pair_pattern(["400=440", "440=400"])
-    (('', 0), ('{first}={second}', 2))
+    >>> _pair_pattern(["F1=190", "F1=130"]), _pair_pattern(["[400,440]", "[440,400]"])
+    (('', 0), ('[{first},{second}]', 2))
+    >>> _pair_pattern([f"W{pair}_{i}" for pair in ("50_60", "60_50") for i in range(9)])
+    ('W{first}_{second}_*', 18)
+    >>> _pair_pattern(["01-02-2026", "02-01-2026"])
+    ('', 0)
     """
     # The shape of '440 Hz vs 460 Hz' is '{} Hz vs {} Hz'.
-    shapes = Counter(re.sub(r"\d+(?:[.,]\d+)?", "{}", text) for text in texts)
-    [(shape, n_texts)] = shapes.most_common(1) or [("", 0)]  # there may be no texts
+    shape_of_text = {text: re.sub(_NUMBER_OF_PAIR, "{}", text) for text in texts}
+    [(shape, n_texts)] = Counter(shape_of_text.values()).most_common(1) or [("", 0)]  # of no texts
     # The number of a repetition may stand behind a pair, as in 'p{}_{}_r{}'.
     shape = re.sub("(?i)({}[^{}]+{}[^{}]*[-_. ](?:r|rep|t|trial|run)[-_. ]?){}$", r"\1*", shape)
+    # It also does if it begins at 0 or 1, as no year does, and the two numbers in front of it have
+    # more values in common, as in 'W{}_{}_{}'.
+    numbers = [re.findall(_NUMBER_OF_PAIR, text) for text in texts if shape_of_text[text] == shape]
+    values = list(map(set, zip(*numbers, strict=True)))
+    has_repetitions = len(values) == 3 and values[2] & {"0", "1"}
+    if has_repetitions and len(values[0] & values[1]) > len(values[1] & values[2]):
+        shape = re.sub("{}([^{}]*)$", r"*\1", shape)
     if not re.fullmatch(_PAIR_SHAPE, shape):
         return "", 0
     # The last two numbers are the stimuli; any numbers may take the place of earlier ones.

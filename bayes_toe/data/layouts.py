@@ -40,7 +40,6 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.messages import (
     Texts,
     display_name,
-    join_display_names,
     join_names,
     join_quoted,
     join_words,
@@ -166,15 +165,14 @@ def _stimulus_meant(text: str, options: ReadOptions) -> str:
     return ""
 
 
-def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
-    """The options with a column that says itself which stimulus came first, and the table with it.
+def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
+    """The options with a column that says itself which stimulus came first.
 
     The options stay as they are if they say the order, if there is no standard and no comparison,
     or if columns contradict each other.
     """
     if not unordered_stimuli(table.names, options):
-        return table, options
-    table = _with_onsets(table)
+        return options
     names_in_use = set(map(options.name, COLUMNS))  # such as that of the responses
     name_by_order = {}  # by what a column says of all rows; equal columns are one
     for name, column in table.columns.items():
@@ -182,7 +180,7 @@ def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable,
         if order_by_text and name not in names_in_use:
             name_by_order[tuple(column.map(order_by_text.get, object))] = name
     if len(name_by_order) != 1:
-        return table, options
+        return options
 
     (name,) = name_by_order.values()
     # In a column such as 'test_position', which names a comparison and no place, '1' is the
@@ -191,41 +189,7 @@ def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable,
         options = replace(options, comparison_interval=name)
     else:
         options = replace(options, standard_interval=name)
-    return table, with_likely_columns(table.names, options)
-
-
-def _with_onsets(table: TextTable) -> TextTable:
-    """The table with a column of order, if two columns have the onsets of standard and comparison.
-
-    Columns of onsets have names such as tone_std.started and tone_cmp.started. The table stays as
-    it is if one stimulus always began first, since the times may then count from two moments.
-    """
-    onset_names = {"standard": list[str](), "comparison": list[str]()}
-    for name in table.columns:
-        stimuli, places, other_words = named_places(name)
-        is_onset = other_words.intersection(VOCABULARY["words"]["of_onset"])
-        if is_onset and len(stimuli) == 1 and not places:
-            onset_names[stimuli[0]].append(name)
-    if list(map(len, onset_names.values())) != [1, 1]:  # one column for each stimulus
-        return table
-    pair = onset_names["standard"] + onset_names["comparison"]
-
-    standard, comparison = (table.columns[name].map(number, np.float64) for name in pair)
-    delay = comparison - standard
-    delays = delay[np.isfinite(delay)]  # of rows with both stimuli
-    has_both_orders = (delays > 0.0).any() and (delays < 0.0).any()
-    # The shortest delay is not much shorter than the longest. Times that vary by chance, each
-    # from its own start, would be nearly equal in some trials.
-    if not has_both_orders or abs(delays).min() < 0.05 * abs(delays).max():
-        return table
-    texts = np.select([delay > 0.0, delay < 0.0], ["standard first", "comparison first"], "")
-    order = Column.from_texts("onsets", texts.tolist())
-    return replace(
-        table,
-        names=[*table.names, order.name],
-        columns={**table.columns, order.name: order},
-        notes=(*table.notes, f"columns {join_display_names(pair)} read as onsets"),
-    )
+    return with_likely_columns(table.names, options)
 
 
 def _certain_order(column: Column) -> OrderByText:
@@ -602,9 +566,21 @@ def _by_pair(table: TextTable, names: Texts) -> TextTable:
     # Shape (rows, names).
     cells = np.column_stack([table.columns[name].map(str, object) for name in names])
     long_table = table.only(row)
-    columns = {**long_table.columns, PAIR: Column(PAIR, list(names), name_code)}
+    pairs = _without_repetitions(names)
+    columns = {**long_table.columns, PAIR: Column.from_texts(PAIR, pairs, name_code)}
     columns[CELL] = Column.from_texts(CELL, cells.ravel())
     for name in names:
         del columns[name]
     all_names = [*filterfalse(names.__contains__, table.names), PAIR, CELL]
     return replace(long_table, names=all_names, columns=columns)
+
+
+def _without_repetitions(names: Texts) -> Texts:
+    """Names without the numbers '.1', '.2' that programs add to equal names, as in '100_112.1'.
+
+    Names with such numbers have no other dot, and are mostly equal without them.
+    """
+    bare_names = [re.sub(r"\.\d+$", "", name) for name in names]
+    if len(set(bare_names)) < 0.6 * len(names) and "." not in "".join(bare_names):
+        return bare_names
+    return names

@@ -68,7 +68,6 @@ from bayes_toe.data.tasks import (
 from bayes_toe.data.text_table import DELIMITERS, Column, Columns, Frame, TextTable
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.trial_rows import (
-    ask_for_screens,
     chosen_rows,
     columns_of_file,
     dropped_notes,
@@ -78,6 +77,7 @@ from bayes_toe.data.trial_rows import (
     taken_out_doubts,
     with_row_for_each_trial,
     with_subjects_below,
+    without_lone_responses,
     without_practice,
     without_unfilled,
 )
@@ -412,7 +412,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
     has_response_name = "response" in options.columns  # by an option, and not by a likely name
     options = with_likely_columns(table.names, options)
-    table, options = with_known_order(table, options)
+    options = with_known_order(table, options)
     all_columns = table.columns.values()
     if not has_response_name and options.name("response") in solutions(all_columns, options):
         # The likely column has the correct answers. It loses its role here, so that the program
@@ -428,6 +428,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
     for answer in ("response", "correct"):
         if answer in roles_read:
             table = without_unfilled(table, options, answer)
+            table = without_lone_responses(table, options, answer)
     frequency = frequency_column(table, options, roles_read)
     if frequency is not None:
         table = with_row_for_each_trial(table, frequency)
@@ -576,8 +577,6 @@ def _trial_study(rows: _Rows) -> Study:
 
     # Rows without a response, such as instruction screens, may hold anything else.
     has_response = answers.is_answered | answers.is_unscorable
-    lacks_stimuli = np.all(list(map(empty, rows.stimulus_columns)), axis=0)
-    ask_for_screens(table, has_response & lacks_stimuli)
     rows.require_pairs(has_response)
     table.problems.refuse()
     require_task(table, answers.task, task_column)

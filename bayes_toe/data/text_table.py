@@ -45,11 +45,14 @@ DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "spa
 #: The largest table; Excel has as many columns. A larger table would fill the memory.
 _MOST_COLUMNS = 2**14
 _MOST_CELLS = 5 * 10**7
-#: How logs begin in which trials are no rows, by the program and what is read in their place.
-#: Presentation writes the first line above other tables, too.
-_LOGS = {
-    "E-Prime, allowed: its trials as CSV, which E-DataAid exports": r"\*\*\* Header Start \*\*\*",
-    "Presentation, allowed: its trials as CSV, such as those that a scenario prints to an "
+#: How texts begin in which trials are no rows, by what they are and what is read in their place.
+#: Presentation writes the first line of its log above other tables, too.
+_NO_TABLES = {
+    "a web page, allowed: its table as CSV": r"(?i)\s*<(?:!doctype|html|table)",
+    "a log of E-Prime, allowed: its trials as CSV, which E-DataAid exports": (
+        r"\*\*\* Header Start \*\*\*"
+    ),
+    "a log of Presentation, allowed: its trials as CSV, such as those that a scenario prints to an "
     "output_file, since the rows of a log are events": "Scenario - [^\0]{0,2000}\tEvent Type\t",
 }
 #: Records among which the names are looked for.
@@ -74,6 +77,8 @@ _REMARKS = (
 #: Finds, among names in lines, a name that two or more columns without names follow, and then
 #: another name. Each of these columns has a trial of the row, as saveAsText of PsychoPy writes it.
 _TRIALS_IN_A_ROW = r"(?m)^(.+_raw)(\n{3,})(?=.)"
+#: What else may be wrong where rows have too many cells.
+_DECIMAL_COMMA = "Between commas, a number with a decimal comma needs quotation marks"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
     "end of data": "a quote that is never closed",
@@ -404,11 +409,16 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     # By the name of columns of several trials, a line end for each trial in a row.
     newlines = dict(re.findall(_TRIALS_IN_A_ROW, "\n".join(names)))
     rows, texts = _texts_by_name(records, names, newlines, problems)
+    if delimiter == "," and problems.count > max(MAX_LINES, len(rows)):  # most rows
+        raise InputError(
+            f"{source}: {problems.count} rows have another number of cells than row {first_row}, "
+            f"which has the names. {_DECIMAL_COMMA}"
+        )
     # R numbers the rows by default. Other texts in front of a row may be a cell too many.
     if len(names) > len(head) and texts[names[0]] != list(map(str, range(1, len(rows) + 1))):
         raise InputError(
             f"{source}: row {rows[0]}: found {len(names)} cells below {len(head)} names, "
-            "allowed: a name for each column"
+            f"allowed: a name for each column. {_DECIMAL_COMMA}"
         )
 
     chosen_names = {*choice(names), ""}  # also the numbers of rows, which have no name
@@ -432,11 +442,11 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
 def _without_remarks(source: str, text: str) -> tuple[str, int]:
     """The text without lines that are no part of a table, and in how many places below names.
 
-    Logs, whose lines are no trials, are refused.
+    Logs and web pages, whose lines are no trials, are refused.
     """
-    for program, start in _LOGS.items():
+    for finding, start in _NO_TABLES.items():
         if re.match(start, text):
-            raise InputError(f"{source}: found a log of {program}")
+            raise InputError(f"{source}: found {finding}")
     # Spreadsheets name the delimiter in a first line, such as 'sep=;'. It becomes an empty line, so
     # that rows keep their numbers.
     text = re.sub(r"\Asep=[,;\t]?(?=\r|\n)", "", text)

@@ -1,12 +1,12 @@
 """Trials in the order in which they were given.
 
-`answers_in_order` sorts the rows of each subject by session, block and trial number. It notes
-missing trial numbers, and reports rows that repeat a trial number.
+`answers_in_order` sorts the rows of each subject by session, block and trial number. It reports
+rows that repeat a trial number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, combination_counts, run_starts
 from bayes_toe.data.answers import Answers, Counts
 from bayes_toe.data.column_roles import role_by_cells
-from bayes_toe.data.messages import TWICE, Note, display_name, named_counts, plural
+from bayes_toe.data.messages import TWICE, Note, display_name, plural
 from bayes_toe.data.tasks import are_trials
 from bayes_toe.data.text_table import Column, Columns, TextTable
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number, numbers
@@ -43,8 +43,8 @@ def answers_in_order(
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
     """The answers of each unit in order, with notes and doubts.
 
-    A unit is a subject, or a subject in one condition. Notes say what is missing. Doubts name
-    trials that the file has twice.
+    A unit is a subject, or a subject in one condition. A note names subjects whose trials have no
+    order. Doubts name trials that the file has twice.
 
     `columns` has the columns by our names. `pairs` are the stimuli of every row, NaN where a cell
     cannot be read. `rows_of_units` has the rows with answers of every unit. `counts` are the
@@ -62,7 +62,6 @@ def answers_in_order(
 
     answers = {}
     unordered_names = []
-    n_missing = {}
     for name, answered_rows in rows_of_units.items():
         rows = answered_rows
         place = None
@@ -77,9 +76,7 @@ def answers_in_order(
             else:
                 rows = ordered
                 # Memory ends where a run of the longest kind ends.
-                place, n_absent = _places(order.trial[rows], order.runs[rows, -1])
-                if n_absent:
-                    n_missing[subject_name] = n_absent
+                place = _places(order.runs[rows, -1])
 
         # Trials of other units have no answers here.
         is_own_row = unit.codes[rows] == unit.codes[answered_rows[0]]
@@ -94,9 +91,15 @@ def answers_in_order(
         )
         answers[name] = in_order.with_own_blocks()
 
-    # Without a subject of unknown order, no number is there twice.
-    doubts = _repeat_doubts(table, unit, order, pairs, counts) if unordered_names else []
-    return answers, list(_order_notes(columns, unordered_names, n_missing)), doubts
+    if not unordered_names:  # no number is there twice
+        return answers, [], []
+    note = Note(
+        f"{columns['trial']} does not order all trials, so the order of the file is used for ",
+        unordered_names,
+        ". If its numbers begin anew, two persons or sessions may be pooled: --columns "
+        "subject=NAME or session=NAME keeps them apart, or --where one of them",
+    )
+    return answers, [note], _repeat_doubts(table, unit, order, pairs, counts)
 
 
 def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
@@ -127,25 +130,6 @@ def _order_of_rows(table: TextTable, columns: Columns) -> _Order:
     return _Order(trial, np.column_stack(runs), block, blocks)
 
 
-def _order_notes(
-    columns: Columns, unordered_names: list[str], n_missing: Mapping[str, int]
-) -> Iterator[str]:
-    """Notes on subjects whose trials have no order, and on numbers of trials that are missing."""
-    if unordered_names:
-        yield Note(
-            f"{columns['trial']} does not order all trials, so the order of the file is used for ",
-            unordered_names,
-            ". If its numbers begin anew, two persons or sessions may be pooled: --columns "
-            "subject=NAME or session=NAME keeps them apart, or --where one of them",
-        )
-    if n_missing:
-        yield Note(
-            "trial numbers are missing (",
-            named_counts(n_missing),
-            "); if these were trials and no screens, keep them with an empty response",
-        )
-
-
 def _ordered(choices: Sequence[IndexArray], order: _Order) -> IndexArray | None:
     """The first choice of rows whose order is known, in this order; None if no order is known.
 
@@ -164,19 +148,15 @@ def _ordered(choices: Sequence[IndexArray], order: _Order) -> IndexArray | None:
     return None
 
 
-def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
-    """Places of trials in their order, and how many of their numbers are missing within runs.
+def _places(run: IntArray) -> IntArray:
+    """Places of trials in their order.
 
     A place is left out where another run begins: trials 1, 2, 4 of run 0 and 1 of run 1 have the
-    places 0, 1, 2, 4, and a number is missing.
+    places 0, 1, 2, 4.
     """
     is_new_run = np.diff(run) != 0
-    n_missing = 0
-    if (trial % 1 == 0).all():
-        steps = np.diff(trial)[~is_new_run]
-        n_missing = int((steps[steps > 1] - 1).sum())
     n_earlier_runs = np.r_[0, np.cumsum(is_new_run)]  # each leaves out a place at its end
-    return np.arange(len(trial)) + n_earlier_runs, n_missing
+    return np.arange(len(run)) + n_earlier_runs
 
 
 def _repeat_doubts(
@@ -184,8 +164,9 @@ def _repeat_doubts(
 ) -> list[str]:
     """A doubt about answered trials that repeat the number and all else of an earlier row.
 
-    If other rows repeat a number and differ, numbers may begin anew. There is then a doubt for each
-    column in whose blocks no number is repeated, where the file has a single subject.
+    If other rows repeat a number and differ, numbers may begin anew. If they do in a file of a
+    single subject, there is a doubt for each column in whose blocks no number is repeated. Without
+    such a column, there is a doubt if ten rows or more repeat a number.
     """
     import pandas as pd  # slow to load, and seldom needed
 
@@ -196,14 +177,21 @@ def _repeat_doubts(
     n_repeats = sum(is_repeat)
     repeats_number = rows.duplicated(list(range(len(number_of_trial))))
     if not n_repeats or repeats_number.sum() > n_repeats:  # some repeat the number alone
-        return [
-            f"all rows are of subject {unit.texts[0]}, but trial numbers begin anew wherever "
-            f"{column} changes. If it tells subjects apart, type --columns subject={column.name}"
+        if len(unit.texts) > 1:
+            return []
+        problem = f"all rows are of subject {unit.texts[0]}, but trial numbers begin anew"
+        doubts = [
+            f"{problem} wherever {column} changes. If it tells subjects apart, type --columns "
+            f"subject={column.name}"
             for column in table.columns.values()
-            if len(unit.texts) == 1
-            and role_by_cells(column) == "subject"
+            if role_by_cells(column) == "subject"
             and combination_counts(column.codes, order.trial).max() == 1
         ]
+        if not doubts and repeats_number.sum() >= 10:
+            doubts.append(
+                f"{problem}. If there are several, add a column subject; if not, a column session"
+            )
+        return doubts
 
     first_repeat = rows.index[is_repeat][0]
     name = display_name(unit.text(first_repeat))

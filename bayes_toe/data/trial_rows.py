@@ -17,6 +17,7 @@ from bayes_toe.arrays import BoolArray, combination_counts, run_starts
 from bayes_toe.data.answers import Counts
 from bayes_toe.data.column_roles import (
     are_alike,
+    filled_texts,
     is_no_response,
     is_response_sign,
     looks_like,
@@ -249,24 +250,33 @@ def _counts_by_subject(subject: Column, rows: BoolArray) -> Texts:
     return named_counts(dict(zip(names, np.bincount(part.codes).tolist(), strict=True)))
 
 
-def ask_for_screens(table: TextTable, is_screen: BoolArray) -> None:
-    """Propose to leave out rows with a response and without stimuli, such as a start screen.
+def without_lone_responses(table: TextTable, options: ReadOptions, answer: str) -> TextTable:
+    """The table without rows that have an answer and lack a stimulus, such as catch trials.
 
-    `is_screen` marks these rows. They are left out by --where COLUMN=TEXT, if a column has one text
-    in every other row, and another text in each of these rows. Without such a column, nothing is
-    proposed.
+    `answer` is 'response' or 'correct'. If most rows lack a stimulus, as where each stimulus has a
+    row of its own, all rows stay, and the missing stimuli are problems.
     """
-    if not is_screen.any():
-        return
-    for name, column in table.columns.items():
-        texts = column.only(~is_screen).texts
-        if len(texts) == 1 and texts[0] and not column.matches(texts)[is_screen].any():
-            # For the reader of the remedy, the other rows are those that the option leaves out.
-            remedy = Remedy("where", ((name, texts[0]),), "if the other rows are no trials")
-            table.problems.ask(
-                f"{plural(is_screen.sum(), 'row')} with a response and without stimuli.", [remedy]
-            )
-            return
+    response = table.columns[options.name(answer)]
+    stimuli = map(table.columns.__getitem__, options.stimulus_names)
+    lacks_stimulus = np.any([column.map(_is_missing) for column in stimuli], axis=0)
+    # Other texts, such as the key of a start screen, are no answers.
+    answers = filled_texts(response.only(~lacks_stimulus))
+    is_lone = lacks_stimulus & response.matches(answers)
+    if not is_lone.any() or is_lone.mean() > 0.5:
+        return table
+    return table.only(
+        ~is_lone,
+        Note(
+            (is_lone.sum(), "row"),
+            " with a response and without both stimuli left out: ",
+            _counts_by_subject(_subjects(table, options), is_lone),
+        ),
+    )
+
+
+def _is_missing(text: str) -> bool:
+    """Whether a cell of stimuli has no stimulus."""
+    return text.lower() in MISSING_WORDS
 
 
 def dropped_notes(

@@ -289,10 +289,6 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
         "block 2 1.0 1.0 1/1",
         "block 1* 0.0 0.0 1/1",
     ]
-    assert study.notes[1:] == (
-        "trial numbers are missing (a 1); if these were trials and no screens, keep them with an "
-        "empty response",
-    )
     # Without its block 2, each session has one trial.
     assert answers_in_order(study.exclude("a", "2")["a"]) == [
         "block 1* 0.0 1.0 1/1",
@@ -668,7 +664,10 @@ REFUSED_TRIALS = {
     "a,0,0,equal\na,0,0\na,0,0,equal\n": (
         "row 3: found 3 cells, allowed: 4 cells as in the header"
     ),
-    "a,0,0,equal,x\n": "row 2: found 5 cells below 4 names, allowed: a name for each column",
+    "a,0,0,equal,x\n": (
+        "row 2: found 5 cells below 4 names, allowed: a name for each column. Between commas, a "
+        "number with a decimal comma needs quotation marks"
+    ),
     'a,0,0,equal\n"b,0,0,equal\nc,0,0,equal\n': (
         f"row 3: found a quote that is never closed, {QUOTES}"
     ),

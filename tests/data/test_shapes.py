@@ -196,6 +196,15 @@ WIDE = (
     .pivot(index=["subject", "repetition"], columns="pair", values="response")
     .reset_index()
 )
+
+
+def with_repetitions(name):
+    """A row for each subject, with the trials of each pair in columns of this name."""
+    table = WIDE.set_index(["subject", "repetition"]).unstack()
+    names = [name.format(pair, repetition) for pair, repetition in table.columns]
+    return table.set_axis(names, axis=1).reset_index()
+
+
 WIDE_COUNTS = "subject,740_905,905_740,905_1105,1105_905,n\nP03,31,9,28,11,40\nP12,28,4,34,12,40\n"
 IN_SHARES = WIDE_COUNTS.replace(",40", ",100").replace("31,9", "31%,9.0%")
 NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
@@ -398,6 +407,9 @@ READ = {
         CODED, [["", "ln", "ln", "0/1"], ["P03", "null", "NA", '{"age":"23"}']]
     ),
     "instructions.csv": with_rows_above(IN_LOGS, [["P03", "", "", ""]] * 2),
+    "start_screen.csv": with_rows_above(
+        IN_LOGS, [["P03", "", "", "first"], ["P12", 0.3, "NA", "second"]]
+    ),
     "missed_trials.csv --correct correct": with_rows_above(
         SCORED, [["P03", 0.3, 0.0, False, "", ""]] * 9
     ),
@@ -469,6 +481,7 @@ NOTES = """
     practice.csv | 8 rows left out as practice or catch trials (column phase: 'practice')
     unfilled.csv | 20 rows left out as unfilled (stimuli and response are 0 in the last rows): P12
     separators.jsonl | trial rows, JSON, UTF-8, resp
+    start_screen.csv | 2 rows with a response and without both stimuli left out: P03 1, P12 1
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
     counts_of_both.csv | grouped rows, comma-separated, UTF-8, 80 trials answered 50 'second', 30
@@ -628,11 +641,6 @@ REFUSED = {
     "two_sheets.xlsx --sheet C{}": (
         excel_bytes(A=IN_LOGS, B=IN_LOGS),
         "found the sheets A, B, allowed: one of them",
-    ),
-    "start_screen.csv": (
-        with_rows_above(IN_LOGS.assign(screen="pair"), [["P03", "", "", "first", "start"]]),
-        "1 row with a response and without stimuli.",
-        "type:  --where screen=pair",
     ),
     "no_subjects.xlsx --sheet *": (
         excel_bytes(A=WITHOUT_SUBJECT, B=WITHOUT_SUBJECT),
@@ -829,6 +837,7 @@ REFUSED = {
         "subject,1_2,2_1\nP03,first,second\nP04,first,maybe\n",
         "row 3, column 2_1: found 'maybe', allowed: second",
     ),
+    "table.xls": ("<html><table><tr><td>subject</td></tr></table></html>", "found a web page, al"),
     "table.ods": ("PK", "its copy as .xlsx or CSV"),
     "table.csv.gz": (gzip.compress(csv_bytes(IN_LOGS)), "an archive, allowed: the file in it"),
     "data.RData": ("RDX3", "R data"),
@@ -850,10 +859,6 @@ REFUSED = {
         "found a, b, no columns of one length",
         "data frame",
     ),
-    "onsets.csv": (
-        "subject,on1_ms,off1_ms,on2_ms,off2_ms,response\na,500,900,1400,1900,second\n",
-        "If stimuli have times of on and off, add the differences as columns s1 and s2.",
-    ),
     "sides.csv": (
         "subject,left_g,right_g,lifted_first,heavier\na,50,60,left,right\na,60,50,right,left\n",
         "columns left_g and right_g do not say which stimulus came first",
@@ -866,6 +871,26 @@ REFUSED = {
     "three_tones.csv": (
         "subject,s1_ms,s2_ms,s3_ms,response\na,500,550,500,2\na,550,500,500,1\na,500,500,550,3\n",
         "column s3_ms: found beside two stimuli, allowed: trials with two stimuli",
+    ),
+    "a_row_for_each_stimulus.csv": (
+        "subject,trial,interval,tone,response\n" + "a,1,1,500,\na,1,2,700,second\n" * 9,
+        "If a row is one event, such as a stimulus or a response, write a row for each trial",
+    ),
+    "names_in_two_rows.csv": (
+        "subject,tone (Hz),,response\n,first,second,\na,500,700,second\n",
+        "If names stand in two rows, write them in one row.",
+    ),
+    "columns_of_trials.csv": (
+        "subject,Q1_1,Q1_2,Q1_3,Q1_4,Q1_5,Q1_6,Q1_7,Q1_8\na,1,2,1,2,1,1,2,2\n",
+        "If each of the 8 columns such as Q1_1 belongs to a trial, write a row for each trial with",
+    ),
+    "decimal_commas_without_quotes.csv": (
+        "subject,s1,s2,response\n" + "a,0,1,0,3,second\n" * 20,
+        "20 rows have another number of cells than row 1, which has the names. Between commas, a ",
+    ),
+    "monitors.csv": (
+        WITHOUT_SUBJECT.assign(monitor=[1] * 20 + [2] * 20),
+        "type:  --subject-from '{}.*'  ",
     ),
     "start_key.csv": (
         "subject,s1,s2,go.keys,key.keys\na,0,1,space,j\na,1,0,space,f\n",
@@ -963,6 +988,20 @@ ADVISED = {
         ],
         "--wide 'Q*_{first}_{second}' --columns subject=ResponseId --unit a.u.",
     ),
+    "wide_with_repetitions.csv": (
+        with_repetitions("W{}_{}"),
+        "--wide 'W{first}_{second}_*' --unit a.u.",
+    ),
+    "wide_with_equal_names.csv": (
+        with_repetitions("{}.{}"),
+        "--wide '{first}_{second}' --unit a.u.",
+    ),
+    "lists.csv": (
+        IN_GRAMS.assign(pair=TRIALS.w1.map("[{},".format) + TRIALS.w2.map("{}]".format))[
+            ["subject", "pair", "response"]
+        ],
+        "--wide '[{first},{second}]' --unit a.u.",
+    ),
     "right_answers.csv": (
         labelled(SCORED.drop(columns=["key", "rt"]), correct="response"),
         "--correct response",
@@ -1002,6 +1041,9 @@ WARNED = {
     "column studyId changes. If it tells subjects apart, type --columns subject=studyId": (
         "subject,studyId,trial,s1,s2,response\n0,a,1,0,1,first\n0,a,2,1,0,second\n0,a,3,0,1,first\n"
         "0,b,1,0,1,first\n0,b,2,1,0,first\n0,b,3,1,0,first\n"
+    ),
+    "all rows are of subject 1, but trial numbers begin anew. If there are several": IN_LOGS.assign(
+        subject=1, trial=[*range(40)] * 2
     ),
     "10 rows of subject 'NA'": IN_LOGS.assign(subject=["NA"] * 10 + ["P03"] * 70),
 }
