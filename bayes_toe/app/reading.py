@@ -111,12 +111,12 @@ def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     `unit` is the unit in the names of the stimuli. `order` has the column that says which stimulus
     came first.
     """
-    options = with_known_order(table, options)
+    _, options = with_known_order(table, options)
     order = {
         "standard_interval": options.standard_interval,
         "comparison_interval": options.comparison_interval,
     }
-    if options.interval_column not in table.names:  # no option names it
+    if options.interval_column not in table.names:  # the onsets of both stimuli say the order
         order = {}
     # Without the unit of the options, `with_likely_columns` finds the unit in the names.
     options_without_unit = replace(options, unit=None, intensity=None)

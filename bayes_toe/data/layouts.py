@@ -40,6 +40,7 @@ from bayes_toe.data.column_roles import (
 from bayes_toe.data.messages import (
     Texts,
     display_name,
+    join_display_names,
     join_names,
     join_quoted,
     join_words,
@@ -165,14 +166,15 @@ def _stimulus_meant(text: str, options: ReadOptions) -> str:
     return ""
 
 
-def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
-    """The options with a column that says itself which stimulus came first.
+def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
+    """The options with a column that says itself which stimulus came first, and the table with it.
 
     The options stay as they are if they say the order, if there is no standard and no comparison,
     or if columns contradict each other.
     """
     if not unordered_stimuli(table.names, options):
-        return options
+        return table, options
+    table = _with_onsets(table)
     names_in_use = set(map(options.name, COLUMNS))  # such as that of the responses
     name_by_order = {}  # by what a column says of all rows; equal columns are one
     for name, column in table.columns.items():
@@ -180,7 +182,7 @@ def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
         if order_by_text and name not in names_in_use:
             name_by_order[tuple(column.map(order_by_text.get, object))] = name
     if len(name_by_order) != 1:
-        return options
+        return table, options
 
     (name,) = name_by_order.values()
     # In a column such as 'test_position', which names a comparison and no place, '1' is the
@@ -189,7 +191,41 @@ def with_known_order(table: TextTable, options: ReadOptions) -> ReadOptions:
         options = replace(options, comparison_interval=name)
     else:
         options = replace(options, standard_interval=name)
-    return with_likely_columns(table.names, options)
+    return table, with_likely_columns(table.names, options)
+
+
+def _with_onsets(table: TextTable) -> TextTable:
+    """The table with a column of order, if two columns have the onsets of standard and comparison.
+
+    Columns of onsets have names such as tone_std.started and tone_cmp.started. The table stays as
+    it is if one stimulus always began first, since the times may then count from two moments.
+    """
+    onset_names = {"standard": list[str](), "comparison": list[str]()}
+    for name in table.columns:
+        stimuli, places, other_words = named_places(name)
+        is_onset = other_words.intersection(VOCABULARY["words"]["of_onset"])
+        if is_onset and len(stimuli) == 1 and not places:
+            onset_names[stimuli[0]].append(name)
+    if list(map(len, onset_names.values())) != [1, 1]:  # one column for each stimulus
+        return table
+    pair = onset_names["standard"] + onset_names["comparison"]
+
+    standard, comparison = (table.columns[name].map(number, np.float64) for name in pair)
+    delay = comparison - standard
+    delays = delay[np.isfinite(delay)]  # of rows with both stimuli
+    has_both_orders = (delays > 0.0).any() and (delays < 0.0).any()
+    # The shortest delay is not much shorter than the longest. Times that vary by chance, each
+    # from its own start, would be nearly equal in some trials.
+    if not has_both_orders or abs(delays).min() < 0.05 * abs(delays).max():
+        return table
+    texts = np.select([delay > 0.0, delay < 0.0], ["standard first", "comparison first"], "")
+    order = Column.from_texts("onsets", texts.tolist())
+    return replace(
+        table,
+        names=[*table.names, order.name],
+        columns={**table.columns, order.name: order},
+        notes=(*table.notes, f"columns {join_display_names(pair)} read as onsets"),
+    )
 
 
 def _certain_order(column: Column) -> OrderByText:

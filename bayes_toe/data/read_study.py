@@ -412,7 +412,7 @@ def _rows(table: TextTable, path: StrPath | Frame, options: ReadOptions) -> _Row
 
     has_response_name = "response" in options.columns  # by an option, and not by a likely name
     options = with_likely_columns(table.names, options)
-    options = with_known_order(table, options)
+    table, options = with_known_order(table, options)
     all_columns = table.columns.values()
     if not has_response_name and options.name("response") in solutions(all_columns, options):
         # The likely column has the correct answers. It loses its role here, so that the program

@@ -202,6 +202,22 @@ def test_a_note_says_where_the_sign_depends_on_options(order_cells, codes, optio
     assert ("opposite sign" in " ".join(study.notes)) == depends
 
 
+@pytest.mark.parametrize("second_onset, is_read", [(1.7, True), (0.51, True), (0.5, False)])
+def test_onsets_of_a_standard_and_a_comparison_are_their_order(second_onset, is_read):
+    # The onset of the first stimulus is 0.5. Equal onsets say no order. No other column says which
+    # stimulus came first.
+    table = trials_with_order("order", "1", "2")
+    is_standard_first = table.pop("order") == "1"
+    table["std.started"] = np.where(is_standard_first, 0.5, second_onset)
+    table["cmp.started"] = np.where(is_standard_first, second_onset, 0.5)
+    if is_read:
+        assert is_read_as_intended(table)
+        assert "columns std.started, cmp.started read as onsets" in bt.read_study(table).notes
+    else:
+        with refused("do not say which stimulus came first"):
+            bt.read_study(table)
+
+
 #: Name and cells, as in CELLS_OF_ORDER, of a column beside two columns of stimuli, and the names of
 #: these columns, which do not say that a stimulus came first.
 LABELS = """
