@@ -167,8 +167,9 @@ def ascend_from(
     starts: FloatArray,
     is_held: BoolArray | bool = False,
     least_gain: float = 0.03,
+    most_steps: int = 12,
 ) -> Ascent:
-    """Fisher scoring from many starts at once.
+    """Fisher scoring from many starts at once; exact maxima are left to :func:`polished`.
 
     Parameters
     ----------
@@ -180,13 +181,14 @@ def ascend_from(
         Further coordinates that stay where they start.
     least_gain : float
         A search ends where the predicted gain, nats, is below this limit.
+    most_steps : int
     """
     return ascend(
         lambda x, index: expansion(posteriors.part(owners[index]), x),
         starts,
         is_held=~posteriors.is_free[owners] | is_held,
         least_gain=least_gain,
-        most_steps=30,  # exact maxima are left to `polished`
+        most_steps=most_steps,
         retry_damping=0.0,
     )
 
