@@ -387,7 +387,9 @@ def subject_contrast(
         log_bf = same_lapses.log_bayes_factor(differs)
         error = same_lapses.bayes_factor_error(differs)
         word_with_free_lapses = word_of_bayes_factor(free_lapses.log_bayes_factor(differs))
-        robust = "yes" if word_of_bayes_factor(log_bf) is word_with_free_lapses else "no"
+        robust = "no"
+        if word_of_bayes_factor(log_bf) is word_with_free_lapses:
+            robust = "yes"
         # Draws of equal weight from the models in which the quantity differs.
         draws = same_lapses.averaged(differs).resampled(rng, size=4000)
         values = models.quantities(draws)  # (conditions, draws) each

@@ -214,7 +214,10 @@ def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     for task_options in options_of_tasks:
         rows = _rows(table, path, task_options)
         task = task_counted(rows.columns)
-        studies.append(_trial_study(rows) if task is None else _count_study(rows, task))
+        if task is None:
+            studies.append(_trial_study(rows))
+        else:
+            studies.append(_count_study(rows, task))
     return studies
 
 

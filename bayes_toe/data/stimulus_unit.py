@@ -95,14 +95,19 @@ def why_not_logs(first: FloatArray, second: FloatArray) -> tuple[str, int | None
     low = stimuli.min()
     high = stimuli.max()
     is_whole = (stimuli % 1.0 == 0.0).all()  # logarithms are seldom all whole
-    is_wide = high - low > LARGEST_STEP
-    is_large = low > (_LARGEST_WHOLE_LOG if is_whole else _LARGEST_LOG)
-    # Logarithms of a wide range are seldom all above 0. Whole numbers from 1 may number levels.
-    is_list = is_whole and low == 1.0 and high > 2.0
-    if is_list or is_large or (is_wide and (is_whole or low > 0.0)):
-        kind = "whole numbers" if is_whole else "numbers"
-        guess = ", perhaps the numbers of levels" if is_list else ""
-        return f"{kind} from {low:g} to {high:g}{guess}", None
+    if is_whole:
+        kind = "whole numbers"
+        largest_log = _LARGEST_WHOLE_LOG
+    else:
+        kind = "numbers"
+        largest_log = _LARGEST_LOG
+
+    if is_whole and low == 1.0 and high > 2.0:
+        return f"{kind} from 1 to {high:g}, perhaps the numbers of levels", None
+    # Logarithms of a wide range are seldom all above 0.
+    is_wide = high - low > LARGEST_STEP and (is_whole or low > 0.0)
+    if is_wide or low > largest_log:
+        return f"{kind} from {low:g} to {high:g}", None
     steps = np.abs(second - first)
     widest = int(steps.argmax())
     if steps[widest] <= LARGEST_STEP:

@@ -419,11 +419,13 @@ def badges(draws: Draws, name: str) -> TextPairs:
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
     """Kind and text of the badge of the fit; `fit_p` is None if the fit is not testable."""
-    if fit_p is not None and fit_p < flag_limit(n_subjects):
+    description = f"fit: {describe_fit(fit_p, n_subjects)}"
+    if fit_p is None:
+        return "untold", description
+    if fit_p < flag_limit(n_subjects):
         # The page writes 'the model does not fit: ' before it.
         return "misfit", format_limit(fit_p, n_subjects)
-    kind = "untold" if fit_p is None else "fine"
-    return kind, f"fit: {describe_fit(fit_p, n_subjects)}"
+    return "fine", description
 
 
 # --- curves ---------------------------------------------------------------------------------------
