@@ -366,12 +366,14 @@ _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\
 #: A number of a pair of stimuli. In '[440,460]' the comma stands between two numbers.
 _NUMBER_OF_PAIR = r"\d+(?:\.\d+|,\d+(?![\d.]*[\])]))?"
 #: Shapes of names with two numbers, neither of which belongs to a question, trial or subject, as in
-#: 'Q{}_{}', or to the name of a value, as in 'F{}={}'.
+#: 'Q{}_{}', to the name of a value, as in 'F{}={}', to a hexadecimal number, as in '{}c{}', or to
+#: times and counts of PsychoPy.
 _PAIR_SHAPE = (
     r"(?i)(?!.*(?<![rt]){}[-_. ]*(?:q|r|rep|t|trial|run|item|question)[-_. ]*{})"
     r"(?!.*{}_(?:[ps]|vpn?|sub|subj|subject|participant)_?{})"
     r"(?!(?:[^{}]*[-_. ])?(?:q|b|block|question)[-_. ]*{}[^{}]+{}$)"
     r"(?!.*[^\W\d]{} ?= ?{})"
+    r"(?!{}[a-f]{}$)(?!.*\.(started|stopped|this\w*)$)"
     r"(\w+{}[^{}]+)?[^{}]*{}[^{}]+{}[^{}]*"  # 'Q5_' may be in front
 )
 #: By role, another role whose names are proposed for it, but are not read without an option.
@@ -564,7 +566,7 @@ def columns_to_read(
     third_name = re.sub(r"(?<=\D)1(?=\D*$)", "3", first_name)  # 's3_ms' of 's1_ms'
     if first_name != third_name in names:
         problems.append(
-            f"column {display_name(third_name)}: found beside two stimuli, allowed: trials with "
+            f"column {display_name(third_name)}: found a third stimulus, allowed: trials with "
             "two stimuli"
         )
     if has_word(first_name, "of_attenuation"):
@@ -589,7 +591,10 @@ def columns_to_read(
             f"columns {unordered} do not say which stimulus came first, without which no order "
             "effect can be seen. If both were shown at once, there is no order."
         )
-        return roles_read, problems, list(_order_remedies(_interval_names(columns)))
+        remedies = list(_order_remedies(_interval_names(columns) or ["NAME"]))
+        if "left" not in unordered.lower():  # sides are no order
+            remedies.append(Remedy("standard_first", "", "if the standard was always first"))
+        return roles_read, problems, remedies
 
     # The names that must be there once: those of --where, those of roles in the order of `COLUMNS`,
     # and those that options give and the file lacks.
@@ -816,25 +821,43 @@ def _interval_names(columns: Iterable[Column]) -> list[str]:
     return [
         column.name
         for column in columns
-        if looks_like(column.name, "standard_interval") and len(filled_texts(column)) <= 2
+        if len(filled_texts(column)) <= 2
+        and (looks_like(column.name, "standard_interval") or says_interval(column))
     ]
 
 
+def says_interval(column: Column) -> bool:
+    """Whether a column says of some stimulus, not of a response, that it came first or second.
+
+    Examples
+    --------
+    >>> names = ("Pest_Interval", "Response_Interval", "response")
+    >>> [says_interval(Column.from_texts(name, "1221")) for name in names]
+    [True, False, False]
+    """
+    cells = named_places(" ".join(sorted(filled_texts(column))))
+    return (
+        cells == ([], ["first", "second"], set())
+        and not named_places(column.name).places  # as in 'pos_1', beside 'pos_2'
+        and has_word(column.name, "of_interval")
+        and not has_word(column.name, "of_responses")
+    )
+
+
 def _order_remedies(interval_names: Texts) -> Iterator[Remedy]:
-    """Options to type if a table has a standard and a comparison.
+    """Options to type if one of these columns says which stimulus came first.
 
     Examples
     --------
     >>> [remedy.typed for remedy in _order_remedies(["order"])]
-    ['--standard-interval order', '--comparison-interval order', '--standard-first']
+    ['--standard-interval order', '--comparison-interval order']
     """
-    for name in interval_names or ["NAME"]:
+    for name in interval_names:
         for owner in ("standard", "comparison"):
             # 'test_interval' is that of the comparison, and 'order' may be that of either.
             if named_places(name).stimuli in ([], [owner]):
                 meaning = f"if {name} says the interval of the {owner}"
                 yield Remedy(f"{owner}_interval", name, meaning)
-    yield Remedy("standard_first", "", "if the standard was always first")
 
 
 def task_remedies(columns: Iterable[Column]) -> list[Remedy]:
@@ -862,7 +885,7 @@ def unit_remedies(unit: str) -> list[Remedy]:
 
 
 def suggested_unit(name: str, lowest: float) -> str:
-    """The unit of logarithms that the name of a column of stimuli suggests; empty without it.
+    """The unit that the name of a column of stimuli suggests; empty without it.
 
     `lowest` is the smallest stimulus.
 
@@ -872,16 +895,18 @@ def suggested_unit(name: str, lowest: float) -> str:
     ('dB', 'dB', 'log10')
     >>> suggested_unit("catalog", 0), suggested_unit("level1", 350), suggested_unit("ln_level", 0)
     ('', '', '')
+    >>> suggested_unit("test_freq", 350), suggested_unit("dur1", 0.4)
+    ('Hz', '')
     """
     unit = unit_in(name)
     if unit == "ln":  # natural logarithms are read without a unit
         return ""
     if unit in LOG_UNITS:
         return unit
-    if lowest > 100.0:  # sounds are not all louder than 100 dB
-        return ""
+    # Sounds are not all louder than 100 dB, and no tone of 100 is in kHz.
+    suggestions = VOCABULARY["units"]["large" if lowest > 100.0 else "suggested"]
     for word in sorted(named_places(name).other_words):  # a set has no order of its own
-        for unit, beginnings in VOCABULARY["units"]["suggested"].items():
+        for unit, beginnings in suggestions.items():
             if word.startswith(tuple(beginnings)):
                 return unit
     return ""
@@ -991,7 +1016,10 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
 
     names_to_skip = {*_series(texts), *filter(re.compile(_NUMBER_OF_TRIAL).fullmatch, texts)}
     names = list(filterfalse(names_to_skip.__contains__, texts))
-    pairs = chain(*_pairs_by_sign(names, _NUMBERS | _LETTERS))
+    pairs = list(chain(*_pairs_by_sign(names, _NUMBERS | _LETTERS)))
+    # A value for each subject, such as a threshold, is no stimulus.
+    by_subject = {column.name for column in columns if role_by_cells(column) == "subject"}
+    pairs = [pair for pair in pairs if not by_subject.issuperset(pair)] or pairs
     # Columns without names have their numbers as names. Few values in common may be a chance there.
     neighbours = [pair for pair in pairwise(filter(str.isdigit, texts)) if agreement(pair) > 2.0]
     return nlargest(3, pairs, key=fit) or [max(neighbours, key=fit, default=())]
@@ -1020,15 +1048,25 @@ def _remedies(
             return
         # Columns n_first and n_second may have numbers of dots, and not of answers.
         pairs = _likely_pairs(list(columns), are_positive=options.has_intensities)
-    # Of columns that are as full, those of ratings come last.
-    unread.sort(key=lambda column: (empty(column).sum(), len(column.texts) > 3))
+        if pairs == [()]:  # there may be an order of stimuli whose names say nothing
+            yield from _order_remedies(_interval_names(filter(says_interval, columns)))
 
     required = list(filter(_REQUIRED.__contains__, missing))
     for pair in pairs:
         # By role a tuple with its name, {'s1': ('c1',), 's2': ('c2',)}; empty for the pair ().
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
         names_to_skip = (*pair, *solutions(columns, options, pair))
-        other_columns = [column for column in unread if column.name not in names_to_skip]
+        # In few rows, responses may be as correct as the solution, which comes last. Of columns
+        # that are as full, those of ratings come last.
+        correct_names = list(solutions(columns, options, pair, fewest_rows=2))
+        other_columns = sorted(
+            filter(lambda column: column.name not in names_to_skip, unread),
+            key=lambda column: (
+                column.name in correct_names,
+                empty(column).sum(),
+                len(column.texts) > 3,
+            ),
+        )
         yield from _count_remedies(missing, options, columns, pair)
         yield from _columns_remedies(required, stimuli, other_columns)
 
@@ -1203,9 +1241,16 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     >>> _likely_names([codes, blocks], "response"), _likely_names([codes, blocks], "subject")
     (['second_was'], ['Rat'])
     """
+    if role == "subject":
+        # What numbers the rows, or is a flag, comes last.
+        columns = sorted(
+            columns,
+            key=lambda column: (len(column.texts) == len(column.codes), is_flag(column.texts)),
+        )
     names_by_cells = [column.name for column in columns if role_by_cells(column) == role]
-    # A name such as 'second_longer' says more than the cells, so that it comes first.
-    names_by_cells.sort(key=lambda name: not has_word(name, "of_answers"))
+    # A name such as 'second_longer' says more than the cells, and 'responded_longer' even more.
+    for kind in ("of_answers", "of_responses"):
+        names_by_cells.sort(key=lambda name: not has_word(name, kind))
     names = [column.name for column in columns]
     likely_names = (
         names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + names_by_cells
@@ -1264,18 +1309,24 @@ def role_by_cells(column: Column) -> str:
         n_texts < 2
         or not (words or column.name.isdigit())
         or not words.isdisjoint(VOCABULARY["words"]["of_others"])
-        or _pair_pattern(column.texts) != ("", 0)  # '17/20' counts, or is a pair
+        or _pair_pattern(column.texts)[1] > 0.5 * n_texts  # '17/20' counts, or is a pair
     ):
         return ""
-    # Each text stands in one block, of more than two rows on average.
-    if n_texts == n_runs < 0.5 * n_rows:
+    # The name says so, or each text stands in one block, of more than two rows on average.
+    is_named = has_word(column.name, "of_subjects") and not has_word(column.name, "of_answers")
+    if n_texts == n_runs < 0.5 * n_rows or is_named:
         return "subject"
     # Three codes and an empty cell are four texts. A code stands in less than five rows on average
     # before another code follows.
     return "response" if n_texts < 5 and n_runs > 0.2 * n_rows else ""
 
 
-def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = ()) -> Iterator[str]:
+def solutions(
+    columns: Collection[Column],
+    options: ReadOptions,
+    pair: Texts = (),
+    fewest_rows: int = _MANY,
+) -> Iterator[str]:
     """The names of columns that seem to have correct answers, and not answers of participants.
 
     Correct answers follow, in all of many rows, from which stimulus is the larger, and from the
@@ -1291,7 +1342,8 @@ def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = (
     """
     stimuli = (*pair, *options.stimulus_names)
     values = [column.map(number, float) for column in columns if column.name in stimuli]
-    if len(values) != 2 or len(values[0]) < _MANY:  # in few rows, answers may follow by chance
+    # In few rows, answers may follow by chance.
+    if len(values) != 2 or len(values[0]) < fewest_rows:
         return
     difference = np.subtract(*values)
     rows = ~np.isnan(difference)

@@ -488,9 +488,9 @@ def require_unit(
     if not options.has_intensities:
         reason, index = why_not_logs(*stimuli[rows].T)
         if reason:
-            problem = f"{columns_shown}: found {reason}, allowed: natural logs or a unit"
             if index is not None:  # the pair that shows it
-                problem = f"row {table.rows[rows[index]]}, {problem}"
+                columns_shown = f"row {table.rows[rows[index]]}, {columns_shown}"
+            problem = f"{columns_shown}: found {reason}, allowed: natural logs or a unit"
             if low == 0.0:
                 problem += (
                     ". If they are intensities, correct or remove rows with 0: 0 has no logarithm"

@@ -81,7 +81,7 @@ def why_not_logs(first: FloatArray, second: FloatArray) -> tuple[str, int | None
     Examples
     --------
     >>> why_not_logs(np.array([-45.0, 60.0]), np.array([60.0, 45.5]))
-    ('-45 and 60 in one pair', 0)
+    ('-45 and 60 in one pair, too far apart for natural logs', 0)
     >>> why_not_logs(np.array([60.0, 60.5]), np.array([60.5, 60.0]))
     ('numbers from 60 to 60.5', None)
     >>> why_not_logs(np.array([3.8, 4.1]), np.array([4.1, 3.8]))
@@ -112,7 +112,8 @@ def why_not_logs(first: FloatArray, second: FloatArray) -> tuple[str, int | None
     widest = int(steps.argmax())
     if steps[widest] <= LARGEST_STEP:
         return "", None
-    return f"{first[widest]:g} and {second[widest]:g} in one pair", widest
+    pair = f"{first[widest]:g} and {second[widest]:g} in one pair"
+    return f"{pair}, too far apart for natural logs", widest
 
 
 def _without_rounding(pairs: FloatArray) -> FloatArray:

@@ -375,8 +375,11 @@ def names_or_numbers(cells: list[str], choice: Choice) -> list[str]:
     A row has several numbers, and at most one of the names that are read, which may be a response.
     """
     numbers = list(filter(_NUMBER.fullmatch, cells))
-    # pandas numbers columns without names from 0, and '0' is then a name.
-    if len(numbers) < 2 or n_chosen(cells, choice) > 1 or cells[0] == "0":
+    # pandas numbers columns without names from 0, and these numbers are then names. The column of
+    # its numbers of rows has no name.
+    names = list(filter(None, cells))
+    is_numbered = names == list(map(str, range(len(names))))
+    if len(numbers) < 2 or n_chosen(cells, choice) > 1 or is_numbered:
         return cells
     return list(map(str, range(1, len(cells) + 1)))
 

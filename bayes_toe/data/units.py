@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, combination_counts
 from bayes_toe.data.answers import Counts
-from bayes_toe.data.column_roles import VOCABULARY, looks_like, named_places
+from bayes_toe.data.column_roles import has_word, looks_like, named_places, says_interval
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import Texts, display_name, join_display_names, join_names, quoted
@@ -247,8 +247,11 @@ def pooled_conditions(
     is_unequal = direction[:, 0] != 0.0  # equal stimuli have no order and no right answer
 
     for column in columns:
-        _, places, other_words = named_places(column.name)
-        has_other_meaning = places or other_words & set(VOCABULARY["words"]["of_no_condition"])
+        has_other_meaning = (
+            named_places(column.name).places
+            or has_word(column.name, "of_no_condition")
+            or says_interval(column)
+        )
         row_levels = column.codes[answered]
         n_levels = len(combination_counts(row_levels))
         n_cells = len(combination_counts(subjects)) * n_levels  # each subject at each level

@@ -400,10 +400,11 @@ def test_subjects_with_the_same_trials_are_told(tmp_path):
 
 
 def test_of_several_files_the_first_problems_are_told(tmp_path):
-    # The file a has twelve problems, more than are listed. The files b and c share a problem in
-    # three rows, and d has another problem.
+    # The file a has twelve problems, more than are listed, and a sound row. The files b and c share
+    # a problem in three rows, and d has another problem.
     three_rows, single_row = TRIALS + "a,x,0,equal\n" * 3, TRIALS + "a,y,0,equal\n"
     twelve_rows = TRIALS + "".join(f"a,x{letter},0,equal\n" for letter in "abcdefghijkl")
+    twelve_rows += "a,0,0,equal\n"
     files = write_files(tmp_path, a=twelve_rows, b=three_rows, c=three_rows, d=single_row)
     assert problems(bt.read_study, files)[-1] == "... and more problems"
     assert problems(bt.read_study, files[1:]) == [
@@ -816,9 +817,9 @@ def test_files_that_do_not_fit_the_options_are_refused(text, options, problem):
     ],
 )
 def test_ten_values_are_told_at_most(n_values, n_lines, last_line):
-    # Each of the values x0, x1, ... is in two rows, and is one problem.
+    # Each of the values x0, x1, ... is in two rows, and is one problem. A last row is sound.
     rows = "".join(f"a,x{i},0,equal\n" * 2 for i in range(n_values))
-    lines = problem_lines(TRIALS + rows)
+    lines = problem_lines(TRIALS + rows + "a,0,0,equal\n")
     assert len(lines) == n_lines
     assert lines[-1] == last_line
 

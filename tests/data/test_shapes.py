@@ -870,7 +870,57 @@ REFUSED = {
     ),
     "three_tones.csv": (
         "subject,s1_ms,s2_ms,s3_ms,response\na,500,550,500,2\na,550,500,500,1\na,500,500,550,3\n",
-        "column s3_ms: found beside two stimuli, allowed: trials with two stimuli",
+        "column s3_ms: found a third stimulus, allowed: trials with two stimuli",
+    ),
+    "subjects_by_a_name.csv": (
+        "the participant,s1,s2,response\n5c91,0,1,second\n5c92,1,0,first\n5c91,1,0,first\n",
+        "type:  --columns 'subject=the participant'",
+    ),
+    "first_row_of_zero.csv": (
+        "0,480,500,2\n0,500,480,1\n1,480,500,2\n1,500,480,1\n",
+        "The columns are 1, 2, 3, 4. The file has no header, so",
+    ),
+    "few_rows_with_a_solution.csv": (
+        "subject,s1,s2,is_larger,responded_larger\na,0,1,1,0\na,1,0,0,0\na,0,1,1,1\na,1,0,0,0\n",
+        "type:  --columns response=responded_larger ",
+        "\n       --columns response=is_larger",
+    ),
+    "counts_of_psychopy.csv": (
+        "subject,a_1.thisN,a_2.thisN,pos_1,pos_2,response\na,0,1,1,2,second\na,1,2,2,1,first\n",
+        "type:  --columns s1=NAME,s2=NAME ",
+    ),
+    "thresholds.csv": (
+        "subject,d1,d2,DL_1,DL_2,response\n"
+        + "a,2,3,4,5,second\na,3,2,4,5,first\n" * 3
+        + "b,2,3,6,7,second\nb,3,2,6,7,first\n" * 3,
+        "type:  --columns s1=d1,s2=d2 --unit a.u.  if they are intensities; better with the name "
+        "of their unit, such as Hz\n       --columns s1=d1,s2=d2 --unit ln",
+    ),
+    "flags_and_subjects.csv": (
+        "success,Rat,s1,s2,response\n" + "true,p,0,1,second\n" * 3 + "false,q,1,0,first\n" * 3,
+        "type:  --columns subject=Rat",
+    ),
+    "order_of_unknown_stimuli.csv": (
+        "subject,vel,vel_pest,pest_interval,response\na,8,9,first,second\na,8,9,second,first\n",
+        "type:  --standard-interval pest_interval --columns standard=NAME,comparison=NAME",
+        "\n       --comparison-interval pest_interval ",
+    ),
+    "left_and_right.csv": (
+        "subject,left,right,response\na,1,2,second\na,2,1,first\n",
+        "--comparison-interval NAME  if NAME says the interval of the comparison\nEND",
+    ),
+    "far_apart.csv": (
+        "subject,s1,s2,response\na,49.1,40.5,first\n",
+        "found 49.1 and 40.5 in one pair, too far apart for natural logs, allowed: natural logs or",
+    ),
+    "frequencies.csv --columns s1=freq1,s2=freq2": (
+        "subject,freq1,freq2,response\na,440,460,second\na,460,440,first\n",
+        "type:  --unit Hz    if",
+    ),
+    "pictures.csv --columns s1=w1,s2=w2": (
+        "subject,w1,w2,response\na,p,1,second\na,q,1,second\na,r,1,second\na,s,1,second\n",
+        "error: pictures.csv: row 2, column w1: found 'p', allowed: a finite number, which no cell "
+        "of the column is\nEND",
     ),
     "a_row_for_each_stimulus.csv": (
         "subject,trial,interval,tone,response\n" + "a,1,1,500,\na,1,2,700,second\n" * 9,
