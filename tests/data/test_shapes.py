@@ -910,8 +910,8 @@ REFUSED = {
         "--comparison-interval NAME  if NAME says the interval of the comparison\nEND",
     ),
     "far_apart.csv": (
-        "subject,s1,s2,response\na,49.1,40.5,first\n",
-        "found 49.1 and 40.5 in one pair, too far apart for natural logs, allowed: natural logs or",
+        "subject,s1,s2,response\na,-1.5,4.1,first\n",
+        "found -1.5 and 4.1 in one pair, too far apart for natural logs, allowed: natural logs or",
     ),
     "frequencies.csv --columns s1=freq1,s2=freq2": (
         "subject,freq1,freq2,response\na,440,460,second\na,460,440,first\n",
