@@ -161,7 +161,7 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(
 def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
     command = f"run {study_csv} -o out --explore"
-    message = "explore: found 3 subjects, allowed: at most 2 in a page"
+    message = "explore: found 3 subjects, allowed: 1 to 2 in a page"
     assert message in refusal_of(command, cwd=tmp_path, silent=False)
     # As if bokeh, with which the page is made, were not installed.
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
