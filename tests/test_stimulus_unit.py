@@ -111,7 +111,7 @@ def test_rounded_intensities_are_judged_as_exact_ones(task, digits):
 def test_a_mean_beyond_all_exponentials_has_per_cent(mean):
     # exp(850) is no float, and exp(-850) is 0. Stimuli are in per cent of the mean.
     unit = bt.example_study().unit.or_percent_of(mean)
-    assert unit.stimuli([mean, mean + np.log(1.2)]) == pytest.approx([100.0, 120.0])
+    assert unit.to_stimuli([mean, mean + np.log(1.2)]) == pytest.approx([100.0, 120.0])
 
 
 GRAMS = "740 905, 905 740, 1105 1350, 1350 1105"

@@ -138,7 +138,7 @@ class Difference(NamedTuple):
         """The median and 95 % interval, in the unit of differences unless it is a contraction."""
         quantiles = [self.q025, self.q50, self.q975]
         if self.quantity != "contraction":
-            quantiles = unit.differences(quantiles).tolist()
+            quantiles = unit.to_differences(quantiles).tolist()
         return Size(*quantiles)
 
     @property

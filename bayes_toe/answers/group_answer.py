@@ -94,11 +94,11 @@ def _spread(result: PopulationResult, name: str) -> str:
         upper_bound = np.quantile(spread, 0.95)
         if is_share:
             return f"at most {100.0 * upper_bound:.0f} %"
-        return f"at most {format_number(upper_bound)} {unit.of_differences}"
+        return f"at most {format_number(upper_bound)} {unit.difference_unit}"
     interval = np.quantile(spread, QUANTILES)
     if is_share:
         return format_share(interval)
-    return format_signed(interval, unit.of_differences, sign="")
+    return format_signed(interval, unit.difference_unit, sign="")
 
 
 # --- Sentences ------------------------------------------------------------------------------------

@@ -446,8 +446,8 @@ def format_difference(size: ThreeNumbers, unit: StimulusUnit, sign: str = "+") -
     >>> format_difference(Size(900.0, 3.2e4, 9.1e9), StimulusUnit())
     '+6 ln [+2, +18]'
     """
-    shown_unit = unit.for_percent(size)  # the unit, or natural logs where per cents end
-    return format_signed(shown_unit.from_percent(size).tolist(), shown_unit.of_differences, sign)
+    shown_unit = unit.with_logs_if_large(size)  # the unit, or natural logs where per cents end
+    return format_signed(shown_unit.from_percent(size).tolist(), shown_unit.difference_unit, sign)
 
 
 def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:

@@ -156,7 +156,7 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
         "trials": all_trials.total_trials,
         "pairs": list(zip(pairs, n_yes, n_trials, strict=True)),
         "stimuli": [list(map(study.unit.describe, pair)) for pair in pairs],
-        "unit": study.unit.of_stimuli,
+        "unit": study.unit.stimulus_unit,
         "notes": study.notes,
         "findings": described_findings,
     }

@@ -187,11 +187,11 @@ def _scales_of_subjects(study: Study) -> Findings:
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
     """The weakest and the strongest of some stimuli as the file has them: '0.1 to 0.35 g'."""
     ends = levels[[0, -1]]
-    if "i1" in reading.read or unit.of_stimuli:  # intensities or decibels
-        ends = unit.stimuli(ends)
+    if "i1" in reading.read or unit.stimulus_unit:  # intensities or decibels
+        ends = unit.to_stimuli(ends)
     # Ends with the same four digits are one number.
     text = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
-    return f"{text} {unit.of_stimuli}".rstrip()
+    return f"{text} {unit.stimulus_unit}".rstrip()
 
 
 def _columns(reading: Reading) -> Findings:

@@ -77,7 +77,7 @@ def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
     letters = reason_letters(selected_answers)
     rows = [subject_row(answer, letters) for answer in selected_answers]
     if rows:
-        _print_rows(out, rows, answers[0].unit.of_differences)
+        _print_rows(out, rows, answers[0].unit.difference_unit)
     for reason, letter in letters.items():
         out.line(f"{letter} Cannot be told, because {reason}.", indent=4)
     n_others = len(answers) - len(rows)
@@ -123,7 +123,7 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     for question, line in answer.lines.items():
         cells.append(letters.get(line.reason) or str(answer.words[question]))
     # The headings have the units: '+12 dB [8, 16]' -> '+12 [8, 16]'.
-    unit = f" {answer.unit.of_differences}"
+    unit = f" {answer.unit.difference_unit}"
     for question in SIZE_OF:
         size = answer.lines[question].size
         cells.append(size.replace(unit, "").replace(" %", "") or "-")

@@ -99,8 +99,8 @@ def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
     size of a constant error of SD: 100 (exp(SD) - 1).
     """
     if row.question == CONSTANT_ERROR.name:
-        values = unit.differences([row.true_mean, row.true_sd])
-        unit_name = unit.of_differences
+        values = unit.to_differences([row.true_mean, row.true_sd])
+        unit_name = unit.difference_unit
     else:  # a contraction, which is a share
         values = 100.0 * np.array([row.true_mean, row.true_sd])
         unit_name = "%"

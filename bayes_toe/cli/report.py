@@ -250,9 +250,9 @@ def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
     n_effective = min(row.ess_bulk, row.ess_tail)  # of the median and of the interval's ends
     if row.parameter in ("pse_shift", "jnd"):
         # The unit is natural logs where per cents would be too large.
-        unit = analysis.study.unit.for_percent(percent(np.quantile(draws, (0.025, 0.975))))
+        unit = analysis.study.unit.with_logs_if_large(percent(np.quantile(draws, (0.025, 0.975))))
         difference = format_draws(
-            unit.differences(draws), n_effective, most_decimals=1, unit=unit.of_differences
+            unit.to_differences(draws), n_effective, most_decimals=1, unit=unit.difference_unit
         )
     else:  # no difference between stimuli
         difference = ""

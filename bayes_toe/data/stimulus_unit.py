@@ -166,7 +166,7 @@ class StimulusUnit:
     Examples
     --------
     >>> decibel, gram = StimulusUnit("dB"), StimulusUnit("g", np.log(10.0))
-    >>> float(decibel.differences(np.log(2.0)).round(2)), decibel.of_differences
+    >>> float(decibel.to_differences(np.log(2.0)).round(2)), decibel.difference_unit
     (6.02, 'dB')
     >>> gram.describe(np.log(2.0)), StimulusUnit().describe(np.log(2.0))
     ('20 g', '0.693')
@@ -197,20 +197,20 @@ class StimulusUnit:
         return self.name in ("dB", "dB-power")
 
     @property
-    def of_differences(self) -> str:
+    def difference_unit(self) -> str:
         """The unit of differences of stimuli."""
         if self.is_decibel:
             return "dB"
         return "ln" if self.has_log_differences else "%"
 
     @property
-    def of_stimuli(self) -> str:
+    def stimulus_unit(self) -> str:
         """The unit of stimuli; empty if they are logarithms of unknown intensities."""
         if self.is_decibel:
             return "dB"
         return "" if self.name in LOG_UNITS else self.name
 
-    def differences(self, logs: npt.ArrayLike) -> FloatArray:
+    def to_differences(self, logs: npt.ArrayLike) -> FloatArray:
         """Differences of natural-log intensities in per cent, decibels or natural logs."""
         logs = np.asarray(logs, float)
         if self.is_decibel:
@@ -220,32 +220,34 @@ class StimulusUnit:
     def from_percent(self, values: npt.ArrayLike) -> FloatArray:
         """Differences in this unit, from differences in per cent of intensity."""
         values = np.asarray(values, float)
-        if self.of_differences == "%":
+        if self.difference_unit == "%":
             return values
         with np.errstate(divide="ignore"):
-            return self.differences(np.log1p(values / 100.0))
+            return self.to_differences(np.log1p(values / 100.0))
 
-    def for_percent(self, values: npt.ArrayLike) -> StimulusUnit:
+    def with_logs_if_large(self, values: npt.ArrayLike) -> StimulusUnit:
         """The unit that shows differences given in per cent: with logs if one is too large.
 
         Examples
         --------
         >>> unit = StimulusUnit("g")
-        >>> unit.for_percent([-20.0, 30.0]).of_differences, unit.for_percent(2e3).of_differences
-        ('%', 'ln')
+        >>> unit.with_logs_if_large([-20.0, 30.0]).difference_unit
+        '%'
+        >>> unit.with_logs_if_large(2e3).difference_unit
+        'ln'
         """
         values = np.asarray(values, float)
         is_small = (values >= _SMALLEST_PERCENT) & (values <= _LARGEST_PERCENT)  # NaN is not small
         return self if is_small.all() else replace(self, has_log_differences=True)
 
-    def stimuli(self, logs: npt.ArrayLike) -> FloatArray:
+    def to_stimuli(self, logs: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities in this unit, or raw where the unit of intensity is not known."""
         logs = np.asarray(logs, float)
         if self.is_decibel:
             return logs / LOG_UNITS[self.name]
         return np.exp(logs + self.log_reference)
 
-    def logs(self, stimuli: npt.ArrayLike) -> FloatArray:
+    def to_logs(self, stimuli: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities of stimuli in this unit."""
         stimuli = np.asarray(stimuli, float)
         if self.is_decibel:
@@ -254,7 +256,7 @@ class StimulusUnit:
 
     def or_percent_of(self, mean: float) -> StimulusUnit:
         """This unit; per cent of a mean natural-log intensity if the unit is not known."""
-        if self.of_stimuli:
+        if self.stimulus_unit:
             return self
         return StimulusUnit("%", math.log(100.0) - mean)
 
@@ -271,18 +273,18 @@ class StimulusUnit:
         ((['90', '111'], '% of mean'), (['20', '0'], 'ln'))
         """
         logs = np.asarray(logs, float)
-        if self.of_stimuli:
-            values = self.stimuli(logs)
-            unit = self.of_stimuli
+        if self.stimulus_unit:
+            values = self.to_stimuli(logs)
+            unit = self.stimulus_unit
             form = "g"
             fewest_digits = 4
-        elif self.for_percent(percent(logs - mean)).of_differences == "ln":
+        elif self.with_logs_if_large(percent(logs - mean)).difference_unit == "ln":
             values = logs
             unit = "ln"
             form = "g"
             fewest_digits = 3
         else:
-            values = self.or_percent_of(mean).stimuli(logs)
+            values = self.or_percent_of(mean).to_stimuli(logs)
             unit = "% of mean"
             form = "f"
             fewest_digits = 0
@@ -296,9 +298,9 @@ class StimulusUnit:
 
     def describe(self, log: float) -> str:
         """A stimulus with its unit; its natural-log intensity if the unit is not known."""
-        if not self.of_stimuli:
+        if not self.stimulus_unit:
             return f"{log:.3g}"
-        return f"{float(self.stimuli(log)):.4g} {self.of_stimuli}"
+        return f"{float(self.to_stimuli(log)):.4g} {self.stimulus_unit}"
 
 
 def merge_rounded(

@@ -119,7 +119,7 @@ class OptimalDesign:
         stimuli, index = np.unique(self.design.s1, return_inverse=True)
         share = np.bincount(index, self.design.n_trials / self.design.total)
         frequent = np.sort(np.argsort(-share)[:4])  # indices of four, in the order of intensity
-        if self.unit.of_stimuli:
+        if self.unit.stimulus_unit:
             levels, unit_name = self.unit.numbers(stimuli[frequent], stimuli.mean())
         else:
             levels = [f"{value:g}" for value in stimuli[frequent]]
@@ -231,7 +231,7 @@ def levels_between(
         levels = log_levels(grid(lowest, highest, size), options)
     # Intensities get four digits, such as 66.37. Two equal levels then become one level.
     if options.has_intensities:
-        stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.stimuli(levels)]
+        stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.to_stimuli(levels)]
         levels = np.unique(log_levels(np.array(stimuli), options))
     return levels
 

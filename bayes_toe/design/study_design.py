@@ -293,7 +293,7 @@ def to_logs(source: str, stimuli: list[FloatArray], options: ReadOptions) -> lis
 def log_levels(levels: FloatArray, options: ReadOptions) -> FloatArray:
     """Natural logs of levels in the unit of these options."""
     if options.has_intensities:
-        return options.stimulus_unit.logs(levels)
+        return options.stimulus_unit.to_logs(levels)
     return levels * LOG_UNITS[options.unit or "ln"]
 
 
@@ -314,10 +314,10 @@ def stimulus_columns(
     """
     log_unit = LOG_UNITS.get(unit.name, 1.0)
     columns = {"s1": s1 / log_unit, "s2": s2 / log_unit}
-    if unit.of_stimuli and not unit.is_decibel:
+    if unit.stimulus_unit and not unit.is_decibel:
         for name, logs in (("i1", s1), ("i2", s2)):
             # Without the rounding of logarithms: 45, not 44.99999999999997.
-            columns[name] = np.array([float(f"{value:.12g}") for value in unit.stimuli(logs)])
+            columns[name] = np.array([float(f"{value:.12g}") for value in unit.to_stimuli(logs)])
     return columns
 
 

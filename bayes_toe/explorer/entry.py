@@ -505,7 +505,7 @@ def _packed_scale(scale: Scale, unit: StimulusUnit, ends: Sequence[float]) -> Re
 
     Stimuli without a unit are natural logs on the page, although other figures have per cents.
     """
-    if scale.unit is None or not unit.of_stimuli:
+    if scale.unit is None or not unit.stimulus_unit:
         return None
     positions, texts = scale.ticks(*ends)
     return {"label": scale.label, "at": positions.tolist(), "texts": texts}

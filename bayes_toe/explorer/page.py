@@ -186,7 +186,7 @@ def page(
     task = page_entries[0].target.subject.task
     if any(entry.target.subject.task != task for entry in page_entries):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
-    units = {(entry.unit.of_stimuli, entry.unit.of_differences) for entry in page_entries}
+    units = {(entry.unit.stimulus_unit, entry.unit.difference_unit) for entry in page_entries}
     if len(units) > 1:
         raise InputError("explore: found draws in two units, allowed: one in a page")
     # If differences of any entry are too large for per cent, all differences are natural logs.

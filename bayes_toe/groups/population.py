@@ -223,11 +223,11 @@ class PopulationResult:
         default in per cent. Logit q0 becomes q0, and the contraction p stays as it is.
         """
         if name == CONSTANT_ERROR.name:
-            return unit.differences(coefficients * self.scales.step)
+            return unit.to_differences(coefficients * self.scales.step)
         if name == NOISE.name:
             with np.errstate(over="ignore"):  # an infinite JND is printed as such
                 jnd = JND_OVER_NOISE * self.scales.step * np.exp(coefficients)
-            return unit.differences(jnd)
+            return unit.to_differences(jnd)
         if name == PEAK.name:
             return expit(coefficients)
         return coefficients
@@ -244,7 +244,7 @@ class PopulationResult:
         subjects = self.in_units(name, self.draws.subjects[..., j])
         new_interval = np.quantile(new_subject, QUANTILES)
         intervals = np.quantile(subjects, QUANTILES, axis=(0, 1))  # over chains and draws
-        return self.study.unit.for_percent(np.append(new_interval, intervals))
+        return self.study.unit.with_logs_if_large(np.append(new_interval, intervals))
 
     def difference_columns(self, name: str) -> list[int]:
         """The positions of the coefficients by which a parameter differs between conditions.

@@ -67,7 +67,7 @@ def subjects_tree(
     n_chains, n_draws = subject_draws[0].quantities["lp"].shape
     variables = {}
     for quantity in list(subject_draws[0].quantities):
-        # The records lose their arrays here, so that memory holds only one quantity twice.
+        # The records lose their arrays here. The allocator may keep that memory until the end.
         values = np.stack([record.quantities.pop(quantity) for record in subject_draws], axis=-1)
         variables[quantity] = (BY_SUBJECT, values)
     n_walkers = settings.sampler.walkers

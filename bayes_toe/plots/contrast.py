@@ -74,14 +74,14 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         quantity = quantities[j]
         comparison = comparisons[i]
         rows = table.select(quantity, comparison)
-        # In the unknown unit, intervals are per cents, from which `for_percent` chooses the unit.
+        # In the unknown unit, intervals are per cents, and from these follows the unit shown.
         # The intervals of a contraction are shares, too small to change the unit.
         percents = [row.interval(UNKNOWN_UNIT) for row in rows]
-        unit = table.unit.for_percent(percents)
+        unit = table.unit.with_logs_if_large(percents)
         _draw_subjects(ax, table, rows, unit)
         quantity_ticks(ax, observer_name(quantity))
         # A contraction is a share.
-        unit_name = "%" if quantity == "contraction" else unit.of_differences
+        unit_name = "%" if quantity == "contraction" else unit.difference_unit
         if len(comparison) > _LONGEST_BESIDE:
             label = f"{quantity} ({unit_name}),\n{plain(comparison)}"
         else:

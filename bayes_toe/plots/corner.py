@@ -243,7 +243,7 @@ def shown_unit(unit: StimulusUnit, draws_by_subject: Iterable[NamedArrays]) -> S
         for name, values in draws.items():
             if _is_difference(name, unit):
                 ends += np.nanquantile(values, SPAN_QUANTILES).tolist()
-    return unit.for_percent(percent(ends))
+    return unit.with_logs_if_large(percent(ends))
 
 
 def in_unit(
@@ -260,7 +260,7 @@ def _is_difference(name: str, unit: StimulusUnit) -> bool:
     known, and else in natural logs.
     """
     display = QUANTITY_BY_NAME[name].display
-    return display == DIFFERENCE or (display == KNOWN_DIFFERENCE and unit.of_stimuli != "")
+    return display == DIFFERENCE or (display == KNOWN_DIFFERENCE and unit.stimulus_unit != "")
 
 
 def prior_values(target: SubjectPosterior) -> NamedArrays:
@@ -272,10 +272,10 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
     """Values of a quantity as its axis shows them."""
     values = np.asarray(values, np.float64)
     quantity = QUANTITY_BY_NAME[name]
-    if quantity.display == STIMULUS and unit.of_stimuli:
-        return unit.stimuli(values)
+    if quantity.display == STIMULUS and unit.stimulus_unit:
+        return unit.to_stimuli(values)
     if _is_difference(name, unit):
-        return unit.differences(values)
+        return unit.to_differences(values)
     return quantity.scale * values
 
 
@@ -288,12 +288,12 @@ def axis_label(name: str, unit: StimulusUnit) -> str:
 def axis_unit(name: str, unit: StimulusUnit) -> str:
     """The unit of the axis of a quantity; empty for pure numbers."""
     quantity = QUANTITY_BY_NAME[name]
-    if quantity.display == STIMULUS and unit.of_stimuli:
-        return unit.of_stimuli
+    if quantity.display == STIMULUS and unit.stimulus_unit:
+        return unit.stimulus_unit
     if quantity.display == PERCENT:
         return "%"
     if _is_difference(name, unit):
-        return unit.of_differences
+        return unit.difference_unit
     # Quantities that stay in natural logs where the unit of the stimuli is not known. Any other
     # quantity is a pure number.
     return {LOG_INTENSITY_UNIT: "ln", PER_LOG_INTENSITY: "per ln"}.get(quantity.unit, "")

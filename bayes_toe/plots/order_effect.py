@@ -148,7 +148,7 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
             title += f"\n{words.count(Word.YES)} yes, {words.count(Word.PROBABLY)} probably"
         ax.set_title(title, loc="left", fontsize=LETTERS)
         ax.set(
-            xlabel=question.axis.format(unit=unit.of_differences),
+            xlabel=question.axis.format(unit=unit.difference_unit),
             xlim=(start, end),
             ylim=(lowest_y, -0.6),
             yticks=[],
@@ -180,7 +180,7 @@ def _sizes(
             sizes[row] = answer.sizes[SIZE_OF[question.name]]
     # All subjects of a study have the same unit. Sizes are in per cent so far. If the axis would
     # need per cents that are too large, it has natural logs.
-    unit = answers[0].unit.for_percent(_limits(sizes))
+    unit = answers[0].unit.with_logs_if_large(_limits(sizes))
     if group is not None and question.name in group.identified:
         sizes[-1] = group.table.row("mean", question.group_size).interval
     if question.name == "constant_error":

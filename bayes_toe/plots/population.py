@@ -150,8 +150,8 @@ def _effects(
         unit = UNKNOWN_UNIT
     else:  # a share, or a logit
         return quantiles, label
-    unit = unit.for_percent(percent(quantiles))
-    return unit.differences(quantiles), label.format(unit=unit.of_differences)
+    unit = unit.with_logs_if_large(percent(quantiles))
+    return unit.to_differences(quantiles), label.format(unit=unit.difference_unit)
 
 
 def _heading(result: PopulationResult) -> str:
@@ -191,7 +191,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     draws = result.in_units(name, draws, unit)
     ax.hist(draws, bins=30, density=True, color=_MEAN_COLOUR, label="posterior of the group mean")
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
-    label = _LABELS[name].format(unit=unit.of_differences)
+    label = _LABELS[name].format(unit=unit.difference_unit)
     ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
     zero_line(ax)
     ax.locator_params(axis="x", nbins=4)
@@ -233,4 +233,4 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
         names = [plain(subject, limit=14) for subject in result.subjects]
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
     name_rows(ax, n_subjects, names)
-    ax.set_xlabel(_LABELS[name].format(unit=unit.of_differences))
+    ax.set_xlabel(_LABELS[name].format(unit=unit.difference_unit))

@@ -158,7 +158,7 @@ def design(optimal: OptimalDesign) -> Figure:
 
     ax.set_aspect("equal")
     ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
-    if optimal.unit.of_stimuli:
+    if optimal.unit.stimulus_unit:
         limits = ax.get_xlim()
         scale = stimulus_scale("stimulus", optimal.unit, mean=0.0, limits=limits)
         ticks, texts = scale.ticks(*limits)

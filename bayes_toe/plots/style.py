@@ -215,7 +215,7 @@ class Scale(NamedTuple):
         The scale has a unit.
         """
         assert self.unit is not None
-        start, end = self.unit.stimuli([low, high])
+        start, end = self.unit.to_stimuli([low, high])
         locators: list[Locator] = []
         if not self.unit.is_decibel:
             # Multiples of powers of ten, and below, as the last resort, equal steps.
@@ -232,7 +232,7 @@ class Scale(NamedTuple):
                 break
         # Twelve digits hide the error of rounding.
         texts = [f"{number:.12g}".replace("-", "−") for number in numbers]
-        return self.unit.logs(numbers), texts
+        return self.unit.to_logs(numbers), texts
 
     def draw(self, ax: Axes) -> None:
         """Label the horizontal axis, which has natural logs."""
@@ -247,10 +247,10 @@ def stimulus_scale(
     stimulus: str, unit: StimulusUnit, mean: float, limits: Sequence[float]
 ) -> Scale:
     """An axis of stimuli in their unit; without a unit in per cent of their mean, or as logs."""
-    if unit.of_stimuli:
-        return Scale(f"{stimulus}, {unit.of_stimuli}", unit)
+    if unit.stimulus_unit:
+        return Scale(f"{stimulus}, {unit.stimulus_unit}", unit)
     # Logs stand in place of per cents that would be too large.
-    if unit.for_percent(percent(np.asarray(limits) - mean)) != unit:
+    if unit.with_logs_if_large(percent(np.asarray(limits) - mean)) != unit:
         return Scale(f"{stimulus}, ln")
     return Scale(f"{stimulus}, % of the mean", unit.or_percent_of(mean))
 
@@ -259,7 +259,9 @@ def difference_scale(unit: StimulusUnit, limits: Sequence[float]) -> Scale:
     """An axis of s2 - s1 in decibels, or as the ratio of the stimuli in per cent."""
     if unit.is_decibel:
         return Scale("second minus first stimulus, dB", unit)
-    if unit.for_percent(percent(limits)).of_differences == "ln":  # per cents would be too large
+    if (
+        unit.with_logs_if_large(percent(limits)).difference_unit == "ln"
+    ):  # per cents would be too large
         return Scale("second minus first stimulus, ln")
     return Scale("second stimulus, % of the first", UNKNOWN_UNIT.or_percent_of(0.0))
 
