@@ -145,12 +145,13 @@ def test_a_cluster_that_cannot_be_used_is_refused_in_one_line(
 
 
 def test_an_address_that_is_no_scheduler_is_refused(client, monkeypatch):
-    monkeypatch.setattr(cluster, "PATIENCE", 0.5)  # seconds
     # The first address is of a socket that accepts and never answers, the second of a worker.
     with (
         closing(socket.create_server(("127.0.0.1", 0))) as silent,
+        monkeypatch.context() as patch,
         refused(r"no answer within 0\.5 s$", WorkerError),
     ):
+        patch.setattr(cluster, "PATIENCE", 0.5)  # seconds
         cluster.connect(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
     worker = next(iter(client.nthreads()))
     with refused(f"^no Dask scheduler at '{worker}': that is a worker$", WorkerError):

@@ -88,8 +88,8 @@ def chains_and_error(fitted, draws, limit, **options):
     The sampler goes on until the error of each natural parameter is below `limit`.
     """
     settings = SamplerSettings(draws=draws, max_quantile_error=limit, **options)
-    # Draws of seed 3 are correlated in a single pass; those of seed 1 are all but independent.
-    chains = sample_chains(fitted, settings, seed=3)
+    # Draws of seed 9 are correlated in a single pass; those of seed 1 are all but independent.
+    chains = sample_chains(fitted, settings, seed=9)
     values = fitted.target.quantities(chains.x)
     largest_error = 0.0
     for name in fitted.target.names.natural:
