@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 from conftest import each_row, made_subject, refused
+from numpy.ma import masked_array
 
 import bayes_toe as bt
 
@@ -83,8 +84,9 @@ REFUSED = """
     bt.population(study, covariates=3) | found 'int', allowed: the path of a file
     bt.explore(study, truths=None) | draws: found Study, allowed: Draws
     bt.predict('S', 'A', 0.0, 0.3) | draws: found 'S', allowed: Draws, such as bt.sample
-    bt.predict(bt.sample(study, draws=99), 'A', [0, 1], [0, 1, 2]) | s1, s2: allowed are numbers
-    bt.predict(bt.sample(study, draws=99), 'A', 'x', 0.0) | s1, s2: allowed are numbers, as many
+    bt.predict(bt.sample(study, draws=99), 'A', [0, 1], [0, 1, 2]) | s1, s2: allowed are as many
+    bt.predict(bt.sample(study, draws=99), 'A', 'x', 0.0) | s1 must be numbers, none of them masked
+    bt.predict(bt.sample(study, draws=99), 'A', masked_array([0], [True]), 0) | s1 must be
     bt.design.Adaptive([(0.0, 0.3)], seed=1).answer(None, True) | pair None: allowed are s1 and s2
     bt.plots.corner('posterior.nc', 'A') | draws: found 'posterior.nc', allowed: Draws
     bt.load(5) | file: found 5, allowed: the path of a posterior.nc or population.nc
@@ -108,5 +110,5 @@ REFUSED = """
 def test_an_argument_of_a_wrong_kind_is_refused(small_study, call, message):
     # Such as 'bt.run(study, keep=3)', with the message that the path of a folder is allowed.
     with pytest.raises(bt.BayesToeError) as refusal:
-        eval(call, {"bt": bt, "study": small_study})
+        eval(call, {"bt": bt, "study": small_study, "masked_array": masked_array})
     assert message in str(refusal.value)

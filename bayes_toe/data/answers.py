@@ -204,7 +204,7 @@ def counted_rows(
     """
     columns = []
     for name, values in zip(("s1", "s2"), stimuli, strict=True):
-        columns.append(_numbers(subject, name, values).astype(float))
+        columns.append(real_numbers(f"subject {subject!r}: {name}", values).astype(float))
 
     counts: Record = {"n_yes": n_yes, "n_trials": n_trials}
     if n_second is not None:
@@ -225,20 +225,19 @@ def counted_rows(
     return rows
 
 
-def _numbers(subject: str, name: str, argument: npt.ArrayLike) -> npt.NDArray[Any]:
+def real_numbers(name: str, argument: npt.ArrayLike) -> npt.NDArray[Any]:
     """Real numbers, shape (rows,); an InputError where they are masked or of another kind."""
     values = np.asarray(argument).ravel()  # without the mask of a masked array
     if values.dtype.kind not in "iuf" or np.ma.is_masked(argument):
         raise InputError(
-            f"subject {subject!r}: {name} must be numbers, none of them masked, found "
-            f"{values[:3].tolist()}"
+            f"{name} must be numbers, none of them masked, found {values[:3].tolist()}"
         )
     return values
 
 
 def _whole_numbers(subject: str, name: str, counts: npt.ArrayLike) -> IntArray:
     """Counts as int64, shape (rows,); an InputError where 2.5 would become 2."""
-    values = _numbers(subject, name, counts)
+    values = real_numbers(f"subject {subject!r}: {name}", counts)
     wrong_values = values[values != np.floor(values)]
     if wrong_values.size:
         raise InputError(

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray, NamedArrays, thinned
-from bayes_toe.data.answers import Answers
+from bayes_toe.data.answers import Answers, real_numbers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
@@ -65,10 +65,12 @@ class Predictor:
 
 def _stimuli_of_pairs(s1: npt.ArrayLike, s2: npt.ArrayLike) -> FloatArray:
     """Stimuli as numbers, (2, pairs). A single s1 is in a pair with every s2, and vice versa."""
+    first = real_numbers("s1", s1)
+    second = real_numbers("s2", s2)
     try:
-        return np.array(np.broadcast_arrays(s1, s2), np.float64).reshape(2, -1)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"s1, s2: allowed are numbers, as many of each ({error})") from error
+        return np.array(np.broadcast_arrays(first, second), np.float64)
+    except ValueError as error:
+        raise InputError(f"s1, s2: allowed are as many of each ({error})") from error
 
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike) -> pd.DataFrame:
