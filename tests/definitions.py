@@ -80,7 +80,7 @@ def terms(target, x):
     return result
 
 
-def gradient(target, x):
+def computed_gradient(target, x):
     """The log density of a posterior and its gradient, as the package computes them.
 
     Their shapes are (points,) and (points, coordinates).
@@ -119,7 +119,7 @@ def assert_agrees(target, x, digits=120):
     def term_array(point):
         return np.array(terms(target, point))
 
-    value, gradient_at_x = gradient(target, [x])
+    value, gradient_at_x = computed_gradient(target, [x])
     with mpmath.workdps(digits):
         assert_sum_of_terms(value[0], terms(target, list(map(mpf, x))), 1e-12)
         expected = exact_slopes(term_array, x, step=mpf(10) ** (25 - digits // 2))

@@ -227,12 +227,12 @@ def test_without_effects_a_history_is_the_observer_and_repetition_favours_the_sa
     with_kappa = without_effects.copy()
     with_kappa[:, -2] = 1.0
     trials = posterior.rows.trials
-    previous = trials.answer[trials.previous]
+    previous = trials.answer[trials.previous[1:]]  # before the first trial, there is none
     p_second = posterior.trial_probabilities  # (points, trials)
-    change = p_second(with_kappa) - p_second(without_effects)
+    change = (p_second(with_kappa) - p_second(without_effects))[:, 1:]
     # P('second') falls after 'first', stays after 'equal' and rises after 'second'.
     for sign in (-1.0, 0.0, 1.0):
-        assert (np.sign(change[:, 1:][:, previous[1:] == sign]) == sign).all()
+        assert (np.sign(change[:, previous == sign]) == sign).all()
 
 
 # --- Figures --------------------------------------------------------------------------------------

@@ -145,10 +145,12 @@ def _previous_trial_p(subject: Subject, trials: TrialSequence, slopes: FloatArra
         """The statistic of sequences of answers, shape (sequences, trials)."""
         # An answer is 1 or -1, and its y is 1 or 0.
         residuals = 0.5 * (answers[:, tested_trials] + 1.0) - (k / n)[pair]
+        # Unlike the rows of `regressors`, the previous answers keep the mean of each pair, because
+        # residuals add up to 0 over the trials of a pair.
         answer_score = (residuals * answers[:, previous]).sum(axis=1)
-        # Residuals add up to 0 over the trials of a pair, so that means of pairs may stay.
-        scores = np.vstack([answer_score, regressors[1:] @ residuals.T])  # U, (3, sequences)
-        return np.asarray((scores * (inverse @ scores)).sum(axis=0))
+        stimulus_scores = regressors[1:] @ residuals.T  # of the two stimuli
+        scores = np.vstack([answer_score, stimulus_scores])  # U, (3, sequences)
+        return np.asarray((scores * (inverse @ scores)).sum(axis=0))  # U' V^-1 U
 
     rng = generator(0, subject.name, "previous trial")  # seed 0: the p-value never changes
     return _random_order_p(statistic, trials.answer, tested_trials, pair, rng)

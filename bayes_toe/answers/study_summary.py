@@ -140,7 +140,7 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
         count = counts[word]
         if not count:
             continue
-        if word is Word.PROBABLY and counts[Word.YES]:  # continues the first sentence, of 'yes'
+        if word is Word.PROBABLY and counts[Word.YES]:  # added to the clause of 'yes'
             clauses[0] += f", and probably in {count} more"
         elif word.is_positive or not has_effects or count > n_total / 2:
             text = claim(word, "the order", "change", "the response")

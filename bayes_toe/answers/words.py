@@ -21,6 +21,10 @@ class Word(StrEnum):
         """Whether the word says that there is an effect, for sure or probably."""
         return self in (Word.YES, Word.PROBABLY)
 
+    def __reduce_ex__(self, proto: object) -> tuple[type[Word], tuple[str]]:
+        """How a word is pickled: as its text. Python 3.11.0 to 3.11.3 would pickle a function."""
+        return Word, (self.value,)
+
 
 #: Probabilities from which, and up to which, a word holds.
 YES_FROM = 0.95

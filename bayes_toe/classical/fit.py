@@ -425,16 +425,16 @@ def subject_fit(
     resampled = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     # The counts of the subject come first, then those of the bootstrap.
     counts = np.vstack([subject.n_yes, resampled])  # (1 + replicates, pairs)
-    searches = list(map(likelihood.search, counts, likelihood.starts(counts)))
+    fits = list(map(likelihood.search, counts, likelihood.starts(counts)))
     # Shape (1 + replicates, 4).
-    natural = likelihood.natural(np.array([maxima.best for maxima in searches]))
+    natural = likelihood.natural(np.array([maxima.best for maxima in fits]))
     # The fit to a row of counts has several searches. It has failed if none of the searches that
     # reached the highest value converged.
-    has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in searches]
+    has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in fits]
 
-    # The first search, and the first row of parameters, are those of the subject. A parameter that
+    # The first fit, and the first row of parameters, are those of the subject. A parameter that
     # differs between equally high maxima is not determined by the answers.
-    maxima = searches[0]
+    maxima = fits[0]
     parameters = natural[0]
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
     parameters[np.ptp(equally_high, axis=0) > _DETERMINED_WITHIN] = np.nan

@@ -109,7 +109,8 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
 def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     """The conclusion of a subject as a row of the table: the words, then the sizes.
 
-    If the subject is not interpreted, or nothing can be told for one reason, a single cell says so.
+    If the subject is not interpreted, or no question can be told, all for the same reason, a single
+    cell says so.
 
     `letters` has the letter, such as '(a)', of each reason why a question cannot be told.
     """

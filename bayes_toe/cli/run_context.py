@@ -96,7 +96,7 @@ class RunContext:
         preset = preset_or_file(self.prior)
         study = file.read()
         if len(study.by_task) > 1 and not several_tasks:
-            # Reading without --condition raises an error that says what to type for each task.
+            # The file is read again only for its error, which says what to type for each task.
             replace(file, reading={**file.reading, "condition": None}).read()
         prior = prior_for(study, preset)
         self.out.line(describe_study(study))

@@ -1037,8 +1037,9 @@ def _remedies(
     missing = [role for role in roles if options.name(role) not in names]
     unread = [column for column in columns if column.name not in map(options.name, roles_read)]
     pairs = _likely_pairs(unread, are_positive=options.has_intensities)
-    # If no two columns may be the stimuli, names or cells may be pairs of stimuli.
-    if pairs == [()] and not {"s1", "i1"}.isdisjoint(missing):
+    no_pair = [()]  # no two columns may be the stimuli
+    lacks_stimuli = not {"s1", "i1"}.isdisjoint(missing)
+    if pairs == no_pair and lacks_stimuli:  # names or cells may be pairs of stimuli
         # No option makes trials of a log of events, which has no response beside the stimuli.
         if "response" in missing and names_like(names, "event"):
             return
@@ -1048,7 +1049,7 @@ def _remedies(
             return
         # Columns n_first and n_second may have numbers of dots, and not of answers.
         pairs = _likely_pairs(list(columns), are_positive=options.has_intensities)
-        if pairs == [()]:  # there may be an order of stimuli whose names say nothing
+        if pairs == no_pair:  # there may be an order of stimuli whose names say nothing
             yield from _order_remedies(_interval_names(filter(says_interval, columns)))
 
     required = list(filter(_REQUIRED.__contains__, missing))
@@ -1056,13 +1057,13 @@ def _remedies(
         # By role a tuple with its name, {'s1': ('c1',), 's2': ('c2',)}; empty for the pair ().
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
         names_to_skip = (*pair, *solutions(columns, options, pair))
-        # In few rows, responses may be as correct as the solution, which comes last. Of columns
-        # that are as full, those of ratings come last.
-        correct_names = list(solutions(columns, options, pair, fewest_rows=2))
+        # Solutions in many rows are skipped above. What looks like a solution in few rows may be
+        # the responses: it only comes last. Of columns that are as full, ratings come last.
+        perhaps_solutions = list(solutions(columns, options, pair, fewest_rows=2))
         other_columns = sorted(
             filter(lambda column: column.name not in names_to_skip, unread),
             key=lambda column: (
-                column.name in correct_names,
+                column.name in perhaps_solutions,
                 empty(column).sum(),
                 len(column.texts) > 3,
             ),

@@ -63,7 +63,7 @@ def read_covariates(path: StrPath) -> Covariates:
     ...     read_covariates(file)["age"]
     {'S01': 23.0, 'S03': 31.5}
     """
-    table = read_table(path, set)
+    table = read_table(path, choice=set)  # all columns
     has_unique_names = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_unique_names:
         table.require(
@@ -81,8 +81,9 @@ def read_covariates(path: StrPath) -> Covariates:
         if name == "subject":
             continue
         has_value = ~column.map(lambda text: text.lower() in MISSING_WORDS)
-        texts = column.only(has_value).texts
-        n_words = np.isnan([number(text, table.decimal_comma) for text in texts]).sum()
+        texts = column.only(has_value).texts  # each text once
+        values_of_texts = [number(text, table.decimal_comma) for text in texts]  # NaN for a word
+        n_words = np.isnan(values_of_texts).sum()
         is_category = n_words == len(texts) or (len(texts) == 2 and n_words == 1)
 
         values = column.map(str, object)

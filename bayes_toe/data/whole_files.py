@@ -216,7 +216,7 @@ def unfinished(home: Path) -> Iterator[Path]:
     In the end the hidden folder vanishes, and so do the folders made if nothing is in them.
     Entering the block shows whether anything can be written there.
     """
-    with ExitStack() as cleanup:  # it removes what is added last first: inner folders before outer
+    with ExitStack() as cleanup:  # it works backwards: inner folders go before outer ones
         for outer in reversed((home, *home.parents)):
             if not os.path.lexists(outer):
                 cleanup.callback(remove_empty, outer)

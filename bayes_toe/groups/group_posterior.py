@@ -334,10 +334,12 @@ class GroupPosterior:
         theta[:, :q] = mode.mean(axis=0) + 2.0 * standard_error * rng.standard_normal((n_points, q))
         sd = spread * np.exp(0.7 * rng.standard_normal((n_points, q)))  # exp(0.7) is 2
         theta[:, q : 2 * q] = half_normal_score(sd / self.numbers.sd_scale)
-        effects = np.tile(standard_error, self.x.shape[1])  # about 0, for each covariate
-        theta[:, 2 * q : self.n_shared] = effects * rng.standard_normal((n_points, len(effects)))
+        effect_sd = np.tile(standard_error, self.x.shape[1])  # effects of covariates are about 0
+        effect_scores = rng.standard_normal((n_points, len(effect_sd)))
+        theta[:, 2 * q : self.n_shared] = effect_sd * effect_scores
+        # A block has the q scores xi, which are standard normal, and then the unshared parameters.
         block = rng.standard_normal((n_points, self.rows.n_subjects, self.rows.n_coordinates))
-        block[..., q:] *= fits.sd[:, q:]  # xi has the unit 1, and unshared parameters their SD
+        block[..., q:] *= fits.sd[:, q:]
         theta[:, self.n_shared :] = block.reshape(n_points, -1)
         return theta
 

@@ -278,7 +278,8 @@ def _difference_steps(x: FloatArray, sizes: FloatArray) -> FloatArray:
     (points, k), has |H_ii|.
     """
     steps = 1e-6 / np.sqrt(np.maximum(sizes, 1e-6))
-    return np.eye(x.shape[1])[:, None] * np.maximum(steps, 1e-12 * np.abs(x))
+    visible_steps = np.maximum(steps, 1e-12 * np.abs(x))  # (points, k)
+    return np.eye(x.shape[1])[:, None] * visible_steps  # each coordinate alone
 
 
 def hessian(change: FloatArray, step: FloatArray) -> FloatArray:

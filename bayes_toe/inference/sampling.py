@@ -265,7 +265,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         emcee stores the density of the mixture with each walker, as its blob: a global move needs
         this density where the walker stands.
         """
-        w = self._fitted.target.full_points(coords)
+        w = self._fitted.target.full_points(coords)  # (1, points, d), of the one posterior
         (log_prior,), (log_posterior,) = self._fitted.array.densities(w)
         if np.isnan(log_posterior).any():
             name = self._fitted.target.subject.name

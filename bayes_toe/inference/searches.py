@@ -40,11 +40,11 @@ def observer_maxima(posteriors: PosteriorArray) -> list[Ascent]:
     error or a lapse rate: a mixture needs their ends, which are beside the maximum.
     """
     rows = cast(ObserverRows, posteriors.likelihood.rows)
-    noise, lapse_rate, error = map(
+    noise, lapse_rate, constant_error = map(
         posteriors.names.index, (NOISE.name, LAPSE_RATE.name, CONSTANT_ERROR.name)
     )
     # The coordinate that each search holds, and its value.
-    held_values = [(error, value / rows.prior.constant_error_scale) for value in _ERRORS]
+    held_values = [(constant_error, value / rows.prior.constant_error_scale) for value in _ERRORS]
     held_values += [(lapse_rate, score) for score in _LAPSE_SCORES]
 
     # Starts of the searches of a posterior, (searches, d). Two free searches come last. Coordinates
@@ -54,13 +54,15 @@ def observer_maxima(posteriors: PosteriorArray) -> list[Ascent]:
     for search, (coordinate, value) in enumerate(held_values):
         starts[search, coordinate] = value
         is_held[search, coordinate] = True
-    starts[:, noise] = _STEEP
-    starts[-1, noise] = _FLAT
+    starts[:, noise] = _STEEP  # also in the searches that hold a value
+    starts[-1, noise] = _FLAT  # in the second free search
     if PEAK.name in posteriors.names:
         starts[:, posteriors.names.index(PEAK.name)] = _PEAK_START
 
     # A model without a constant error does not have the searches that hold another error than 0.
-    owners, searches = np.nonzero(posteriors.is_free[:, None, error] | (starts[:, error] == 0.0))
+    has_error = posteriors.is_free[:, constant_error]  # (posteriors,)
+    is_at_no_error = starts[:, constant_error] == 0.0  # (searches,)
+    owners, searches = np.nonzero(has_error[:, None] | is_at_no_error)
     # With millions of trials, 12 steps do not reach a maximum from these starts.
     ends = ascend_from(posteriors, owners, starts[searches], is_held[searches], most_steps=30)
     return [ends.part(owners == i) for i in range(len(posteriors))]

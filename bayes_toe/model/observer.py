@@ -317,10 +317,10 @@ class ObserverRows(AnswerRows):
         return [*terms, -in_shift, in_shift * self.first]
 
     def _slope_units(self, values: NamedArrays) -> FloatArray:
-        """Slope of each quantity in its coordinate, (rows, points, coordinates).
+        """The derivative of a quantity in each coordinate, (rows, points, coordinates).
 
-        Slopes are in the order of :attr:`units`. The slope of the lapse rate lambda is divided by
-        1 - lambda.
+        It is the constant in :attr:`units`, in that order, except for the lapse rate lambda and q0.
+        The slope of lambda is divided by 1 - lambda.
         """
         # phi(u) / (b (1 - Phi(u))): d lambda/du over 1 - lambda, which `_pair_slopes` leaves out.
         lapse_rise = normal_hazard(values["lapse_score"]) / self.prior.lapse_rate_b

@@ -44,9 +44,10 @@ def result():
 
 
 def test_information_is_the_expected_square_of_the_slopes():
-    """A row for an answer with probability P holds dP/d parameter / sqrt(P).
+    """The outer products of rows add up to the information: a row is dP/d parameter / sqrt(P).
 
-    The slopes are computed by differences. P(different) is 1 - P(equal), and has the opposite
+    Each pair has a row for each answer, whose probability is P. The slopes are computed by
+    differences. P(different) is 1 - P(equal), and has the opposite
     slopes. The last two columns of a row are those of c, in units of D/2, and of p, in units of
     1/4.
     """
@@ -57,13 +58,13 @@ def test_information_is_the_expected_square_of_the_slopes():
     def p_equal_with(name, change):
         """P(equal) of each pair where a parameter is larger by `change`."""
         changed = make_observer("name", "kind", {**base, name: base[name] + change}, task)
-        [p_equal] = changed.p_questions(PAIRS.s1, PAIRS.s2, sbar)  # of the only question
-        return p_equal
+        [p_of_question] = changed.p_questions(PAIRS.s1, PAIRS.s2, sbar)  # of the only question
+        return p_of_question
 
     observer = make_observer("name", "kind", base, task)
     # The rows of the only observer for PAIRS: (pairs, answers, coordinates).
     [rows] = information_about("order-effect", [observer], PAIRS).rows
-    p_equal = p_equal_with("noise", 0.0)  # of this observer
+    p_equal = p_equal_with("noise", 0.0)  # of the unchanged observer
     units = {"constant_error": PAIRS.unanswered.scales.step / 2, "contraction": 0.25}
     by_parameter = rows[:, :, -2:].T  # (c and p, answers, pairs)
     for (name, unit), (equal, different) in zip(units.items(), by_parameter, strict=True):

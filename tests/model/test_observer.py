@@ -87,7 +87,7 @@ def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
     # Clipped, because a contraction of 4 prior SDs is 1, where the density ends.
     far_points = np.clip(4.0 * prior_draws(posterior, 2, seed=5), -3.5, 3.5)
     x = np.concatenate([prior_draws(posterior, 4), far_points])
-    values, gradient = definitions.gradient(posterior, x)
+    values, gradient = definitions.computed_gradient(posterior, x)
     assert posterior.log_density(x) == pytest.approx(values, rel=1e-12)
 
     def log_density(point):
