@@ -909,6 +909,10 @@ REFUSED = {
         "subject,left,right,response\na,1,2,second\na,2,1,first\n",
         "--comparison-interval NAME  if NAME says the interval of the comparison\nEND",
     ),
+    "all_rows_too_long.csv": (
+        "repetition\tsubject\t1350_1105\t905_1350\t905_740\t905_905\n\t\t\t\t\t\t\t\t\n1\t\t\t\t\t\t\tx\n",
+        "row 3: found 8 cells, allowed: 6 cells as in the header",
+    ),
     "far_apart.csv": (
         "subject,s1,s2,response\na,-1.5,4.1,first\n",
         "found -1.5 and 4.1 in one pair, too far apart for natural logs, allowed: natural logs or",
