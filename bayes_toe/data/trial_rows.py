@@ -233,14 +233,13 @@ def without_unfilled(table: TextTable, options: ReadOptions, answer: str) -> Tex
     if not is_unfilled.any():
         return table
 
-    return table.only(
-        ~is_unfilled,
-        Note(
-            (is_unfilled.sum(), "row"),
-            " left out as unfilled (stimuli and response are 0 in the last rows): ",
-            _counts_by_subject(subject, is_unfilled),
-        ),
-    )
+    reason = " left out as unfilled (stimuli and response are 0 in the last rows): "
+    return _without(table, is_unfilled, reason, subject)
+
+
+def _without(table: TextTable, rows: BoolArray, reason: str, subject: Column) -> TextTable:
+    """The table without these rows, and with a note that counts them by subject."""
+    return table.only(~rows, Note((rows.sum(), "row"), reason, _counts_by_subject(subject, rows)))
 
 
 def _counts_by_subject(subject: Column, rows: BoolArray) -> Texts:
@@ -264,14 +263,8 @@ def without_lone_responses(table: TextTable, options: ReadOptions, answer: str) 
     is_lone = lacks_stimulus & response.matches(answers)
     if not is_lone.any() or is_lone.mean() > 0.5:
         return table
-    return table.only(
-        ~is_lone,
-        Note(
-            (is_lone.sum(), "row"),
-            " with a response and without both stimuli left out: ",
-            _counts_by_subject(_subjects(table, options), is_lone),
-        ),
-    )
+    reason = " with a response and without both stimuli left out: "
+    return _without(table, is_lone, reason, _subjects(table, options))
 
 
 def _is_missing(text: str) -> bool:
