@@ -129,6 +129,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         maxima = [subject.maximal for subject in self.rows if subject.maximal is not None]
         n_subjects = plural(len(maxima), "subject")
         sentences = ["The counts are for the pair of each subject whose two orders differ most."]
+
         # The asymmetry is above 0 if there are more such responses with the stronger stimulus
         # first, and below 0 if there are more with the weaker stimulus first.
         for sign, stimulus in ((1, "stronger"), (-1, "weaker")):
@@ -194,9 +195,9 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     weak_first, strong_first = pairs_in_both_orders(subject).T
     # In 'same or different?', the wrong responses to different stimuli are those with 'equal'.
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
-    q = laplace_estimate(n_wrong, subject.n_trials)
+    q = laplace_estimate(n_wrong, subject.n_trials)  # (pairs,)
     error = laplace_error(n_wrong, subject.n_trials)
-    difference = q[strong_first] - q[weak_first]
+    difference = q[strong_first] - q[weak_first]  # (comparisons,)
 
     # The test of each comparison, from k1, n1, k2 and n2.
     counts = np.column_stack([n_wrong, subject.n_trials])
@@ -232,10 +233,10 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 
 
 @lru_cache(maxsize=1 << 16)
-def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) -> tuple[float, str]:
+def equality_test(k1: int, n1: int, k2: int, n2: int) -> tuple[float, str]:
     """Exact two-sided test that k1 of n1 and k2 of n2 have one probability: p-value and name.
 
-    Boschloo's test up to `most_trials`, where it takes 25 ms; for more trials Fisher's, which is
+    Boschloo's test up to 150 trials, where it takes 25 ms; for more trials Fisher's, which is
     faster.
 
     Examples
@@ -247,11 +248,15 @@ def equality_test(k1: int, n1: int, k2: int, n2: int, most_trials: int = 150) ->
     table = [[k1, k2], [n1 - k1, n2 - k2]]
     # The p-value of the side on which the data lie is the smaller p-value, which is doubled.
     side = "less" if k1 * n2 < k2 * n1 else "greater"  # k1/n1 < k2/n2
-    if n1 + n2 > most_trials:
-        return min(1.0, 2.0 * float(fisher_exact(table, side).pvalue)), "fisher"
-    # The p-value is a supremum over the common probability, searched from n points. With SciPy's
-    # default, 32 points, the supremum is missed in rare cases.
-    return min(1.0, 2.0 * float(boschloo_exact(table, side, n=64).pvalue)), "boschloo"
+    if n1 + n2 > 150:
+        name = "fisher"
+        result = fisher_exact(table, side)
+    else:
+        name = "boschloo"
+        # The p-value is a supremum over the common probability, searched from n points. With
+        # SciPy's default, 32 points, the supremum is missed in rare cases.
+        result = boschloo_exact(table, side, n=64)
+    return min(1.0, 2.0 * float(result.pvalue)), name
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:

@@ -114,13 +114,14 @@ class PenalisedLikelihood:
         mu1_values = self.subject.mean_first + self.step * np.array([-8.0, -0.5, 0.6, 8.1])
         log_widths = np.log(self.step) + np.arange(-2.0, 1.1, 0.5)  # 0.14 to 2.7 steps
         gammas = (0.01, 0.1, 0.3, 0.9)  # between the bounds 0 and 1
-        lapse_rates = np.array([0.03, 0.15, 0.4, 0.7])
-        # The fourth parameter q0 is P(equal) without a difference, near 1.
-        shares = 1.0 - lapse_rates if self.subject.task.lapses == "q0" else lapse_rates
+        shares = np.array([0.03, 0.15, 0.4, 0.7])  # lapse rates
+        if self.subject.task.lapses == "q0":  # P(equal) without a difference, near 1
+            shares = 1.0 - shares
+
         answers_at, _ = CURVES[self.subject.task.lapses]
-        starts = []
+        starts = []  # the best point with each mu1, (rows, 4) each
         for mu1 in mu1_values:
-            points = np.array(list(product([mu1], log_widths, gammas, shares)))
+            points = np.array(list(product([mu1], log_widths, gammas, shares)))  # (points, 4)
             share = points[:, 3:]
             log_yes, log_no = answers_at(self.distance(points), share, 1.0 - share)
             # (rows, points). The penalty is the same at all points.
@@ -129,7 +130,10 @@ class PenalisedLikelihood:
         return np.stack(starts, axis=1)
 
     def distance(self, x: FloatArray) -> FloatArray:
-        """(s2 - s1 + p (s1 - mu1)) / width of each pair at points, (..., 4) -> (..., pairs)."""
+        """Distance z = (s2 - s1 + p (s1 - mu1)) / width at points, (..., 4) -> (..., pairs).
+
+        p is the pull of gamma.
+        """
         mu1, log_width, gamma, _ = np.moveaxis(x[..., None], -2, 0)  # (..., 1) each
         s1 = self.subject.s1
         return np.asarray((self.subject.s2 - s1 + pull(gamma) * (s1 - mu1)) / np.exp(log_width))
@@ -137,7 +141,7 @@ class PenalisedLikelihood:
     def minus_objective(self, x: FloatArray, n_yes: IntArray) -> tuple[float, FloatArray]:
         """Penalty minus log likelihood of counts, and its gradient, (4,), at one point, (4,)."""
         mu1, log_width, gamma, share = x.tolist()
-        z = self.distance(x)
+        z = self.distance(x)  # (pairs,)
 
         # The log likelihood, and its slopes in z of each pair and in the share.
         answers_at, slopes_at = CURVES[self.subject.task.lapses]
@@ -148,21 +152,21 @@ class PenalisedLikelihood:
         z_slopes = n_yes * yes_in_z + n_no * no_in_z  # (pairs,)
         share_slope = (n_yes * yes_in_share + n_no * no_in_share).sum()
 
-        # The gradient of the objective, by dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = (s1 - mu1)/w.
+        # The slopes in the other coordinates follow from those in z = (s2 - s1 + p (s1 - mu1))/w:
+        # dz/dmu1 = -p/w, dz/d(log w) = -z, dz/dp = (s1 - mu1)/w. From gamma = p/(1 - p)^2 follows
+        # dp/dgamma = (1 - p)^3/(1 + p).
         p = float(pull(gamma))
-        width = np.exp(log_width)
-        deviation = (mu1 - self.mu1_mean) / self.mu1_sd
-        mu1_slope = -p * z_slopes.sum() / width - deviation / self.mu1_sd
-        # gamma = p/(1 - p)^2, so that dp/dgamma = (1 - p)^3/(1 + p).
-        gamma_slope = z_slopes @ (self.subject.s1 - mu1) / width * (1.0 - p) ** 3 / (1.0 + p)
+        w = np.exp(log_width)
+        deviation = (mu1 - self.mu1_mean) / self.mu1_sd  # the penalty is half its square
+        mu1_slope = -p * z_slopes.sum() / w - deviation / self.mu1_sd
+        gamma_slope = z_slopes @ (self.subject.s1 - mu1) / w * (1.0 - p) ** 3 / (1.0 + p)
         gradient = np.array([mu1_slope, -(z_slopes @ z), gamma_slope, share_slope])
         return 0.5 * deviation**2 - log_likelihood, -gradient
 
     def search(self, n_yes: IntArray, starts: FloatArray) -> Maxima:
         """Search the maximum for counts, (pairs,), from each of the starts, (starts, 4)."""
-        # The first step of a search has the length 1. So each coordinate is searched in a unit that
-        # is small for this coordinate: mu1 in a part of :attr:`step`, log width and gamma in 0.1,
-        # and shares in 0.05.
+        # The first step of a search has the length 1. So each coordinate, mu1, log width, gamma and
+        # share, is searched in a unit that is small for this coordinate.
         units = np.array([0.3 * self.step, 0.1, 0.1, 0.05])
 
         def minus_objective_in_units(point: FloatArray) -> tuple[float, FloatArray]:
@@ -202,7 +206,7 @@ class PenalisedLikelihood:
         """The bounds on which a point lies, such as 'gamma=0;q0=1'; empty inside."""
         names = ("mu1", "width", "gamma", self.subject.task.lapses)
         texts = []
-        # An infinite bound, which mu1 has, is never near.
+        # An infinite bound, which mu1 has, is never reached.
         for name, value, bounds in zip(names, x, self.bounds, strict=True):
             if np.abs(bounds - value).min() < 1e-6:  # on a bound, up to rounding
                 if name == "width":  # its coordinate is the logarithm
@@ -279,8 +283,8 @@ class SubjectFit:
         s1 and s2 are natural-log intensities. The shaded bands of the paper (Fig. 3) are from the
         20 to the 80 % quantile of the replicates.
         """
-        # Each parameter has the shape (replicates, 1).
-        return p_counted(self.task, s1, s2, Natural(*self.replicates.T[:, :, None]))
+        parameters = Natural(*self.replicates.T[:, :, None])  # (replicates, 1) each
+        return p_counted(self.task, s1, s2, parameters)
 
     @property
     def notes(self) -> Texts:
@@ -293,6 +297,7 @@ class SubjectFit:
         is_unknown = np.isnan(self.parameters)
         if is_unknown.any():
             remarks.append(f"not determined by these answers: {', '.join(names[is_unknown])}")
+
         low, high = self.intervals().T
         is_outside = (self.parameters < low) | (self.parameters > high)
         if is_outside.any():
@@ -343,9 +348,8 @@ class FitTable(SubjectTable[SubjectFit]):
         NaN (in the file: empty) where the answers do not determine a parameter.
         """
         penalty = self.prior.describe_penalty()
-        rows = []
-        for row in self:
-            entries = (
+        rows = [
+            (
                 row.subject,
                 *row.parameters,
                 row.log_likelihood,
@@ -354,7 +358,8 @@ class FitTable(SubjectTable[SubjectFit]):
                 self.replicates,
                 penalty,
             )
-            rows.append(entries)
+            for row in self
+        ]
         return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
 
     def frame(self, *, full: bool = False) -> pd.DataFrame:
@@ -426,25 +431,22 @@ def subject_fit(
     # The counts of the subject come first, then those of the bootstrap.
     counts = np.vstack([subject.n_yes, resampled])  # (1 + replicates, pairs)
     fits = list(map(likelihood.search, counts, likelihood.starts(counts)))
-    # Shape (1 + replicates, 4).
-    natural = likelihood.natural(np.array([maxima.best for maxima in fits]))
+    natural = likelihood.natural(np.array([maxima.best for maxima in fits]))  # (1 + replicates, 4)
     # The fit to a row of counts has several searches. It has failed if none of the searches that
     # reached the highest value converged.
     has_failed = [not maxima.has_converged[maxima.is_highest].any() for maxima in fits]
 
-    # The first fit, and the first row of parameters, are those of the subject. A parameter that
-    # differs between equally high maxima is not determined by the answers.
-    maxima = fits[0]
-    parameters = natural[0]
+    # A parameter that differs between equally high maxima is not determined by the answers.
+    maxima = fits[0]  # those of the subject
     equally_high = likelihood.natural(maxima.x[maxima.is_highest])
-    parameters[np.ptp(equally_high, axis=0) > _DETERMINED_WITHIN] = np.nan
+    is_unknown = np.ptp(equally_high, axis=0) > _DETERMINED_WITHIN  # (4,)
     # The value of the maximum is the log likelihood minus the penalty on mu1, which is the first
     # coordinate. The log likelihood in the table has no penalty.
     penalty = 0.5 * ((maxima.best[0] - mu1_mean) / mu1_sd) ** 2
     return SubjectFit(
         subject=subject.name,
         task=subject.task,
-        parameters=parameters,
+        parameters=np.where(is_unknown, np.nan, natural[0]),
         log_likelihood=float(maxima.value.max() + penalty),
         at_edge=likelihood.reached_bounds(maxima.best),
         replicates=natural[1:],

@@ -41,7 +41,7 @@ def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
 
 
 def accuracy(subject: Subject) -> float:
-    """Share of correct answers, 0..1, among trials with a correct answer; NaN without such trials.
+    """Share of correct answers, 0..1, among trials that have one; NaN without such trials.
 
     Source: Results, first part. Every trial counts alike.
 
@@ -50,20 +50,22 @@ def accuracy(subject: Subject) -> float:
     >>> accuracy(Subject("S01", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10]))
     0.75
     """
-    difference = subject.s2 - subject.s1
+    difference = subject.s2 - subject.s1  # (pairs,)
     # Equal stimuli have no correct answer in some tasks, where `right` is 0.
     n_judged = subject.n_trials[subject.task.right(difference) != 0].sum()
     if not n_judged:
         return np.nan
-    n_wrong = subject.task.wrong(difference, subject.n_yes, subject.n_trials).sum()
-    # With three answers, the trials with 'first' or 'second'; None if there are no such trials.
-    directed = subject.two_answers
-    if subject.task.has_three_answers and directed is not None:
-        # So far, `n_wrong` counts 'equal' to different stimuli. 'First' is wrong, too, where
-        # 'second' is right, and 'second' where 'first' is right.
-        direction = directed.s2 - directed.s1
-        n_wrong += directed.task.wrong(direction, directed.n_yes, directed.n_trials).sum()
-    return float(1.0 - n_wrong / n_judged)
+
+    if subject.n_second is None:
+        n_wrong = subject.task.wrong(difference, subject.n_yes, subject.n_trials)
+    else:  # of three answers, 'equal', 'second' or 'first' is correct
+        n_correct = np.select(
+            [difference == 0.0, difference > 0.0],
+            [subject.n_yes, subject.n_second],
+            subject.n_first,
+        )
+        n_wrong = subject.n_trials - n_correct
+    return float(1.0 - n_wrong.sum() / n_judged)
 
 
 def presentation_order(subject: Subject) -> IntArray:
