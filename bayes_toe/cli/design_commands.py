@@ -368,7 +368,7 @@ def _list_trials(
     import pandas as pd
 
     from bayes_toe.data.tables import write_table
-    from bayes_toe.design.simulate import read_differences, subject_names
+    from bayes_toe.design.simulate import split_levels, subject_names
     from bayes_toe.seeds import root_seed
 
     # A given design is only read. So no option of the search is allowed, except the task and the
@@ -382,7 +382,7 @@ def _list_trials(
         )
     context.require_files(lists.list_output)
 
-    levels, _ = read_differences(lists.conditions, differ=None)
+    levels = split_levels(lists.conditions)
     study_design = bt.design.read_study_design(file, search.question, search.unit)
     seed = root_seed(context.seed)
     tables = [
@@ -471,6 +471,7 @@ def simulate(
         POPULATIONS,
         make_design,
         read_differences,
+        split_levels,
         trial_frame,
     )
     from bayes_toe.design.study_design import PAPER_BATCHES
@@ -482,7 +483,6 @@ def simulate(
     seed = root_seed(context.seed)
 
     design = make_design(study.design, PAPER_BATCHES, study.trials, study.unit)
-    levels, sizes = read_differences(study.conditions, study.differ)
     simulated, truth = bt.simulate(
         study.subjects or 16,
         population=study.kind,
@@ -490,8 +490,8 @@ def simulate(
         seed=seed,
         task=study.question,
         carry_over=study.carry_over,
-        conditions=levels,
-        differ=sizes,
+        conditions=split_levels(study.conditions),
+        differ=read_differences(study.differ),
     )
 
     trials = trial_frame(simulated, design, bt.ReadOptions(unit=study.unit).stimulus_unit)

@@ -23,7 +23,7 @@ from bayes_toe.model.parameters import CONSTANT_ERROR
 def print_power(out: Terminal, table: PowerTable) -> None:
     """Print the shares of 'yes' and 'probably' by observers, in a table for each design."""
     headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
-    for design, sizes in groupby(table.designs, itemgetter(0)):
+    for design, sizes in groupby(table.different("design", "trials"), itemgetter(0)):
         rows = []
         for _, trials in sizes:
             rows += _power_rows(table, design, trials)
@@ -59,7 +59,7 @@ def print_groups(
 
     True means of the constant error are in `unit`.
     """
-    for design, trials in table.designs:
+    for design, trials in table.different("design", "trials"):
         heading = f"{capitalized(design)}, {trials:,} trials"
         # Each kind of observers has a row for each size of a study.
         rows_by_kind = groups.select(design, trials, "order_effect")

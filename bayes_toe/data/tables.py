@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -38,7 +37,7 @@ Row = TypeVar("Row", bound=Any)
 
 
 @dataclass(frozen=True, eq=False)
-class Table(ABC, Generic[Row]):
+class Table(Generic[Row]):
     """Rows of results in their order, which can also be had as a frame and as a CSV file.
 
     Attributes
@@ -78,9 +77,11 @@ class Table(ABC, Generic[Row]):
             return frame
         return frame[list(self.short_columns)]
 
-    @abstractmethod
     def _full_frame(self) -> pd.DataFrame:
-        """The table with the columns of its CSV file."""
+        """The table with the columns of its CSV file; by default these are the fields of rows."""
+        import pandas as pd
+
+        return pd.DataFrame(self.rows)
 
     def save(
         self,

@@ -82,12 +82,12 @@ class Particles:
         return self.draws.x[:, self.template.is_free]
 
     def add(self, answer: Subject) -> None:
-        """Take in further answers: the draws stay, their log posterior changes, and the weights."""
+        """Change the weights of the draws by further answers; the draws stay where they are."""
         log_likelihood = self.template.for_subject(answer).log_likelihood(self.x)
         self.draws = replace(self.draws, log_posterior=self.draws.log_posterior + log_likelihood)
 
     def renew(self, subject: Subject, rng: Rng) -> None:
-        """Draw anew, from the posterior of all answers so far.
+        """Replace the draws by new ones, from the posterior of all answers so far.
 
         They come from the adapted mixture. If there is none, or fewer than a quarter of its draws
         would count, the posterior is fitted anew.
@@ -99,13 +99,14 @@ class Particles:
         if mixture is not None:
             # As for emcee: one heavy draw would stand for many in all choices that follow.
             mixture = mixture.updated(draws, precision=SHARP)
-            # The function takes several posteriors; here there is one.
-            (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)
+            (draws,) = fresh_draws(posterior.array, [mixture], [rng], size)  # of one posterior
+
         # The efficiency is the effective share of the draws.
         if mixture is None or draws.efficiency < 0.25:
             fitted = fit_posterior(posterior, rng)
             mixture = fitted.mixture
             draws = fitted.fresh(rng, size)
+
         self.mixture = mixture
         self.draws = draws
         self.first_efficiency = draws.efficiency
@@ -128,6 +129,11 @@ class Adaptive:
         Particles of each model.
     task : Task or str
         Of pairs that are no design; "2afc": which is stronger.
+
+    Attributes
+    ----------
+    answers : list of tuple
+        s1, s2 and the answer of every trial so far, in order.
 
     Raises
     ------
@@ -165,11 +171,12 @@ class Adaptive:
         self.seed = root_seed(seed)
         self.about = about
         self.draws = draws
-        # Each model keeps the probabilities of answers to all pairs by these draws. 512,000 of
-        # them, pairs times draws, take 4 MB for each answer of the task.
+        self.answers: list[Trial] = []
+
+        # The draws of each model by which pairs are compared. Their probabilities of answers are
+        # kept: 512,000 of them, pairs times draws, take 4 MB for each answer of the task.
         self._n_compared = min(draws, max(_FEWEST_DRAWS, 512_000 // self.pairs.n_pairs))
-        self._answers: list[Trial] = []
-        self._particles = {}
+        self._particles = {}  # by model
         for name in MODEL_NAMES:
             template = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
             rng = generator(self.seed, "adaptive", name, "prior")
@@ -218,9 +225,10 @@ class Adaptive:
             s1, s2 = map(float, pair)
         except (TypeError, ValueError) as error:
             raise InputError(f"pair {pair!r}: allowed are s1 and s2") from error
+
         trial = s1, s2, yes
         trial_subject = self._make_subject([trial])  # refuses what is not finite
-        self._answers.append(trial)
+        self.answers.append(trial)
         for particles in self._particles.values():
             particles.add(trial_subject)
         self._renew_worst()
@@ -249,14 +257,15 @@ class Adaptive:
         H(answer) - E[H(answer | model and parameters)].
         """
         p_answers = np.zeros((len(self.pairs.task.answers), self.pairs.n_pairs))
-        conditional_entropy = np.zeros(self.pairs.n_pairs)
+        conditional_entropy = np.zeros(self.pairs.n_pairs)  # E[H(answer | ...)]
         first_draws = slice(self._n_compared)
+
         for name, probability in self.probabilities.items():
             particles = self._particles[name]
             if particles.p_answers is None:  # (answers, draws, pairs)
                 log_answers = particles.template.log_answers(particles.x[first_draws])
                 particles.p_answers = np.exp(log_answers)
-            weights = particles.draws.part(first_draws).shares
+            weights = particles.draws.part(first_draws).shares  # (draws,)
             p_answers_of_model = weights @ particles.p_answers  # (answers, pairs)
             p_answers += probability * p_answers_of_model
             if self.about == MODEL:
@@ -271,12 +280,7 @@ class Adaptive:
     @property
     def trials(self) -> int:
         """Number of answers so far."""
-        return len(self._answers)
-
-    @property
-    def answers(self) -> list[Trial]:
-        """s1, s2 and the answer of every trial in order."""
-        return list(self._answers)
+        return len(self.answers)
 
     @property
     def subject(self) -> Subject:
@@ -287,9 +291,9 @@ class Adaptive:
         InputError
             Before the first answer.
         """
-        if not self._answers:
+        if not self.answers:
             raise InputError("session: no answers yet, allowed after the first one")
-        return self._make_subject(self._answers)
+        return self._make_subject(self.answers)
 
     @property
     def probabilities(self) -> dict[str, float]:

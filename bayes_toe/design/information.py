@@ -38,12 +38,12 @@ _GAIN = 1e-7  # by which a move of trials has to raise the utility
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information of one trial of each pair about each observer.
+    """Information of one trial of each pair about each observer, whose model has k coordinates.
 
     Attributes
     ----------
     rows : ndarray, shape (observers, pairs, answers, k)
-        The information of a trial is the sum of the outer products of its rows with themselves.
+        The information of a trial, (k, k), is R'R with the rows R of its pair, (answers, k).
     prior : ndarray, shape (observers, k, k)
         Curvature of the prior.
     is_target : ndarray of bool, shape (k,)
@@ -55,22 +55,21 @@ class Information:
     is_target: BoolArray
 
     def total(self, n_trials: IntArray) -> FloatArray:
-        """Precision after so many trials of each pair, (pairs,): their information and the prior's.
+        """Precision after so many trials of each pair, (pairs,) -> (observers, k, k).
 
-        The shape is (observers, k, k).
+        It is the curvature of the prior, plus the information n R'R of the n trials of each pair.
         """
         index = np.flatnonzero(n_trials)  # pairs without trials add nothing, and would cost time
         n_observers, _, n_answers, k = self.rows.shape
         rows = self.rows[:, index].reshape(n_observers, -1, k)  # all answers to all pairs
-        # Each row times the trials of its pair.
-        weighted = rows * np.repeat(n_trials[index], n_answers)[:, None]
-        return self.prior + np.swapaxes(rows, 1, 2) @ weighted
+        n_of_rows = np.repeat(n_trials[index], n_answers)  # the trials of the pair of each row
+        return self.prior + np.swapaxes(rows, 1, 2) @ (rows * n_of_rows[:, None])
 
     def utility(self, n_trials: IntArray) -> float:
         """Half the log determinant of the precision of what is asked about, mean over observers.
 
-        Once all other parameters are estimated, that precision is a Schur complement of the total,
-        with the determinant det(total) / det(block of the other parameters).
+        Once the nuisance parameters, all others, are estimated, that precision is a Schur
+        complement of the total precision, with the determinant det(total) / det(nuisance block).
         """
         total = self.total(n_trials)
         _, log_total = np.linalg.slogdet(total)  # (observers,)
@@ -80,25 +79,27 @@ class Information:
     def utilities(self, n_trials: IntArray, n_more: float) -> FloatArray:
         """The utility with `n_more` trials added to one pair, for each pair: (pairs,)."""
         total = self.total(n_trials)
-        growth = _log_growth(total, self.rows, n_more)
+        growth = _log_growth(total, self.rows, n_more)  # (observers, pairs)
         nuisance_rows = self.rows[..., ~self.is_target]
         nuisance_growth = _log_growth(self._nuisance_block(total), nuisance_rows, n_more)
         return self.utility(n_trials) + 0.5 * (growth - nuisance_growth).mean(axis=0)
 
     def _nuisance_block(self, total: FloatArray) -> FloatArray:
-        """The block of a precision, (observers, k, k), for coordinates that are not asked about."""
+        """The block of a precision, (observers, k, k), of the coordinates not asked about."""
         return total[:, ~self.is_target][:, :, ~self.is_target]
 
 
 def _log_growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArray:
-    """Log of the growth of the determinant by n more trials of a pair: (observers, pairs).
+    """Log of the growth of a determinant by n more trials of each pair: (observers, pairs).
 
-    With R the rows of a pair, det(T + n R'R) = det(T) det(1 + n R T^-1 R').
+    With the total T, (observers, k, k), and the rows R of a pair, det(T + n R'R) = det(T) growth,
+    with growth = det(1 + n R T^-1 R').
     """
     solved = rows @ np.linalg.inv(total)[:, None]  # R T^-1, (observers, pairs, answers, k)
     # R T^-1 R', (observers, pairs, answers, answers).
     products = (solved[:, :, :, None] * rows[:, :, None]).sum(axis=-1)
-    return np.asarray(np.log(np.linalg.det(np.eye(rows.shape[2]) + n_more * products)))
+    n_answers = rows.shape[2]
+    return np.asarray(np.log(np.linalg.det(np.eye(n_answers) + n_more * products)))
 
 
 def information(
@@ -108,6 +109,9 @@ def information(
     prior: ObserverPrior,
 ) -> Information:
     """Information of every pair about the observers, for one of :data:`AIMS`.
+
+    The information of a trial is the sum over answers of P g g', with the gradient g of log P. So
+    the row of an answer is the root of P times g.
 
     The constant error is that at the mean first stimulus of the pairs. The utility for
     'order-effect' hardly depends on that mean: another one adds a multiple of the contraction to
@@ -121,14 +125,12 @@ def information(
     parameters["lapse_rate"] = np.maximum(parameters["lapse_rate"], 1e-3)
     points = posterior.full_points(posterior.points(parameters))  # (1, observers, k)
 
-    log_answers, slopes = posterior.rows.answer_slopes(points)
-    # Slopes of log P times the root of P. The sum over answers of the outer product of a row with
-    # itself is then the information of a trial. Slopes have the shape (1, observers, k, pairs).
-    rows = []
-    for log_p, slope in zip(log_answers, slopes, strict=True):
+    rows = []  # of each answer, (observers, pairs, k)
+    # For each answer, log P has the shape (1, observers, pairs), and g (1, observers, k, pairs).
+    for log_p, g in zip(*posterior.rows.answer_slopes(points), strict=True):
         # An impossible answer has no slope, and adds nothing.
-        scaled_slope = times_counts(np.exp(0.5 * log_p)[..., None, :], slope)
-        rows.append(np.swapaxes(scaled_slope[0], 1, 2))  # (observers, pairs, k)
+        scaled_slope = times_counts(np.exp(0.5 * log_p)[..., None, :], g)
+        rows.append(np.swapaxes(scaled_slope[0], 1, 2))
 
     _, curvature = posterior.array.prior_slopes(points)  # (1, observers, k)
     is_target = np.isin(posterior.coordinates, AIMS[aim])
@@ -175,25 +177,7 @@ def exchange_trials(
     n_trials = fixed
     for _ in range(trials // portion):
         n_trials = _add_trials(information, n_trials, turned, portion, most_pairs)
-
-    # Portions of each pair move to the best pair, until no move is worth it. The first of both
-    # orders stands for the pair.
-    stands_for_pair = turned >= np.arange(len(turned))
-    utility = information.utility(n_trials)
-    last_utility = -np.inf
-    while utility > last_utility + _GAIN:
-        last_utility = utility
-        for pair in np.flatnonzero(stands_for_pair & (n_trials > fixed)).tolist():
-            while n_trials[pair] > fixed[pair]:
-                fewer_trials = n_trials.copy()
-                fewer_trials[pair] -= half
-                fewer_trials[turned[pair]] -= half
-                new_trials = _add_trials(information, fewer_trials, turned, portion, most_pairs)
-                utility_of_move = information.utility(new_trials)
-                if utility_of_move < utility + _GAIN:
-                    break
-                n_trials = new_trials
-                utility = utility_of_move
+    n_trials = _moved_trials(information, n_trials, turned, half, most_pairs, fixed)
 
     # What is left of the last portion goes to pairs that the design has: with `most_pairs=0` no
     # pair may be new. Two trials at a time keep both orders equally frequent, and an odd trial
@@ -205,12 +189,43 @@ def exchange_trials(
     return n_trials
 
 
+def _moved_trials(
+    information: Information,
+    n_trials: IntArray,
+    turned: IndexArray,
+    half: int,
+    most_pairs: int,
+    fixed: IntArray,
+) -> IntArray:
+    """The trials of every pair, once no move of a portion from a pair to the best pair is worth it.
+
+    A portion has `half` trials of each order. Fixed trials do not move.
+    """
+    stands_for_pair = turned >= np.arange(len(turned))  # the first of both orders
+    utility = information.utility(n_trials)
+    last_utility = -np.inf
+    while utility > last_utility + _GAIN:
+        last_utility = utility
+        for pair in np.flatnonzero(stands_for_pair & (n_trials > fixed)).tolist():
+            while n_trials[pair] > fixed[pair]:
+                fewer_trials = n_trials.copy()
+                fewer_trials[pair] -= half
+                fewer_trials[turned[pair]] -= half
+                new_trials = _add_trials(information, fewer_trials, turned, 2 * half, most_pairs)
+                utility_of_move = information.utility(new_trials)
+                if utility_of_move < utility + _GAIN:
+                    break
+                n_trials = new_trials
+                utility = utility_of_move
+    return n_trials
+
+
 def _add_trials(
     information: Information, n_trials: IntArray, turned: IndexArray, size: int, most_pairs: int
 ) -> IntArray:
-    """The trials of every pair, with `size` more of the pair for which the utility rises most.
+    """The trials of every pair, (pairs,), with `size` more where the utility then rises most.
 
-    Half of these trials are in the other order of that pair. The pair may be new if the design then
+    Half of these trials are in the other order of the pair. The pair may be new if the design then
     has at most `most_pairs` ordered pairs; 0 allows no new pair.
     """
     is_new = n_trials == 0

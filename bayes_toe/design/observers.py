@@ -103,16 +103,11 @@ class Observer:
         if problems:
             raise InputError(f"observer {self.name!r}: {problem}" for problem in problems)
 
-    @property
-    def has_effect(self) -> dict[str, bool]:
-        """Whether the observer truly has the effect that each of the three questions is about."""
-        has_error = self.parameters["constant_error"] != 0.0
-        has_contraction = self.parameters["contraction"] != 0.0
-        return {
-            "order_effect": has_error or has_contraction,
-            "constant_error": has_error,
-            "contraction": has_contraction,
-        }
+    def has_effect(self, question: str) -> bool:
+        """Whether the observer truly has the effect that one of the three questions is about."""
+        if question == "order_effect":
+            return self.has_effect("constant_error") or self.has_effect("contraction")
+        return self.parameters[question] != 0.0
 
     def p_questions(
         self,
@@ -126,20 +121,22 @@ class Observer:
         Parameters
         ----------
         s1, s2 : array_like
+            Natural-log intensities.
         sbar : float
-            Mean first stimulus.
+            Mean first stimulus, to which the observer contracts.
         expected : ndarray or float
             By how much the first stimulus is expected above sbar, after the trial before.
         """
         s1 = np.asarray(s1, np.float64)
         s2 = np.asarray(s2, np.float64)
-
-        # The model has its parameters in units of D and R. With D = R = 1 they are in natural-log
-        # intensity, as the parameters of the observer are.
+        # The model has its parameters in units of the step D and the spread R of the stimuli. With
+        # D = R = 1 they are in natural-log intensity, as the parameters of the observer are.
         scales = StimulusScales(mean=sbar, sbar=sbar, step=1.0, spread=1.0, first_spread=0.0)
         any_pair = each_once([0.0], [0.0], task=self.task)
         posterior = ObserverPosterior(any_pair.unanswered, OrderModel("both"), given_scales=scales)
-        # The stimuli take the place of the pairs of this posterior, (subjects, points, pairs).
+
+        # The stimuli take the place of the pair of this posterior, (1, 1, stimuli). Its one point
+        # is the observer, (1, 1, k).
         rows = replace(
             posterior.rows,
             first=(s1 - sbar - expected).reshape(1, 1, -1),
@@ -152,7 +149,7 @@ class Observer:
         return np.exp(log_yes).reshape(-1, *s1.shape)
 
     def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
-        """:meth:`p_questions` for trials in their order, shape (questions, trials).
+        """:meth:`p_questions` for trials in their order, (trials,) -> (questions, trials).
 
         `carry_over` is the share of what is expected after a trial that is carried over to the
         next one.
@@ -163,11 +160,10 @@ class Observer:
 
     def p_design(self, design: StudyDesign) -> FloatArray:
         """:meth:`p_questions` for the pairs of a design, shape (questions, pairs)."""
-        sbar = float(np.average(design.s1, weights=design.n_trials))
-        return self.p_questions(design.s1, design.s2, sbar)
+        return self.p_questions(design.s1, design.s2, sbar=design.unanswered.mean_first)
 
     def answers(self, design: StudyDesign, seed: int) -> Subject:
-        """Simulate the observer's counts of answers to a design.
+        """Simulate the observer's answers to a design, as a subject with their counts.
 
         The random stream is keyed by the name of the observer and the number of trials.
         """
@@ -214,7 +210,7 @@ def _problems(
             continue
         low, high = _range(value) if has_ranges else (real(value), real(value))
         lower_limit, upper_limit, description = limits[name]
-        # A text is NaN, for which this comparison fails.
+        # A value that is no number is NaN, for which this comparison fails.
         if not lower_limit < low <= high < upper_limit:
             or_range = ", or [LOWEST, HIGHEST] of such" if has_ranges else ""
             yield f"{name}: found {format_value(value)}, allowed: a number {description}{or_range}"
@@ -309,7 +305,7 @@ def _ranges_of(source: StrPath | None, task: Task) -> Kinds:
 
 
 def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool) -> list[Observer]:
-    """Observers of each kind, uniform in its ranges, or else in the ranges `COMMON`.
+    """Observers of each kind, uniform in its ranges and, for other parameters, in `COMMON`.
 
     With `is_even` each range is cut into as many equal parts as there are observers, each of whom
     has the middle of one part. The parts of each parameter are shuffled.
@@ -318,17 +314,16 @@ def _in_ranges(kinds: Kinds, size: int, seed: int, task: Task, *, is_even: bool)
     observers = []
     for kind, effects in kinds.items():
         ranges = {**common, **effects}
-        # For each parameter, which part of its range each observer has.
-        part_of_observers = {
-            key: generator(seed, kind, key, "even").permutation(size) for key in ranges
-        }
+        # For each parameter, the part of its range that each observer has, from 0 to size - 1.
+        parts = {key: generator(seed, kind, key, "even").permutation(size) for key in ranges}
         for i in range(size):
             name = f"{kind} {i + 1}"
             rng = generator(seed, name, "observer")
             values = {}
             for key, (low, high) in ranges.items():
-                position = (part_of_observers[key][i] + 0.5) / size if is_even else rng.uniform()
-                values[key] = float(low + (high - low) * position)  # position is from 0 to 1
+                # The position in the range, from 0 to 1.
+                position = (parts[key][i] + 0.5) / size if is_even else rng.uniform()
+                values[key] = float(low + (high - low) * position)
             observers.append(make_observer(name, kind, values, task))
     return observers
 
@@ -346,6 +341,7 @@ def read_ranges(path: StrPath, task: Task = SAME_DIFFERENT) -> dict[str, dict[st
     table = toml_table(path, _FORM)
     names = parameter_names(task)
     problems = [] if table else [f"found no kind of observers, allowed: {_FORM}"]
+
     kinds = {}
     for kind, section in table.items():
         if not isinstance(section, Mapping):
@@ -404,20 +400,19 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
             f"{path}: draws of the model {draws.model!r}, allowed: those of "
             f"{', '.join(ORDER_MODELS)} (bayes-toe sample --model both)"
         )
+
     observers = []
     copies_without_effects = []
     for number in range(1, size + 1):
         rng = generator(seed, "earlier study", number, "observer")
         subject = draws.names[rng.integers(len(draws.names))]
-        posterior = draws.posterior(subject)
-        points = np.concatenate(draws.points(subject))  # of all chains
+        points = np.concatenate(draws.points(subject))  # of all chains, (draws, k)
         x = points[[rng.integers(len(points))]]  # one point, shape (1, k)
-        observer = _from_point(f"earlier study {number}", "earlier study", posterior, x)
+        name = f"earlier study {number}"
+        observer = _from_point(name, "earlier study", draws.posterior(subject), x)
         observers.append(observer)
         no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
-        copies_without_effects.append(
-            Observer(f"none {number}", "none", parameters=no_effects, task=task)
-        )
+        copies_without_effects.append(Observer(f"none {number}", "none", no_effects, task))
     return observers + copies_without_effects
 
 
@@ -426,14 +421,14 @@ def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None
 
     The stimuli are then in another unit than the observers' noise.
     """
-    p_yes = defaultdict(list)
+    p_yes = defaultdict(list)  # by kind, P of the counted answer of each observer, (pairs,)
     for observer in observers:
         attentive_observer = replace(
             observer, parameters={**observer.parameters, "lapse_rate": 0.0}
         )
-        # P of the answer that the first question counts, (pairs,).
         p_first_question, *_ = attentive_observer.p_design(design)
         p_yes[observer.kind].append(p_first_question)
+
     task = design.task
     for kind, p_of_kind in p_yes.items():
         highest_p = {task.yes: np.max(p_of_kind), task.no: 1.0 - np.min(p_of_kind)}

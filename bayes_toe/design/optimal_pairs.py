@@ -106,7 +106,7 @@ class OptimalDesign:
 
     @property
     def name(self) -> str:
-        """The name of the design that is asked for."""
+        """The name of the design that is asked for, which comes first."""
         return next(iter(self.designs))
 
     @property
@@ -117,7 +117,7 @@ class OptimalDesign:
     def reasons(self) -> list[str]:
         """The most frequent first stimuli, and what these pairs cannot show, in sentences."""
         stimuli, index = np.unique(self.design.s1, return_inverse=True)
-        share = np.bincount(index, self.design.n_trials / self.design.total)
+        share = np.bincount(index, self.design.n_trials / self.design.total)  # (stimuli,)
         frequent = np.sort(np.argsort(-share)[:4])  # indices of four, in the order of intensity
         if self.unit.stimulus_unit:
             levels, unit_name = self.unit.numbers(stimuli[frequent], stimuli.mean())
@@ -128,6 +128,7 @@ class OptimalDesign:
             f"{level} {unit_name} ({percent:.0f} %)"
             for level, percent in zip(levels, 100 * share[frequent], strict=True)
         )
+
         lines = []
         if self.name == OPTIMISED:
             lines.append(
@@ -156,6 +157,7 @@ class OptimalDesign:
             "have equal pairs": design.s1 == design.s2,
             "begin with the weakest or strongest stimulus": np.isin(design.s1, ends),
         }
+
         frequent = []
         for words, is_regular in regularities.items():  # is_regular has the shape (pairs,)
             n_trials = design.n_trials[is_regular].sum()
@@ -201,20 +203,10 @@ def levels_between(
         raise InputError(f"{ends}: allowed are finite numbers, the first the smaller one")
     log_ends = np.concatenate(to_logs(ends, [np.array([lowest]), np.array([highest])], options))
 
-    if not step:  # the default
+    if not step:
         step = "5%" if options.has_intensities else f"{0.05 / LOG_UNITS[options.unit or 'ln']:.1g}"
-    is_percent = step.endswith("%")
-    size = number(step.removesuffix("%"))
-    if not size > 0.0:  # also NaN, which a text that is no number gives
-        raise InputError(
-            f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
-            "intensity, such as 5%"
-        )
-    if is_percent:  # equal steps of natural logs
-        size = float(np.log1p(0.01 * size))
-        width = float(np.ptp(log_ends))
-    else:
-        width = highest - lowest
+    size, is_percent = _read_step(step)
+    width = np.ptp(log_ends) if is_percent else highest - lowest  # in the unit of the size
     smallest_size = width / (_MOST_LEVELS - 1)
     if not smallest_size <= size <= width:
         proposed = 1.01 * smallest_size  # still allowed when rounded to three digits
@@ -234,6 +226,19 @@ def levels_between(
         stimuli = [float(f"{value:.4g}") for value in options.stimulus_unit.to_stimuli(levels)]
         levels = np.unique(log_levels(np.array(stimuli), options))
     return levels
+
+
+def _read_step(step: str) -> tuple[float, bool]:
+    """The size of a step, and whether it is per cent of intensity: then a size in natural logs."""
+    size = number(step.removesuffix("%"))
+    if not size > 0.0:  # also NaN, which a text that is no number gives
+        raise InputError(
+            f"--step {step}: allowed is a number above 0 in the unit of the levels, or per cent of "
+            "intensity, such as 5%"
+        )
+    if step.endswith("%"):
+        return float(np.log1p(0.01 * size)), True
+    return size, False
 
 
 def read_levels(path: StrPath, options: ReadOptions) -> FloatArray:
@@ -287,7 +292,8 @@ def optimal_design(
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
     levels = np.unique(levels)
-    plane = pairs_to_show(levels, goal)
+    plane = pairs_to_show(levels, goal)  # every pair that can be shown
+
     # Five observers of each kind are enough for the information, which changes smoothly with their
     # parameters. The power is a share of simulated answers, and needs more.
     assumed_observers = assume_observers(
@@ -319,11 +325,12 @@ def best_design(
 ) -> tuple[StudyDesign, FloatArray]:
     """Find the most informative design of pairs of levels, without simulation.
 
-    The second value is what one more trial of each pair that can be shown adds to the utility.
+    The second value is what one more trial of each pair that can be shown adds to the utility, in
+    the order of :func:`pairs_to_show`, (pairs,).
     """
     require_number("--trials", trials)
-    plane = pairs_to_show(levels, goal)
-    fixed = np.zeros(plane.n_pairs, np.int64)  # trials of each pair that must be kept
+    plane = pairs_to_show(levels, goal)  # every pair that can be shown
+    fixed = np.zeros(plane.n_pairs, np.int64)  # trials of each pair that must be kept, (pairs,)
     if goal.keep is not None:
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
     n_left = trials - int(fixed.sum())
@@ -337,12 +344,13 @@ def best_design(
         raise InputError(
             f"--max-pairs {goal.max_pairs}: --keep has {n_kept_pairs} already; allowed is more"
         )
+
     plane_information = information(plane, observers, goal.aim, prior)
     most_pairs = min(goal.max_pairs, n_left + n_kept_pairs)
     n_trials = exchange_trials(plane_information, n_left, most_pairs, fixed, plane.turned)
-    chosen_pairs = np.flatnonzero(n_trials)
     utilities = plane_information.utilities(n_trials, n_more=1.0)
     worth = utilities - plane_information.utility(n_trials)
+    chosen_pairs = np.flatnonzero(n_trials)
     return plane.select(chosen_pairs, n_trials[chosen_pairs]), worth
 
 
@@ -360,6 +368,7 @@ def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observ
     # the same nearest level, which then counts once.
     nearest = np.unique(np.abs(levels[:, None] - targets).argmin(axis=0))
     stimuli = levels[nearest]
+
     i, j = np.indices((len(stimuli), len(stimuli)))
     is_near = np.abs(i - j) <= 1  # equal stimuli and neighbours
     return each_once(stimuli[i[is_near]], stimuli[j[is_near]], task=goal.task)

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from scipy.stats import beta, betabinom
 
 from bayes_toe.answers.order_effect import (
@@ -35,7 +34,6 @@ from bayes_toe.checks.identification import identify
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.messages import capitalized, join_names, join_words
 from bayes_toe.data.tables import Table
-from bayes_toe.data.tasks import Task
 from bayes_toe.design.observers import Observer, assume_observers
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.errors import InputError, require_kind, require_number
@@ -53,7 +51,6 @@ PAPER_PAIRS = "the paper's pairs"
 GIVEN_PAIRS = "these pairs"
 #: The answer 'yes' or 'probably'.
 DETECTED = "yes or probably"
-_TAIL = 0.025  # probability beyond each end of a 95 % interval
 _N_STUDIES = 400  # simulated studies for each number of subjects
 
 
@@ -103,7 +100,7 @@ class PowerEstimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PowerTable(Table[PowerEstimate]):
-    """Shares of simulated data sets, one in each row.
+    """Shares of simulated data sets, one in each row: the table of power.csv.
 
     Attributes
     ----------
@@ -121,17 +118,17 @@ class PowerTable(Table[PowerEstimate]):
         data_sets = tuple(data_sets)
         # Responses of simulated observers have no problems, and are always interpreted.
         possible_words = [word for word in Word if word is not Word.NOT_INTERPRETABLE]
+
         rows = []
-        for design_and_kind, group in group_data_sets(data_sets).items():
+        for (design, trials, kind), group in group_data_sets(data_sets).items():
             for question in QUESTIONS:
                 words = [data_set.answer.words[question] for data_set in group]
                 counts = {word.value: words.count(word) for word in possible_words}
                 counts[DETECTED] = sum(word.is_positive for word in words)
-                n = len(words)
                 for answer, count in counts.items():
-                    # `share` gives the fields value, low and high.
+                    interval = share(count, len(group))  # value, low and high
                     rows.append(
-                        PowerEstimate(*design_and_kind, question, answer, *share(count, n), n)
+                        PowerEstimate(design, trials, kind, question, answer, *interval, len(group))
                     )
         return cls(tuple(rows), data_sets, seed)
 
@@ -144,26 +141,17 @@ class PowerTable(Table[PowerEstimate]):
             f"nothing counted for {key!r}; answers: {join_names(self.different('answer'))}"
         )
 
-    def different(self, name: str) -> tuple[str, ...]:
-        """The different values of a column of names, in the order of the rows."""
-        return tuple(dict.fromkeys(getattr(row, name) for row in self.rows))
-
-    @property
-    def designs(self) -> tuple[tuple[str, int], ...]:
-        """Each design with each number of trials, in the order of the rows."""
-        return tuple(dict.fromkeys((row.design, row.trials) for row in self.rows))
+    def different(self, *columns: str) -> tuple[Any, ...]:
+        """The different values of a column, or tuples of several columns, in the order of rows."""
+        return tuple(dict.fromkeys(map(attrgetter(*columns), self.rows)))
 
     def has_effect(self, kind: str, question: str) -> bool:
         """Whether any observer of a kind truly has the effect that is asked about."""
         return any(
-            data_set.observer.has_effect[question]
+            data_set.observer.has_effect(question)
             for data_set in self.data_sets
             if data_set.observer.kind == kind
         )
-
-    def _full_frame(self) -> pd.DataFrame:
-        """The table as power.csv has it: the fields of the rows are the columns."""
-        return pd.DataFrame(self.rows)
 
     def sentences(self) -> list[str]:
         """How often each design detects order effects, and which questions it cannot answer.
@@ -171,7 +159,7 @@ class PowerTable(Table[PowerEstimate]):
         A sentence such as 'Order effect: cannot be told.' follows for each of these questions.
         """
         lines = []
-        for design, trials in self.designs:
+        for design, trials in self.different("design", "trials"):
             findings = "; ".join(self._describe_detection(design, trials))
             text = f"{capitalized(design)}, {trials:,} trials: {findings}."
             for question in QUESTIONS:
@@ -181,24 +169,24 @@ class PowerTable(Table[PowerEstimate]):
         return lines
 
     def _describe_detection(self, design: str, trials: int) -> list[str]:
-        """The order effect that a design detects least often, and false positives.
+        """The kind of observers whom a design detects least often, and false positives, as texts.
 
         As in ['contraction detected least often, in 35 % [17, 57]', 'false positives 2 % [0, 9]'].
         """
-        effects = []
+        detections = []  # of the kinds with an order effect
         false_positives = []
         for kind in self.different("observers"):
             estimate = self[design, trials, kind, "order_effect", DETECTED]
             if self.has_effect(kind, "order_effect"):
-                effects.append(estimate)
+                detections.append(estimate)
             else:
                 false_positives.append(f"false positives {estimate.percent}")
 
         findings = []
-        if effects:
-            weakest = min(effects, key=attrgetter("value"))
-            adverb = " least often," if len(effects) > 1 else ""
-            findings.append(f"{weakest.observers} detected{adverb} in {weakest.percent}")
+        if detections:
+            rarest = min(detections, key=attrgetter("value"))
+            adverb = " least often," if len(detections) > 1 else ""
+            findings.append(f"{rarest.observers} detected{adverb} in {rarest.percent}")
         return findings + false_positives
 
     def is_unknown(self, design: str, trials: int, question: str) -> bool:
@@ -228,12 +216,12 @@ def share(hits: int, size: int) -> tuple[float, float, float]:
     >>> [round(value, 3) for value in share(7, 20)]
     [0.35, 0.172, 0.568]
     """
-    low, high = beta.ppf((_TAIL, 1.0 - _TAIL), hits + 0.5, size - hits + 0.5).tolist()
+    low, high = beta.interval(0.95, hits + 0.5, size - hits + 0.5)
     if hits == 0:
         low = 0.0
     if hits == size:
         high = 1.0
-    return hits / size, low, high
+    return hits / size, float(low), float(high)
 
 
 # --- Simulation -----------------------------------------------------------------------------------
@@ -279,19 +267,18 @@ def power(
     2
     """
     require_kind("trials", trials, Iterable, "whole numbers, in a list")
-    root = root_seed(seed)
-    observer_prior = preset_or_file(prior).observer
-    simulated_sets: list[DataSet] = []
-    # An observer has one task, so the designs of each task have observers of their own.
     if design is None:
         design = {PAPER_PAIRS: paper_study_design()}
     elif isinstance(design, StudyDesign):
         design = {GIVEN_PAIRS: design}
     require_kind("design", design, Mapping, "a StudyDesign, or several by their names")
-    designs_by_task: dict[Task, dict[str, StudyDesign]] = defaultdict(dict)
-    for name, pairs in design.items():
-        designs_by_task[pairs.task][name] = pairs
-    for designs in designs_by_task.values():
+    root = root_seed(seed)
+    observer_prior = preset_or_file(prior).observer
+
+    simulated_sets: list[DataSet] = []
+    # An observer has one task, so the designs of each task have observers of their own.
+    for task in dict.fromkeys(pairs.task for pairs in design.values()):
+        designs = {name: pairs for name, pairs in design.items() if pairs.task == task}
         assumed_observers = assume_observers(
             observers,
             size=data_sets,
@@ -318,13 +305,12 @@ def simulate_power(
     workers: Workers,
     progress: Progress | None,
 ) -> Iterable[DataSet]:
-    """The data sets of all observers with all designs.
+    """The data sets of all observers with all designs, each of which has its name.
 
-    `designs` has the name of each design and the design. A job is a batch of observers with one
-    design. Progress shows the names of its observers.
+    A job is a batch of observers with one design. Progress shows the names of its observers.
     """
     jobs = []
-    names = []
+    names = []  # of the observers of each job
     for name, design in designs:
         for start in range(0, len(observers), BATCH):
             batch = observers[start : start + BATCH]
@@ -413,7 +399,7 @@ class GroupPower(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GroupPowerTable(Table[GroupPower]):
-    """A row for each kind of observers, question and number of subjects."""
+    """The table of power_groups.csv: a row for each kind of observers, question and group size."""
 
     seed: int
 
@@ -441,10 +427,6 @@ class GroupPowerTable(Table[GroupPower]):
                         f"'{smallest[0].observers}' in {join_words(shares)}."
                     )
         return lines
-
-    def _full_frame(self) -> pd.DataFrame:
-        """The table as power_groups.csv has it: the fields of the rows are the columns."""
-        return pd.DataFrame(self.rows)
 
 
 def group_power(
@@ -478,23 +460,18 @@ def group_power(
             if table.is_unknown(design, trials, question):
                 continue
             n_detected = sum(data_set.answer.words[question].is_positive for data_set in group)
-            # The order effect has no parameter, so that its mean and the power of its mean are NaN.
-            true_sizes = np.array(
+            # The true effect of each observer. It is NaN for the order effect, which has no
+            # parameter, and so are its mean and the power of its mean.
+            effects = np.array(
                 [data_set.observer.parameters.get(question, np.nan) for data_set in group]
             )
-            true_mean = float(np.mean(true_sizes))
-            true_sd = float(np.std(true_sizes))
             for size in subjects:
                 require_number("subjects", size, smallest=2)
-                detected = predicted_count(n_detected, len(group), size)
+                power_of_mean = (np.nan, np.nan, np.nan)
                 if question in SIZE_OF:
                     rng = generator(table.seed, design, kind, f"{trials} {size} {question}")
-                    hits = _count_detected_means(
-                        group, question, true_sizes, size, whole_prior, rng
-                    )
+                    hits = _count_detected_means(group, question, effects, size, whole_prior, rng)
                     power_of_mean = share(hits, _N_STUDIES)
-                else:  # the order effect
-                    power_of_mean = (np.nan,) * 3
                 rows.append(
                     GroupPower(
                         design,
@@ -502,9 +479,9 @@ def group_power(
                         kind,
                         question,
                         size,
-                        true_mean,
-                        true_sd,
-                        *detected,  # median and interval
+                        float(np.mean(effects)),
+                        float(np.std(effects)),
+                        *predicted_count(n_detected, len(group), size),  # median and interval
                         *power_of_mean,  # value and interval
                     )
                 )
@@ -514,22 +491,19 @@ def group_power(
 def _count_detected_means(
     group: Sequence[DataSet],
     question: str,
-    true_sizes: FloatArray,
+    effects: FloatArray,
     size: int,
     prior: Prior,
     rng: Rng,
 ) -> int:
     """How many of :data:`_N_STUDIES` studies say 'yes' or 'probably' to a group mean that is not 0.
 
-    A study draws `size` subjects from the group, with replacement.
+    A study draws `size` subjects from the observers of the group, with replacement. `effects` has
+    the true effect of each observer, (observers,).
     """
-    intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
-    low, _, high = intervals.T
     # The unit in which the hyperprior has the effect, and the SD of a subject's prior in this unit.
     scales = group[0].scales
     if question == CONSTANT_ERROR.name:
-        # True sizes are natural logs, and the ends of intervals are per cent of intensity.
-        low, high = np.log1p([low / 100.0, high / 100.0])
         unit = scales.step
         hyperprior = prior.group.constant_error
         # A subject's prior is Student's t with 3 degrees of freedom and this scale. At 0 it is
@@ -540,19 +514,31 @@ def _count_detected_means(
         hyperprior = prior.group.contraction.narrowed(scales.roving_share)
         prior_sd = prior.observer.contraction_sd * scales.roving_share
 
-    posterior_sd = (high - low) / 3.92 / unit  # a 95 % interval of a normal is 2 x 1.96 SD wide
-    # Normal densities: the precision of the responses is the precision of the posterior less that
-    # of the prior. Where the posterior is as wide as the prior, or wider by Monte Carlo error, the
+    # With normal densities, the precision of the responses is that of the posterior less that of
+    # the prior. Where the posterior is as wide as the prior, or wider by Monte Carlo error, the
     # responses say next to nothing: an SD of 100 units.
-    precision = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4)
+    posterior_sd = _posterior_sds(group, question) / unit
+    standard_error = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4) ** -0.5  # (observers,)
 
     drawn = rng.integers(len(group), size=(_N_STUDIES, size))  # indices of observers
-    standard_errors = (precision**-0.5)[drawn]
-    estimates = true_sizes[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
+    standard_errors = standard_error[drawn]  # (studies, subjects)
+    estimates = effects[drawn] / unit + standard_errors * rng.standard_normal(drawn.shape)
     numbers = HyperpriorNumbers.from_rows([hyperprior])
     # The function has the log Bayes factor for a mean of 0, and its negative is against this mean.
-    log_factors = -approximate_zero_mean(estimates, standard_errors, numbers)
+    log_factors = -approximate_zero_mean(estimates, standard_errors, numbers)  # (studies,)
     return sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
+
+
+def _posterior_sds(group: Sequence[DataSet], question: str) -> FloatArray:
+    """SD of the posterior of each observer's effect, (observers,), from its 95 % interval.
+
+    The unit of a constant error is natural-log intensity; a contraction has none.
+    """
+    intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
+    low, _, high = intervals.T
+    if question == CONSTANT_ERROR.name:  # its interval is in per cent of intensity
+        low, high = np.log1p([low / 100.0, high / 100.0])
+    return (high - low) / 3.92  # the interval of a normal density is 2 x 1.96 SD wide
 
 
 def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]:
@@ -566,7 +552,6 @@ def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]
     >>> predicted_count(35, 50, 20)
     (14, 9, 18)
     """
-    levels = (0.5, _TAIL, 1.0 - _TAIL)
-    quantiles = betabinom.ppf(levels, subjects, hits + 0.5, size - hits + 0.5)
-    median, low, high = quantiles.astype(int).tolist()
-    return median, low, high
+    counts = betabinom(subjects, hits + 0.5, size - hits + 0.5)
+    low, high = counts.interval(0.95)
+    return int(counts.median()), int(low), int(high)

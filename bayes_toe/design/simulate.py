@@ -99,9 +99,7 @@ class PaperObserver:
         return dict(zip(natural_names(self.task), map(float, self.natural), strict=True))
 
     def p_trials(self, s1: FloatArray, s2: FloatArray, carry_over: float) -> FloatArray:
-        """Probability of the counted answer in each trial, shape (1, trials).
-
-        The 1 is the one question of the task.
+        """Probability of the counted answer in each trial, shape (1, trials): (questions, trials).
 
         `carry_over` is as in :meth:`bayes_toe.design.observers.Observer.p_trials`. What is
         expected, relative to the mean stimulus, is added to the prior mean mu1.
@@ -154,7 +152,7 @@ def subject_names(size: int) -> list[str]:
 
 
 def simulated_conditions(levels: Sequence[str], sizes: Sizes) -> Conditions | None:
-    """The conditions of these levels, once levels and sizes are checked; None without levels.
+    """The conditions of these levels; None without levels. Bad levels and sizes are refused.
 
     Levels that are all numbers make a numeric condition.
 
@@ -169,6 +167,7 @@ def simulated_conditions(levels: Sequence[str], sizes: Sizes) -> Conditions | No
         if sizes:
             raise InputError("--differ: allowed with --conditions, between which observers differ")
         return None
+
     numbers = list(map(number, levels))  # NaN for a text
     is_numeric = bool(np.isfinite(numbers).all())
     # Numbers are written in one way, so that '1' and '1.0' are the same level.
@@ -180,6 +179,7 @@ def simulated_conditions(levels: Sequence[str], sizes: Sizes) -> Conditions | No
             f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
             f"each once, without {CONDITION_SEPARATOR}"
         )
+
     for name, size in sizes.items():
         if name not in DIFFERING or not np.isfinite(size):
             raise InputError(
@@ -206,34 +206,40 @@ def in_conditions(
         steps = conditions.design()[:, 0]  # the only column of a numeric condition
     else:
         steps = np.linspace(-0.5, 0.5, len(conditions.levels))
+
     observers: dict[str, SimulatedObserver] = {}
     for level, step in zip(conditions.levels, steps.tolist(), strict=True):
-        unit = replace(observer, name=f"{observer.name}{CONDITION_SEPARATOR}{level}")
-        if isinstance(unit, Observer):
-            parameters = dict(unit.parameters)
-            for parameter, size in sizes.items():
-                if parameter == "noise":  # its logarithm differs
-                    parameters[parameter] *= float(np.exp(step * size))
-                else:
-                    parameters[parameter] += step * size
-            unit = replace(unit, parameters=parameters)
-        observers[level] = unit
+        name = f"{observer.name}{CONDITION_SEPARATOR}{level}"
+        if isinstance(observer, PaperObserver):  # the same in every condition
+            observers[level] = replace(observer, name=name)
+            continue
+        parameters = dict(observer.parameters)
+        for parameter, size in sizes.items():
+            if parameter == "noise":  # its logarithm differs
+                parameters[parameter] *= float(np.exp(step * size))
+            else:
+                parameters[parameter] += step * size
+        observers[level] = replace(observer, name=name, parameters=parameters)
     return observers
 
 
-def read_differences(
-    conditions: str | None, differ: str | None
-) -> tuple[list[str], dict[str, float]]:
-    """The levels of `--conditions` and the sizes of `--differ`.
+def split_levels(text: str | None) -> list[str]:
+    """The levels of `--conditions`: 'left, right' -> ['left', 'right']; none without a text."""
+    return [] if text is None else [level.strip() for level in text.split(",")]
+
+
+def read_differences(text: str | None) -> dict[str, float]:
+    """The sizes of `--differ` by parameter; none without a text.
 
     Examples
     --------
-    >>> read_differences("left,right", "contraction=0.2,noise=0.3")
-    (['left', 'right'], {'contraction': 0.2, 'noise': 0.3})
+    >>> read_differences("contraction=0.2,noise=0.3")
+    {'contraction': 0.2, 'noise': 0.3}
     """
-    sizes = {}
-    texts = differ.split(",") if differ else []
-    for difference in texts:
+    sizes: dict[str, float] = {}
+    if not text:
+        return sizes
+    for difference in text.split(","):
         name, _, value = map(str.strip, difference.partition("="))
         if name in sizes:
             raise InputError(f"--differ: found {name} twice, allowed: once")
@@ -243,8 +249,7 @@ def read_differences(
             raise InputError(
                 f"--differ: found {quoted(difference)}, allowed: {_ALLOWED_DIFFERENCE}"
             ) from None
-    levels = [] if conditions is None else [level.strip() for level in conditions.split(",")]
-    return levels, sizes
+    return sizes
 
 
 # --- Trials ---------------------------------------------------------------------------------------
@@ -264,10 +269,11 @@ def answer_trials(
     # At a share of 1, an expectation would never fade.
     require_number("--carry-over", carry_over, smallest=0, largest=0.999, kind=Real)
     rng = generator(seed, observer.name, "trials")
+
+    # A batch has each pair as often as any other batch. Its random order sorts uniform numbers.
     pairs_of_batch = np.repeat(np.arange(design.n_pairs), design.n_trials // design.n_batches)
-    # A random order of each batch, from sorted uniform numbers, (batches, trials of a batch).
     order = np.argsort(rng.uniform(size=(design.n_batches, len(pairs_of_batch))), axis=1)
-    pair = pairs_of_batch[order.ravel()]  # of each trial
+    pair = pairs_of_batch[order].ravel()  # the index of the pair of each trial, (trials,)
     s1 = design.s1[pair]
     s2 = design.s2[pair]
 
@@ -356,21 +362,21 @@ def simulate(  # each is a choice of its own, and has a default
     else:
         require_number("observers", observers)
         simulated_observers = draw_population(population, observers, root, study_design, task)
-    # Without a carry-over, the truth has no column `carry_over`.
-    carry_over_truth = {"carry_over": carry_over} if carry_over else {}
 
     subjects = []
     truth = {}
     for observer in simulated_observers:
         if study_conditions is None:
-            by_condition = {"": observer}
+            by_condition = {"": observer}  # a single condition without a name
         else:
             by_condition = in_conditions(observer, study_conditions, sizes)
         for condition, unit in by_condition.items():
             answers = answer_trials(unit, study_design, root, carry_over)
             subject = Subject.from_answers(unit.name, answers, task)
             subjects.append(replace(subject, condition=condition))
-            truth[unit.name] = {**unit.parameters, **carry_over_truth}
+            truth[unit.name] = dict(unit.parameters)
+            if carry_over:
+                truth[unit.name]["carry_over"] = carry_over
 
     study = Study(tuple(subjects), f"simulated, seed {root}", synthetic=True)
     if study_conditions is not None:
@@ -387,7 +393,7 @@ def draw_population(
     `size` is their number, except for a file.
     """
     if population == PAPER:
-        mean = np.average(design.s1, weights=design.n_trials)
+        mean = design.unanswered.mean_first
         # These observers expect stimuli mu1 between about -1 and 2, see `paper_population`. So they
         # suit stimuli near the paper's reference, whose natural log is 0.
         if abs(mean) > 2.0:
@@ -424,6 +430,7 @@ def read_parameters(path: StrPath, names: Texts, *, gaps: bool = False) -> Truth
     truth = {}
     for i, subject in enumerate(subjects):
         values = {name: float(column[i]) for name, column in columns.items()}
+        # An empty cell is NaN.
         truth[subject] = {name: value for name, value in values.items() if not np.isnan(value)}
     return truth
 
@@ -438,6 +445,7 @@ def _stated_observers(
     """
     if not truth:
         raise InputError(f"{source}: found none, allowed: at least one")
+
     allowed = natural_names(task)
     observers: list[SimulatedObserver] = []
     for name, parameters in truth.items():
@@ -499,11 +507,12 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
     The first batch of a subject comes in one condition after the other, then the second batch, and
     so on. The column `synthetic` marks the trials in every file.
     """
-    words = np.array(study.task.answers)  # the counted answer and the other answer, or all three
+    words = np.array(study.task.answers)  # the counted answer comes first
     batch = np.repeat(np.arange(1, design.n_batches + 1), design.total // design.n_batches)
-    frames = []
+
+    frames = []  # of each subject
     for units in units_by_subject(study).values():
-        parts = []
+        frames_of_conditions = []
         for subject in units:
             answers = cast(Answers, subject.answers)
             columns: Record = {"subject": subject.subject_name}
@@ -515,9 +524,10 @@ def trial_frame(study: Study, design: StudyDesign, unit: StimulusUnit) -> pd.Dat
             columns |= stimulus_columns(s1, s2, unit)
             word_index = 1 - answers.n_yes  # in each trial: 0 for the counted answer, else 1
             if answers.n_second is not None:  # 0 is 'equal', 1 'second', and 2 'first'
-                word_index = np.where(answers.n_yes + answers.n_second > 0, word_index, 2)
+                word_index = np.where(answers.n_yes == 1, 0, 2 - answers.n_second)
             columns |= {"response": words[word_index], "synthetic": 1}
-            parts.append(pd.DataFrame(columns))
-        frame = pd.concat(parts).sort_values("batch", kind="stable", ignore_index=True)
+            frames_of_conditions.append(pd.DataFrame(columns))
+        frame = pd.concat(frames_of_conditions)
+        frame = frame.sort_values("batch", kind="stable", ignore_index=True)
         frames.append(frame.assign(trial=frame.index + 1))
     return pd.concat(frames, ignore_index=True)

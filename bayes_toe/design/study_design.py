@@ -73,8 +73,8 @@ class StudyDesign:
             subject = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
-        # The subject has sorted its columns, which a design does not: only their types are taken
-        # over.
+        # The columns become arrays of the types that the subject has. The subject has sorted its
+        # rows, and a design keeps their order.
         for name in DESIGN_COLUMNS:
             column = np.asarray(getattr(self, name), getattr(subject, name).dtype)
             object.__setattr__(self, name, column)
@@ -127,7 +127,7 @@ class StudyDesign:
 
     @property
     def turned(self) -> IndexArray:
-        """The index of each pair in the other order; its own index where the design lacks that."""
+        """The index of each pair in the other order, or its own index without that, (pairs,)."""
         index = {pair: i for i, pair in enumerate(self.pairs)}
         return np.array([index.get((s2, s1), i) for (s1, s2), i in index.items()])
 
@@ -187,7 +187,7 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
     >>> apportioned(np.array([0.5, 0.49, 0.01]), 11).tolist()
     [5, 5, 1]
     """
-    ideal = share / share.sum() * trials
+    ideal = share / share.sum() * trials  # no whole numbers
     counts: IntArray = np.maximum(1, np.floor(ideal)).astype(np.int64)
     while counts.sum() > trials:  # small shares were raised to 1
         excess = np.where(counts > 1, counts - ideal, -np.inf)
@@ -247,11 +247,16 @@ def read_stimuli(
     If the options have a unit of intensities, the columns `i_names` are read as intensities, or the
     columns `s_names` where the file lacks them. Without such a unit, the columns `s_names` are read
     as logs. Other columns are those in `required`, and those in `optional` that the file has; a
-    column `n_trials` must have counts. The first value has the names of the columns of stimuli that
-    were read. The second value has the stimuli by the names in `s_names`, and the other columns by
-    their names.
+    column `n_trials` must have counts.
+
+    Returns
+    -------
+    stimulus_names : tuple of str
+        The columns of stimuli that were read.
+    columns : dict of str to ndarray, shape (rows,)
+        The stimuli by the names in `s_names`, and the other columns by their names.
     """
-    # Other columns are not read, whatever the header of the file.
+    # Columns of other names are not read.
     table = read_table(path, lambda _: {*s_names, *i_names, *required, *optional})
     header = set(table.names)
     stimulus_names = s_names
@@ -263,6 +268,7 @@ def read_stimuli(
                 f"{table.source}: columns {join_names(i_names)} are intensities without a unit",
                 [Remedy("unit", ANY_UNIT, "or the name of their unit")],
             )
+
     _, columns = read_numbers(
         table, (*stimulus_names, *required), optional=optional, counts=("n_trials",)
     )

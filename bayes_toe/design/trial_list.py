@@ -72,7 +72,7 @@ def trial_list(
     is_equal = np.tile(design.s1 == design.s2, n_levels)
     order = _shuffled(_blocks(design, blocks, n_levels, rng), is_equal, rng)
 
-    # A trial is the number level * n_pairs + pair.
+    # A trial is the number level * n_pairs + pair; level and pair have the shape (trials,).
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
     columns: dict[str, npt.ArrayLike] = {"subject": subject}
     if levels:
@@ -101,19 +101,22 @@ def _blocks(design: StudyDesign, blocks: int, n_levels: int, rng: Rng) -> list[I
             both_orders.append(([i, turned], n_common))
     one_order = [([i], count) for i, count in enumerate(n_left.tolist())]
 
-    # In the order of dealing: arrays of one or two trials that come to the same block.
+    # The order of dealing is random, but for both orders that come before one order. An array has
+    # the one or two trials that come to the same block.
     dealt = []
     for pairs_and_counts in (both_orders, one_order):
         to_deal = list(product(range(n_levels), pairs_and_counts))
         for i in rng.permutation(len(to_deal)).tolist():
             level, (pairs, n_times) = to_deal[i]
             dealt += [np.add(level * design.n_pairs, pairs)] * n_times
+
     require_kind("--blocks", blocks, Integral, "a whole number")
     if not 1 <= blocks <= len(dealt):
         raise InputError(
             f"--blocks {blocks}: allowed is 1 to {len(dealt)}, so that every block has a trial and "
             "both orders of it"
         )
+    # Block 0 gets the arrays 0, n, 2 n and so on; then the n blocks come in a random order.
     return [np.concatenate(dealt[start::blocks]) for start in rng.permutation(blocks).tolist()]
 
 
@@ -121,15 +124,16 @@ def _shuffled(blocks: Sequence[IndexArray], is_equal: BoolArray, rng: Rng) -> li
     """The trials of each block in a random order, without too many equal pairs in a row.
 
     The first equal pair that is one too many changes places with a random different pair of its
-    block, until no equal pair is too many.
+    block, until no equal pair is too many. `is_equal` says of each number of a trial, see
+    :func:`_blocks`, whether its stimuli are equal.
     """
-    order = []
+    order = []  # the trials of each block
     n_last = 0  # equal pairs in a row at the end of the block before
     for i, trials in enumerate(blocks):
         shuffled = rng.permutation(trials)
         for _ in range(10_000):  # usually a few changes are enough; there may be no solution
             lengths = _run_lengths(is_equal[shuffled], n_last)
-            surplus = np.flatnonzero(lengths > MOST_EQUAL)
+            surplus = np.flatnonzero(lengths > MOST_EQUAL)  # positions in the block
             different = np.flatnonzero(~is_equal[shuffled])
             if not len(surplus) or not len(different):
                 break

@@ -68,7 +68,7 @@ def power(table: PowerTable) -> Figure:
 
 def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> None:
     """Draw the shares of all kinds of observers in one panel, a line for each kind."""
-    trials = [n_trials for name, n_trials in table.designs if name == design]
+    trials = [n_trials for name, n_trials in table.different("design", "trials") if name == design]
     kinds = table.different("observers")
     styles = zip(kinds, cycle(_COLOURS), cycle(_MARKERS), strict=False)
     for index, (kind, colour, marker) in enumerate(styles):

@@ -13,10 +13,7 @@ from scipy.special import ndtri
 import bayes_toe as bt
 from bayes_toe.data import read_study
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.design.simulate import (
-    draw_population,
-    read_differences,
-)
+from bayes_toe.design.simulate import draw_population, read_differences
 from bayes_toe.design.study_design import reference_design
 from bayes_toe.model.models import OrderModel
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
@@ -162,4 +159,4 @@ def test_the_command_writes_conditions_and_the_truth(tmp_path):
 
 def test_a_difference_is_given_once():
     with refused("--differ: found contraction twice, allowed: once"):
-        read_differences("a,b", "contraction=0.2,contraction=0.5")
+        read_differences("contraction=0.2,contraction=0.5")
