@@ -43,7 +43,12 @@ from bayes_toe.data.study import Study, Subject, require_study, units_by_subject
 from bayes_toe.data.tables import Table, frame_of, write_table
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError
-from bayes_toe.inference.engine import Precision, fitted_draws, mixture_of_maxima
+from bayes_toe.inference.engine import (
+    Precision,
+    PriorMixture,
+    fitted_draws,
+    mixture_of_maxima,
+)
 from bayes_toe.inference.maxima import ascend_from
 from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import OrderEvidence, evidences_of
@@ -57,6 +62,7 @@ from bayes_toe.model.parameters import (
     PEAK,
     ObserverPrior,
 )
+from bayes_toe.model.posterior_array import PosteriorArray
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.result_store import resumed_seed, run_stored
@@ -136,10 +142,10 @@ class Difference(NamedTuple):
 
     def interval(self, unit: StimulusUnit) -> Size:
         """The median and 95 % interval, in the unit of differences unless it is a contraction."""
-        quantiles = [self.q025, self.q50, self.q975]
-        if self.quantity != "contraction":
-            quantiles = unit.to_differences(quantiles).tolist()
-        return Size(*quantiles)
+        quantiles = Size(self.q025, self.q50, self.q975)
+        if self.quantity == "contraction":
+            return quantiles
+        return Size(*unit.to_differences(quantiles).tolist())
 
     @property
     def factor(self) -> str:
@@ -160,7 +166,7 @@ class Difference(NamedTuple):
         if self.quantity == "contraction":
             return format_share(self.interval(unit), sign="+")
         sign = "" if self.p_direction is None else "+"
-        # In the unknown unit, differences are per cents, from which this function chooses a unit.
+        # Differences in the unknown unit are per cents, which `format_difference` takes.
         return format_difference(self.interval(UNKNOWN_UNIT), unit, sign)
 
 
@@ -219,13 +225,12 @@ class ContrastTable(Table[Difference]):
         lines = [f"Condition {self.conditions.about}."]
         for quantity in self.quantities:
             # All rows of a subject have the same word and Bayes factor: the last row suffices.
-            row_of_subject = {row.subject: row for row in self.select(quantity)}
-            words = [row.word for row in row_of_subject.values()]
-            counts = count_words(words, f" of {plural(len(row_of_subject), 'subject')}")
+            rows = {row.subject: row for row in self.select(quantity)}.values()
+            counts = count_words([row.word for row in rows], f" of {plural(len(rows), 'subject')}")
             # Only a study of several tasks has answers. It asks of all subjects together whether
             # the tasks share an observer.
             if self.answers:
-                log_factor = sum(row.log_bf_differs for row in row_of_subject.values())
+                log_factor = sum(row.log_bf_differs for row in rows)
                 counts += f"; product of the Bayes factors {format_bayes_factor(log_factor)}"
             lines.append(f"{capitalized(quantity)} differs: {counts}.")
         return lines
@@ -329,6 +334,7 @@ def _compared_subjects(
             compared[name] = units
         else:
             left_out[name] = f"at {join_display_names(levels)} only"
+
     if not compared:
         pairs = [" and ".join(map(display_name, pair)) for pair in conditions.comparisons]
         raise InputError(
@@ -348,12 +354,14 @@ SubjectContrasts: TypeAlias = tuple[list[Difference], OrderEffect | None]
 def _contrasts(
     units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
 ) -> SubjectContrasts:
-    """The differences of one subject, whose units are given; with several tasks also an answer."""
+    """The differences of one subject, and with several tasks an answer.
+
+    The units of a subject are its answers in each condition.
+    """
     answer = None
     if len({unit.task for unit in units}) > 1:
-        # What one task can show, one observer of all tasks can show. So the questions are those of
-        # the task that has the fewest reasons why a question cannot be told. The
-        # reasons of one task include the reasons of another task.
+        # What one task can show, one observer of all tasks can show. So the questions that can be
+        # told are those of the task that has the fewest reasons against them.
         identification = min(map(identify, units), key=lambda design: len(design.reasons))
         answer = order_effect(one_observer(units, prior, seed), identification)
     return subject_contrast(units, conditions, prior, seed), answer
@@ -373,7 +381,10 @@ def one_observer(units: Sequence[Subject], prior: ObserverPrior, seed: int) -> O
 def subject_contrast(
     units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
 ) -> list[Difference]:
-    """The differences of one subject: a row for each quantity and comparison of two conditions."""
+    """The differences of one subject: a row for each quantity and comparison of two conditions.
+
+    `conditions` are those of the study, of which the subject may have met only some.
+    """
     name = units[0].subject_name
     levels = tuple(unit.condition for unit in units)
     models = ConditionModels(tuple(units), conditions.design(levels), prior)
@@ -387,21 +398,21 @@ def subject_contrast(
         log_bf = same_lapses.log_bayes_factor(differs)
         error = same_lapses.bayes_factor_error(differs)
         word_with_free_lapses = word_of_bayes_factor(free_lapses.log_bayes_factor(differs))
-        robust = "no"
-        if word_of_bayes_factor(log_bf) is word_with_free_lapses:
-            robust = "yes"
+        robust = "yes" if word_of_bayes_factor(log_bf) is word_with_free_lapses else "no"
+
         # Draws of equal weight from the models in which the quantity differs.
         draws = same_lapses.averaged(differs).resampled(rng, size=4000)
         values = models.quantities(draws)  # (conditions, draws) each
         for level, reference in conditions.comparisons:
-            if level in levels and reference in levels:
-                i = levels.index(level)
-                j = levels.index(reference)
-                changes = {key: at_levels[i] - at_levels[j] for key, at_levels in values.items()}
-                summary = _summary(quantity, changes, models.shared_observer.scales)
-                comparison = f"{level} - {reference}"
-                row = (name, quantity, comparison, *summary, log_bf, error, robust)
-                rows.append(Difference._make(row))
+            if level not in levels or reference not in levels:
+                continue
+            i = levels.index(level)
+            j = levels.index(reference)
+            changes = {key: at_levels[i] - at_levels[j] for key, at_levels in values.items()}
+            summary = _summary(quantity, changes, models.shared_observer.scales)
+            comparison = f"{level} - {reference}"
+            row = (name, quantity, comparison, *summary, log_bf, error, robust)
+            rows.append(Difference._make(row))
     return rows
 
 
@@ -412,21 +423,25 @@ def _summary(quantity: str, changes: NamedArrays, scales: StimulusScales) -> tup
     has the entries of :class:`Difference` from `mean` to `p_direction`.
     """
     if quantity == ORDER_EFFECT:
-        # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar).
+        # The root mean square over the first stimuli of the change of the shift, c - p (s1 - sbar):
+        # the root of the squared change of c, plus the squared change of p times the spread of s1.
         contraction_shift = changes["contraction"] * scales.first_spread
         difference = np.hypot(changes["constant_error"], contraction_shift)
         p_direction = None  # a size has no direction
     else:
         difference = changes[observer_name(quantity)]
+        # The probability of the more probable sign.
         p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
+
     quantiles = np.quantile(difference, [0.025, 0.05, 0.5, 0.95, 0.975]).tolist()
     return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
 
 
 def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, ModelSet]:
-    """Evidences and draws of the models of :data:`CHOICES`, alone and with lapses that differ too.
+    """Evidences and draws of the models of :data:`CHOICES`, in two sets.
 
-    The lapses are the lapse rate and, in 'same or different', the peak.
+    In the models of the second set, the lapses differ too: the lapse rate and, in 'same or
+    different', the peak.
     """
     lapses = [
         parameter for parameter in (PEAK, LAPSE_RATE) if parameter in models.differing_parameters
@@ -434,25 +449,15 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
     # A choice has the parameters that differ. First come CHOICES, then the choices with lapses.
     choices_with_lapses = [(*choice, *lapses) for choice in CHOICES]
     all_choices = [*CHOICES, *choices_with_lapses]
-    posteriors = models.posteriors(all_choices)
-
-    # All searches start at the maxima of the model in which nothing differs, but not at maxima that
-    # are 10 nats below the best maximum, whose weight is below exp(-10).
-    simplest = np.array([CHOICES.index(())])  # the position of that model
-    (maxima,) = observer_maxima(posteriors.part(simplest))
-    starts = maxima.x[maxima.value > maxima.value.max() - 10.0]
-    owners = np.repeat(np.arange(len(posteriors)), len(starts))  # the model of each search
-    searches = ascend_from(posteriors, owners, np.tile(starts, (len(posteriors), 1)))
-
-    mixtures = []
+    posteriors = models.posteriors(all_choices)  # one for each choice
     generators = []
-    for i, choice in enumerate(all_choices):
-        mixtures.append(mixture_of_maxima(searches.part(owners == i), posteriors.is_free[i]))
+    for choice in all_choices:
         names = [parameter.name for parameter in choice]
         generators.append(generator(seed, models.subject.name, "contrast", *names))
+
     # More draws than usual, because intervals of differences come from them too.
     precision = Precision(effective_draws=1000.0, most_draws=12_000, pool_rounds=4)
-    _, draws = fitted_draws(posteriors, mixtures, generators, precision)
+    _, draws = fitted_draws(posteriors, _mixtures(posteriors), generators, precision)
 
     n = len(CHOICES)
     prior_probabilities = np.full(n, 1.0 / n)
@@ -460,3 +465,20 @@ def condition_evidences(models: ConditionModels, seed: int) -> tuple[ModelSet, M
         ModelSet.from_draws(draws[:n], prior_probabilities),
         ModelSet.from_draws(draws[n:], prior_probabilities),
     )
+
+
+def _mixtures(posteriors: PosteriorArray) -> list[PriorMixture]:
+    """The mixture that proposes the draws of each model, made from the maxima of its posterior.
+
+    All searches start at the maxima of the first model, in which nothing differs. They do not start
+    at maxima that are 10 nats below the best maximum, whose weight is below exp(-10).
+    """
+    (maxima,) = observer_maxima(posteriors.part(np.array([0])))
+    starts = maxima.x[maxima.value > maxima.value.max() - 10.0]  # (starts, coordinates)
+    n_models = len(posteriors)
+    owners = np.repeat(np.arange(n_models), len(starts))  # the model of each search
+    searches = ascend_from(posteriors, owners, np.tile(starts, (n_models, 1)))
+    return [
+        mixture_of_maxima(searches.part(owners == i), posteriors.is_free[i])
+        for i in range(n_models)
+    ]

@@ -20,6 +20,7 @@ from scipy.special import betaln
 
 from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
 from bayes_toe.arrays import Texts
+from bayes_toe.classical.frequencies import laplace_error, laplace_estimate
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -102,10 +103,10 @@ class SubjectEvidence:
 class EvidenceTable(SubjectTable[SubjectEvidence]):
     """Evidence of every subject of a study, in the study's order.
 
-    The table keeps its seed and its prior.
-
     Attributes
     ----------
+    seed : int or None
+    prior : Prior or None
     failed : mapping of str to str
         Subjects without a row because their work was lost, with the reason.
     task : Task
@@ -151,12 +152,13 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
 def subject_evidence(fitted: Fitted, estimate: Evidence, answer: OrderEffect) -> SubjectEvidence:
     """The row of one subject in the evidence table, from mixture and evidence of H1."""
     subject = fitted.target.subject
-    # H1 predicts only the counted response. To compare with H0, it gets the part of H0 for the
-    # other question.
+    # H1 predicts only the counted response. To be compared with H0, it gets the part of H0 for
+    # 'second' and 'first', which is 0 with two answers.
     direction_part = direction_evidence(subject)
     # The array has one posterior; NaN where the approximation does not exist.
     _, laplace_evidence = laplace(fitted.target.array, [fitted.ends])
     laplace_h1 = float(laplace_evidence[0])
+
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
@@ -194,17 +196,17 @@ def direction_evidence(subject: Subject) -> float:
 
 
 def frequency_evidence_laplace(subject: Subject) -> float:
-    """Log evidence of H0 by Appendix C's recipe.
+    """Log evidence of H0, nats, by Appendix C's recipe.
 
-    It is the sum over pairs of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi)/2.
-    qhat is the Laplace estimator, and sigmahat_q^2 = qhat (1 - qhat)/(n + 3) (Eq. e:2b).
+    It is the sum over pairs of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi)/2,
+    with the estimate qhat and the error sigmahat_q of :mod:`bayes_toe.classical.frequencies`.
     """
-    k = subject.n_yes
-    n = subject.n_trials
-    log_q = np.log(k + 1.0) - np.log(n + 2.0)
-    log_complement = np.log(n - k + 1.0) - np.log(n + 2.0)
-    log_sigma = 0.5 * (log_q + log_complement - np.log(n + 3.0))
-    log_likelihood = k * log_q + (n - k) * log_complement
-    # Without 'second' or 'first' of three answers, which H0 and H1 have in common.
-    log_counted = float((log_likelihood + log_sigma + 0.5 * LOG_2PI).sum())
-    return log_counted + direction_evidence(subject)
+    n_yes = subject.n_yes
+    n_trials = subject.n_trials
+    n_no = n_trials - n_yes
+    log_q = np.log(laplace_estimate(n_yes, n_trials))  # (pairs,), as all numbers of a pair
+    log_complement = np.log(laplace_estimate(n_no, n_trials))
+    log_sigma = np.log(laplace_error(n_yes, n_trials))
+    log_evidence = n_yes * log_q + n_no * log_complement + log_sigma + 0.5 * LOG_2PI
+    # Three answers have a further question, whose part H0 and H1 have in common.
+    return float(log_evidence.sum()) + direction_evidence(subject)

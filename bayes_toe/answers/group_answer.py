@@ -47,17 +47,17 @@ TextTable = tuple[str, list[str], list[list[str]]]
 
 
 def parameter_row(result: PopulationResult, name: str) -> list[str]:
-    """Name, mean, SD between subjects, Bayes factor and word of a parameter.
+    """Name, mean, SD between subjects, Bayes factor of a mean that is not 0, and its word.
 
     If the parameter cannot be told, there are only its name and the reason.
     """
     label = _ROW_LABELS[name]
     if name not in result.identified:
         return [label, "cannot be told: no subject has pairs that can show it"]
-    factor_and_word: tuple[str, str] = ("-", "")  # a JND or a peak is never 0
+    factor, word = "-", ""  # a JND or a peak is never 0
     if name in EFFECTS:
-        factor_and_word = _factor_and_word(result.table.row("mean", name))
-    return [label, group_estimate(result, name), _spread(result, name), *factor_and_word]
+        factor, word = _factor_and_word(result.table.row("mean", name))
+    return [label, group_estimate(result, name), _spread(result, name), factor, word]
 
 
 def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") -> str:
@@ -71,7 +71,7 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
 
 
 def _factor_and_word(row: PopulationRow) -> tuple[str, Word]:
-    """The Bayes factor of a value that is not 0, and its word."""
+    """The Bayes factor of a value that is not 0 against the value 0, as text, and its word."""
     log_factor = -cast(float, row.ln_bf_zero)  # the row has the Bayes factor of 0
     return format_bayes_factor(log_factor), word_of_bayes_factor(log_factor)
 
@@ -80,7 +80,7 @@ def _spread(result: PopulationResult, name: str) -> str:
     """The SD between subjects with its interval; an SD that may be 0 is 'at most 4 %'."""
     unit = result.shown_unit(name)
     j = result.index(name)
-    mean = result.draws.mean[..., j]
+    mean = result.draws.mean[..., j]  # (chains, draws)
     sd = result.draws.sd[..., j]
     # The unit may be no linear function of the parameter. So, in the unit, the SD is half the
     # difference between subjects one SD above and one SD below the mean.
@@ -95,6 +95,7 @@ def _spread(result: PopulationResult, name: str) -> str:
         if is_share:
             return f"at most {100.0 * upper_bound:.0f} %"
         return f"at most {format_number(upper_bound)} {unit.difference_unit}"
+
     interval = np.quantile(spread, QUANTILES)
     if is_share:
         return format_share(interval)
@@ -124,11 +125,13 @@ def _describe_effect(result: PopulationResult, name: str) -> str:
     """Sentences on mean and SD of an effect, and on whether the mean differs from 0."""
     if name not in result.identified:
         return f"the {_ROW_LABELS[name]} cannot be told."
+
     sd, *_ = _spread(result, name).partition(" [")  # '12 % [9, 15]' -> '12 %'
     text = (
         f"the mean {LABELS[name]} is {group_estimate(result, name)}, and the SD between subjects "
         f"is {sd}."
     )
+
     row = result.table.row("mean", name)
     factor, word = _factor_and_word(row)
     differs = capitalized(claim(word, "this mean", "differ", "from 0"))
@@ -166,7 +169,10 @@ def comparison_tables(result: PopulationResult) -> list[TextTable]:
 
 
 def _comparison_rows(result: PopulationResult, quantity: str) -> list[list[str]]:
-    """Rows with the comparison, the parameter, its difference, Bayes factor and word."""
+    """A row for each 'difference' between conditions, or each 'effect' of a covariate.
+
+    Its cells are the comparison, the parameter, the difference, its Bayes factor and word.
+    """
     rows = []
     for row in result.table.select(quantity):
         if row.parameter in result.identified:
@@ -197,6 +203,7 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
             cells.insert(3, group_estimate(result, name, "new_subject"))  # behind the SD
             cells += _convergence(result, name)
         rows.append(cells)
+
     headings = [
         "",  # of the parameter
         "group mean",

@@ -51,7 +51,8 @@ QUESTIONS = {
     "constant_error": HAS_ERROR,
     "contraction": HAS_CONTRACTION,
 }
-#: Sizes, each with the quantiles of :data:`QUANTILES`.
+#: Sizes, each with the quantiles of :data:`QUANTILES`. The zone is the difference between two
+#: stimuli up to which the answer is 'equal'.
 SIZES = (
     "pse_shift_percent",
     "pse_shift_jnd",
@@ -268,6 +269,7 @@ class OrderEffect:
             (PREVIOUS_TRIAL_FLAG, self.history_p, previous_trial),
             (WANDERING_FLAG, self.moving_criterion_p, wandering),
         )
+
         problems = dict(self.problems)
         for flag, p_value, message in tests:
             problems.pop(flag, None)  # the flag of a study of another size
@@ -296,31 +298,32 @@ class OrderEffect:
 
         A question that is not interpreted, or cannot be told, has a word but no numbers.
         """
-        lines = {}
-        for question, word in self.words.items():
-            name = question.replace("_", " ")
-            if not self.is_interpretable:
-                lines[question] = Line(name, "not interpreted")
-            elif word is Word.CANNOT_BE_TOLD:
-                lines[question] = Line(name, str(word), reason=self.reasons.get(question, ""))
-            else:
-                if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
-                    size = self.format_size(SIZE_OF[question])
-                else:  # the order effect, or an effect that is denied
-                    size = ""
-                marks = " !" if self.fits is False else ""
-                # The flag of the prior names the questions that depend on it.
-                if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
-                    marks += " ?"
-                lines[question] = Line(
-                    name,
-                    self.word(question),
-                    marks=marks,
-                    size=size,
-                    probability=format_probability(self.probabilities[question]),
-                    factor=format_bayes_factor(self.log_bayes_factors[question]),
-                )
-        return lines
+        return {question: self._line(question) for question in self.words}
+
+    def _line(self, question: str) -> Line:
+        """The conclusion on one question."""
+        word = self.words[question]
+        name = question.replace("_", " ")
+        if not self.is_interpretable:
+            return Line(name, "not interpreted")
+        if word is Word.CANNOT_BE_TOLD:
+            return Line(name, str(word), reason=self.reasons.get(question, ""))
+
+        size = ""  # of the order effect, or of an effect that is denied
+        if question in SIZE_OF and word not in (Word.NO, Word.PROBABLY_NOT):
+            size = self.format_size(SIZE_OF[question])
+        marks = " !" if self.fits is False else ""
+        # The flag of the prior names the questions that depend on it.
+        if any(flag.startswith(PRIOR_FLAG) and name in flag for flag in self.flags):
+            marks += " ?"
+        return Line(
+            name,
+            self.word(question),
+            marks=marks,
+            size=size,
+            probability=format_probability(self.probabilities[question]),
+            factor=format_bayes_factor(self.log_bayes_factors[question]),
+        )
 
     def format_size(self, name: str) -> str:
         """One of :data:`SIZES` with its 95 % interval and its unit."""
@@ -347,12 +350,18 @@ class OrderEffect:
     @property
     def cells(self) -> Mapping[str, object]:
         """The entries of :data:`ANSWER_COLUMNS`, in their order; an empty entry is None."""
-        quantiles = []
+        quantiles = []  # of all sizes
         for name in SIZES:
             for quantile in self.sizes.get(name, [np.nan] * 3):  # a task may lack a size
                 quantiles.append(quantile if np.isfinite(quantile) else None)
-        # All numbers of the first model, then all numbers of the next model.
-        columns = product(MODEL_NAMES, (self.log_evidence, self.standard_error, self.laplace))
+        evidences = []  # all numbers of the first model, then all numbers of the next model
+        for model in MODEL_NAMES:
+            evidences += [
+                self.log_evidence[model],
+                self.standard_error[model],
+                self.laplace[model],
+            ]
+
         entries = (
             self.subject,
             *map(self.word, QUESTIONS),
@@ -365,7 +374,7 @@ class OrderEffect:
             self.fit_p,
             self.history_p,
             self.moving_criterion_p,
-            *(numbers[model] for model, numbers in columns),
+            *evidences,
         )
         return dict(zip(ANSWER_COLUMNS, entries, strict=True))
 
@@ -426,8 +435,8 @@ def format_probability(probability: float) -> str:
     if probability < 0.005:  # two digits would be 0.00
         return "< .01"
     text = f"{probability:.2f}"
-    # With a log Bayes factor of -9, far against the effect, each limit of probability changes the
-    # word: two digits must not be on the other side of a limit.
+    # Two digits must not be on the other side of a limit. With a log Bayes factor of -9, far
+    # against the effect, each limit of probability changes the word.
     if word_for(float(text), -9.0) != word_for(probability, -9.0):
         text = f"{probability:.6g}"
     return f"= {text}".replace("0.", ".")
@@ -463,7 +472,7 @@ def format_signed(size: ThreeNumbers, unit: str = "", sign: str = "+") -> str:
     >>> format_signed(Size(2e-5, 3e-5, 4e-5), "%"), format_signed(Size(5.601, 5.61, 5.62))
     ('+0.000030 % [+0.000020, +0.000040]', '+5.61 [+5.60, +5.62]')
     """
-    # An infinite number is printed as a bound, without decimals.
+    # Infinite numbers do not count, because they are printed as bounds, without decimals.
     largest = max(map(abs, filter(np.isfinite, size)), default=0.0)
     return _format_interval(size, unit, decimals_of(largest), sign)
 
@@ -483,7 +492,7 @@ def _format_interval(size: ThreeNumbers, unit: str, decimals: int, sign: str = "
 
 def decimals_of(value: float) -> int:
     """Decimals that show two significant digits of a positive number: 3 of 0.031, 0 of 110."""
-    if not np.isfinite(value) or value <= 0.0:  # these have no digits to count
+    if not np.isfinite(value) or value <= 0.0:  # no digits to count
         return 0
     printed = float(f"{value:.2g}")  # 0.0996 is printed as 0.10, and has two decimals
     # The logarithm of 0.031 is -1.5, and its first digit is in decimal 2.
@@ -529,7 +538,7 @@ def format_share(size: ThreeNumbers, sign: str = "") -> str:
 
 
 def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit: str = "") -> str:
-    """Median and 95 % interval of so many effective draws.
+    """Median and 95 % interval of draws, (draws,), as text, with their effective number.
 
     Numbers end with the decimal in which the largest of their Monte Carlo errors begins, or earlier
     with `most_decimals`. An error above 1 leaves tens or hundreds. A number that is not 0 has as
@@ -547,7 +556,7 @@ def format_draws(draws: FloatArray, n_effective: float, most_decimals: int, unit
         # The exponent of the error with one digit: 0.0096 is '1e-02', which leaves two decimals.
         _, _, exponent = f"{error:.0e}".partition("e")
         decimals = min(decimals, -int(exponent))
-    if decimals < 0:  # tens or hundreds
+    if decimals < 0:  # numbers end with tens or hundreds
         quantiles = np.round(quantiles, decimals)
         decimals = 0
     return _format_interval(quantiles.tolist(), unit, decimals)
@@ -653,7 +662,11 @@ def order_effect(
     models_with_effect = dict(QUESTIONS)
     if identification.contraction_adds_to_error:
         models_with_effect["order_effect"] = HAS_ERROR
-    sizes, upper_bounds, size_flags = _sizes(evidence)
+    probabilities = {}
+    log_bayes_factors = {}
+    for question, has_effect in models_with_effect.items():
+        probabilities[question] = evidence.probability(has_effect)
+        log_bayes_factors[question] = evidence.log_bayes_factor(has_effect)
 
     is_interpretable = all(finding.is_interpretable for finding in findings)
     answerable = [question for question in QUESTIONS if question not in identification.reasons]
@@ -661,12 +674,7 @@ def order_effect(
         words = _words(evidence, models_with_effect, answerable)
     else:
         words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
-
-    probabilities = {}
-    log_bayes_factors = {}
-    for question, models in models_with_effect.items():
-        probabilities[question] = evidence.probability(models)
-        log_bayes_factors[question] = evidence.log_bayes_factor(models)
+    sizes, upper_bounds, size_flags = _sizes(evidence)
 
     problems = {}  # by flag; problems that forbid an interpretation come first
     for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
@@ -707,8 +715,9 @@ def _words(
 ) -> dict[str, Word]:
     """The word for each question, from the posterior probability and Bayes factor of its effect.
 
-    `models_with_effect` says, for each question, which models have the effect. A question that is
-    not in `answerable` gets the words 'cannot be told', because the design cannot show its effect.
+    `models_with_effect` says, for each question, which models have the effect, (models,). A
+    question that is not in `answerable` gets the word 'cannot be told', because the design cannot
+    show its effect.
     """
     words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
     for question in answerable:
@@ -730,6 +739,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str
     The size of an effect is averaged over the models that have it; JND, zone and upper bounds are
     averaged over all models.
     """
+    # Weighted draws; a quantity of them has the shape (draws,).
     all_draws = evidence.averaged()
     error_draws = evidence.averaged(HAS_ERROR)
     contraction_draws = evidence.averaged(HAS_CONTRACTION)
@@ -745,6 +755,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str
         zone = all_draws.quantities["zone"]
         sizes["zone_percent"] = _size(all_draws, percent(zone))
         sizes["zone_jnd"] = _size(all_draws, zone / jnd)
+
     return (
         sizes,
         _upper_bounds(evidence, all_draws),
@@ -756,20 +767,19 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     """The 95 % quantile of each question's absolute size, in JND, at draws of all models."""
     subject = evidence.subject
     scales = subject.scales
-    constant_error = draws.quantities["constant_error"]
+    c = draws.quantities["constant_error"]  # (draws,)
     p = draws.quantities["contraction"]
     # The shift of the PSE at a first stimulus s1 is c - p (s1 - sbar), with the mean first stimulus
     # sbar over all conditions of the subject. `mean_shift` is the shift at the mean first stimulus
-    # of this condition.
-    mean_shift = constant_error - p * (subject.mean_first - scales.sbar)
-    # The order effect is the root mean square over the first stimuli of the shift: the root of the
-    # squared mean plus the variance. A contraction moves each first stimulus by p times its
-    # distance to the mean.
+    # of this condition, and `roving` the SD of the shift over its first stimuli.
+    mean_shift = c - p * (subject.mean_first - scales.sbar)
+    roving = np.abs(p) * scales.first_spread
     sizes = {
-        "order_effect": np.hypot(mean_shift, p * scales.first_spread),
-        "constant_error": np.abs(constant_error),
-        "contraction": np.abs(p) * scales.first_spread,
+        "order_effect": np.hypot(mean_shift, roving),  # the root mean square of the shift
+        "constant_error": np.abs(c),
+        "contraction": roving,
     }
+
     bounds = {}
     for question, size in sizes.items():
         (bounds[question],) = draws.quantiles(size / draws.quantities["jnd"], [0.95])
@@ -788,14 +798,14 @@ def _size_flags(
     if _size(error_draws, size_of_error).q50 > largest_difference:
         flags.append("the PSE lies outside the pairs shown, so its size rests on the prior")
     # The stimuli of a pair are about a step apart, so a shift of three steps lies beyond them.
-    roving_shift = np.abs(contraction_draws.quantities["contraction"]) * scales.first_spread
-    if _size(contraction_draws, roving_shift).q50 > 3.0 * scales.step:
+    roving = np.abs(contraction_draws.quantities["contraction"]) * scales.first_spread
+    if _size(contraction_draws, roving).q50 > 3.0 * scales.step:
         flags.append("the size of the contraction rests on the prior")
     return flags
 
 
 def _size(draws: OrderDraws, values: FloatArray) -> Size:
-    """The median and 95 % interval of values at weighted draws."""
+    """The median and 95 % interval of values at weighted draws, (draws,)."""
     return Size(*draws.quantiles(values, PROBABILITIES))
 
 
@@ -821,12 +831,11 @@ def _prior_problems(
     answerable: Sequence[str],
     models_with_effect: Mapping[str, BoolArray],
 ) -> dict[str, Problem]:
-    """A flag that names the questions whose words depend on the prior of one of the two effects.
+    """A flag that names the questions whose words depend on the prior, with the explanation.
 
     In each of four other priors, the prior of one effect is half or twice as wide. A `yes` depends
     on the prior if it is not even `probably` with one of them, and a `no` if it is not even
-    `probably not`. The key of the dictionary is the flag, and its value is the explanation. The
-    dictionary is empty if no word depends on the prior.
+    `probably not`. The dictionary is empty if no word depends on the prior.
     """
     names: list[str] = []  # of the questions whose words depend on the prior
     sentences = []
@@ -834,6 +843,7 @@ def _prior_problems(
     for effect, width in product((CONSTANT_ERROR, CONTRACTION), widths):
         models = evidence.with_prior_scale(effect, widths[width])
         new_words = _words(models, models_with_effect, answerable)
+
         changes = []
         for question in answerable:
             name = question.replace("_", " ")
@@ -885,9 +895,7 @@ def best_model_fit(evidence: OrderEvidence, seed: int) -> GoodnessOfFit:
     """Goodness of fit of the model with the highest evidence."""
     best = np.argmax(evidence.log_evidence)
     posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
-    is_best = np.arange(len(MODEL_NAMES)) == best
     rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
-    # Points and modes have all coordinates of the model 'both'. The posterior of the best model has
-    # only the coordinates that are free in the model. The deviance is averaged over 1000 draws.
-    points = evidence.averaged(is_best).resampled(rng, size=1000)[:, posterior.is_free]
+    # Draws and modes have all coordinates of the model 'both', of which the best model has some.
+    points = evidence.draws[best].resampled(rng, 1000)[:, posterior.is_free]
     return summarise_fit(posterior, points, evidence.modes[best, posterior.is_free])

@@ -145,8 +145,8 @@ class SubjectDependence:
         return format_estimate(*map(format_decimals, quantiles)) if quantiles else ""
 
     def history(self, name: str) -> TrialHistory:
-        """The model with one of :data:`HISTORIES` and the model of order that goes with it."""
-        # The name has the effects of the model, as in 'carry_over_and_previous_response'.
+        """The model of one of :data:`HISTORIES`, with the model of order that goes with it."""
+        # The name lists the effects of the model, as in 'carry_over_and_previous_response'.
         has_carry_over = "carry_over" in name
         without_carry_over, with_carry_over = self.order_models
         order = OrderModel(with_carry_over if has_carry_over else without_carry_over)
@@ -164,6 +164,7 @@ class SubjectDependence:
         }
         for effect in EFFECT_MODELS:
             cells[effect] = self.word(effect)
+
         if not self.has_result:
             return cells
         cells["order_model"], cells["carry_over_order_model"] = self.order_models
@@ -223,6 +224,7 @@ def serial_dependence(
     require_study(study)
     for subject in study:
         require_order(subject)
+
     study_prior = prior_for(study, prior)
     root = resumed_seed(seed, keep)
     results = run_stored(
@@ -235,6 +237,7 @@ def serial_dependence(
         progress=progress,
         batch=BATCH,
     )
+
     rows = []
     for name, result in zip(study.names, results, strict=True):
         if isinstance(result, NumericalError):
@@ -265,27 +268,28 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     dependence = SubjectDependence(
         subject.name, (likeliest, likeliest_with_contraction), screen=screen
     )
-    # The first of the histories is the model of order itself, whose draws are known.
-    weighted_static_draws = evidence.draws[MODEL_NAMES.index(likeliest)]
-    histories = []
-    draws = [weighted_static_draws]
+
+    # Weighted draws of the four models. The first model has no history: it is the model of order
+    # itself, whose draws are known.
+    draws = [evidence.draws[MODEL_NAMES.index(likeliest)]]
+    histories = []  # of the other three models
     for name in HISTORIES[1:]:
         history = TrialHistoryPosterior(subject, dependence.history(name), prior)
         histories.append(history)
-        history_draws = _sample(history, evidence, seed)
-        draws.append(history_draws)
-        if not np.isfinite(history_draws.log_evidence):
+        draws.append(_sample(history, evidence, seed))
+        if not np.isfinite(draws[-1].log_evidence):
             note = f"model {history.model.name!r}: its evidence is not a finite number"
             return SubjectDependence(subject.name, screen=screen, note=note)
-
     models = ModelSet.from_draws(draws, _EQUAL_PRIOR)
+
+    # Draws of equal weight for the figure.
     rng = generator(seed, subject.name, "history draws")
-    static_draws = weighted_static_draws.resampled(rng, _FIGURE_DRAWS)
+    static_draws = draws[0].resampled(rng, _FIGURE_DRAWS)
     best = np.argmax(models.log_evidence)
-    if best == 0:  # the model without history
-        best_draws = static_draws
-    else:
+    best_draws = static_draws
+    if best > 0:
         best_draws = draws[best].resampled(rng, _FIGURE_DRAWS)
+
     return replace(
         dependence,
         log_evidence=models.log_evidence,
@@ -318,14 +322,15 @@ def _sample(posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
 def _quantiles(
     effect: str, models: ModelSet, histories: Sequence[TrialHistoryPosterior]
 ) -> tuple[float, ...]:
-    """Quantiles of rho or kappa over the models that have the effect, weighted by their evidence.
+    """Quantiles .025, .5 and .975 of rho or kappa, over the models that have the effect.
 
-    `histories` are the models but the first model, which has no history.
+    The models are weighted by their evidence. `histories` has the posteriors of all models but the
+    first model, which has no history.
     """
     has_effect = EFFECT_MODELS[effect]
-    values = []
+    values = []  # rho or kappa at the draws of each model, (draws,)
     for i in np.flatnonzero(has_effect).tolist():
-        posterior = histories[i - 1]  # of model i: the first model has no history
+        posterior = histories[i - 1]  # of model i
         values.append(posterior.quantities(models.draws[i].x)[effect])
     weights = models.weights(has_effect)
     return tuple(weighted_quantiles(np.concatenate(values), weights, PROBABILITIES))

@@ -42,7 +42,7 @@ from bayes_toe.seeds import generator
 
 @dataclass(frozen=True)
 class SerialScreen:
-    """p-values of the score tests; None where a test has nothing to say, or the order is not known.
+    """P-values of the score tests; None where a test has nothing to say, or the order is not known.
 
     Attributes
     ----------
@@ -85,6 +85,7 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
         trials = TrialSequence.from_subject(tested_subject)
     except InputError:  # the order of the trials is not known
         return NO_TESTS
+
     slopes = logit_slopes(posterior, mode)
     if subject.task.has_three_answers:  # `tested_subject` lacks the pairs that were always 'equal'
         slopes = slopes[subject.n_trials > subject.n_yes]
@@ -95,7 +96,7 @@ def serial_screen(posterior: ObserverPosterior, mode: FloatArray) -> SerialScree
 
 
 def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
-    """Slope of logit P in the constant error, for each pair at a point of shape (k,).
+    """Slope of logit P(counted answer) in the constant error at a point, (k,) -> (pairs,).
 
     It is the slope in s2 - s1 times a number, which cancels in the statistic. Of three answers, P
     is that of 'second' where the answer is not 'equal'.
@@ -104,7 +105,8 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
     # The last two answers are the counted and the other answer; of three, 'second' and 'first'.
     *_, counted, other = slopes
-    return np.asarray((counted - other)[0, 0, coordinate])  # (pairs,)
+    # The slope of logit P = log P - log(1 - P), for the one row and point.
+    return np.asarray((counted - other)[0, 0, coordinate])
 
 
 def _previous_trial_p(subject: Subject, trials: TrialSequence, slopes: FloatArray) -> float | None:
@@ -117,43 +119,60 @@ def _previous_trial_p(subject: Subject, trials: TrialSequence, slopes: FloatArra
     previous = tested_trials - 1
     pair = trials.pair[tested_trials]
 
-    # Trials and counted answers of each pair. A pair without tested trials says nothing: 1 in the
-    # place of 0 avoids 0/0.
-    n_pairs = subject.n_pairs
-    n = np.maximum(np.bincount(pair, minlength=n_pairs), 1)
-    k = np.bincount(pair, trials.answer[tested_trials] > 0.0, n_pairs)
+    # Trials n and counted answers k of each pair, (pairs,). A pair without tested trials says
+    # nothing: 1 in the place of 0 avoids 0/0.
+    n = np.maximum(np.bincount(pair), 1)
+    k = np.bincount(pair, trials.answer[tested_trials] > 0.0)
     pair_variance = k * (n - k) / (n * np.maximum(n - 1, 1))
 
-    stimuli = np.stack([trials.first, trials.second])
-    # The mean stimulus cancels below. Without it there, less is lost to rounding.
-    stimulus_regressors = slopes[pair] * (stimuli[:, previous] - stimuli.mean())
-    regressors = np.vstack([trials.answer[previous], stimulus_regressors])  # (3, tested trials)
-    # Each pair's mean is subtracted; a regressor is a row of the array, which changes.
-    for regressor in regressors:
-        regressor -= (np.bincount(pair, regressor, n_pairs) / n)[pair]
-    variance = (regressors * pair_variance[pair]) @ regressors.T  # V, (3, 3)
+    h = _regressors(trials, tested_trials, slopes)
+    variance = (h * pair_variance[pair]) @ h.T  # V, (3, 3)
     if not variance.any():
         return None
-    # The inverse of V in units in which each regressor has the variance 1. A regressor that follows
-    # from others, or that does not vary, adds nothing.
-    sd = np.sqrt(np.diagonal(variance))
-    unit = np.where(sd > 0.0, sd, 1.0)
-    unit_products = np.outer(unit, unit)
-    inverse = np.linalg.pinv(variance / unit_products, rcond=1e-9, hermitian=True) / unit_products
+    inverse = _pseudo_inverse(variance)
 
     def statistic(answers: FloatArray) -> FloatArray:
-        """The statistic of sequences of answers, shape (sequences, trials)."""
-        # An answer is 1 or -1, and its y is 1 or 0.
-        residuals = 0.5 * (answers[:, tested_trials] + 1.0) - (k / n)[pair]
-        # Unlike the rows of `regressors`, the previous answers keep the mean of each pair, because
-        # residuals add up to 0 over the trials of a pair.
-        answer_score = (residuals * answers[:, previous]).sum(axis=1)
-        stimulus_scores = regressors[1:] @ residuals.T  # of the two stimuli
+        """U' V^-1 U of sequences of answers 1 and -1, (sequences, trials) -> (sequences,)."""
+        y = 0.5 * (answers[:, tested_trials] + 1.0)
+        e = y - (k / n)[pair]  # (sequences, tested trials)
+        # The previous answers change with the sequence. They keep the mean of each pair, because
+        # the residuals e add up to 0 over the trials of a pair.
+        answer_score = (e * answers[:, previous]).sum(axis=1)
+        stimulus_scores = h[1:] @ e.T  # of the two stimuli
         scores = np.vstack([answer_score, stimulus_scores])  # U, (3, sequences)
-        return np.asarray((scores * (inverse @ scores)).sum(axis=0))  # U' V^-1 U
+        return np.asarray((scores * (inverse @ scores)).sum(axis=0))
 
     rng = generator(0, subject.name, "previous trial")  # seed 0: the p-value never changes
     return _random_order_p(statistic, trials.answer, tested_trials, pair, rng)
+
+
+def _regressors(trials: TrialSequence, tested_trials: IndexArray, slopes: FloatArray) -> FloatArray:
+    """The regressors h of the tested trials, (3, tested trials), without each pair's mean.
+
+    They are the answer and both stimuli of the trial before. `slopes` has the slope g of each pair.
+    """
+    previous = tested_trials - 1
+    pair = trials.pair[tested_trials]
+    stimuli = np.stack([trials.first, trials.second])  # (2, trials)
+    # The mean stimulus cancels below. Without it there, less is lost to rounding.
+    stimulus_regressors = slopes[pair] * (stimuli[:, previous] - stimuli.mean())
+    h = np.vstack([trials.answer[previous], stimulus_regressors])
+
+    n = np.maximum(np.bincount(pair), 1)  # tested trials of each pair; 1 avoids 0/0
+    pair_means = np.stack([np.bincount(pair, regressor) / n for regressor in h])  # (3, pairs)
+    return h - pair_means[:, pair]
+
+
+def _pseudo_inverse(variance: FloatArray) -> FloatArray:
+    """Inverse of a variance matrix, (n, n), in which some variables may follow from others.
+
+    A variable that follows from others, or that does not vary, adds nothing. The matrix is inverted
+    in units in which each variable has the variance 1.
+    """
+    sd = np.sqrt(np.diagonal(variance))
+    unit = np.where(sd > 0.0, sd, 1.0)
+    unit_products = np.outer(unit, unit)
+    return np.linalg.pinv(variance / unit_products, rcond=1e-9, hermitian=True) / unit_products
 
 
 def _random_order_p(
@@ -165,11 +184,13 @@ def _random_order_p(
 ) -> float:
     """P-value of a statistic of a sequence of values, with the values of each pair in random order.
 
-    `positions` are those of the values that change places, and `pair` has the pair of each of them.
+    `values` has a value for each trial, (trials,). The values at `positions` change places with
+    others of the same pair; `pair` has the pair of each of these positions. `statistic` maps
+    sequences, (sequences, trials), to (sequences,).
     """
 
     def simulate(size: int) -> FloatArray:
-        """The statistic of `size` random orders."""
+        """The statistic of `size` random orders, (size,)."""
         shuffled = np.tile(values, (size, 1))
         for i in np.unique(pair):
             positions_of_pair = positions[pair == i]
@@ -185,27 +206,26 @@ def _moving_criterion_p(subject: Subject, trials: TrialSequence) -> float | None
     The statistic is T in the module's docstring, times a constant.
     """
     share = (subject.n_yes / subject.n_trials)[trials.pair]
-    residual = np.where(trials.is_answered, (trials.answer > 0.0) - share, 0.0)  # e
-    if not residual.any():  # every pair has one answer only
+    e = np.where(trials.is_answered, (trials.answer > 0.0) - share, 0.0)  # residuals, (trials,)
+    if not e.any():  # every pair has one answer only
         return None
 
-    # A sum of e_s e_t w(t - s) over trials is, up to a constant, the sum over frequencies of the
-    # power of e times the spectrum of w. Weights begin at a lag of 2 trials.
-    n_trials = len(trials.pair)
+    # The sum over trials s and t of e_s e_t w(t - s), with the weight w(lag) = 1/sqrt(lag) from a
+    # lag of 2 trials on, is up to a constant a sum over frequencies: the power of e times the
+    # spectrum of w.
+    n_trials = len(e)
     n_padded = 2 * n_trials  # so that the last trial is no neighbour of the first
-    kernel = np.zeros(n_padded)  # w at all lags; negative lags stand at the end
+    w = np.zeros(n_padded)  # negative lags stand at the end
     lags = np.arange(2, n_trials)
-    kernel[lags] = kernel[-lags] = 1.0 / np.sqrt(lags)
-    weights = np.fft.rfft(kernel).real
-    weights[1:-1] *= 2.0  # a real transform has each of these frequencies once, not twice
-
-    answered_trials = np.flatnonzero(trials.is_answered)
-    pair = trials.pair[answered_trials]
-    rng = generator(0, subject.name, "moving criterion")  # seed 0: the p-value never changes
+    w[lags] = w[-lags] = 1.0 / np.sqrt(lags)
+    spectrum = np.fft.rfft(w).real
+    spectrum[1:-1] *= 2.0  # a real transform has each of these frequencies once, not twice
 
     def statistic(residuals: FloatArray) -> FloatArray:
-        """The statistic of sequences of residuals, shape (sequences, trials)."""
-        power = np.square(np.abs(np.fft.rfft(residuals, n_padded)))
-        return np.asarray(power @ weights)
+        """The statistic of sequences of residuals, (sequences, trials) -> (sequences,)."""
+        power = np.square(np.abs(np.fft.rfft(residuals, n_padded)))  # (sequences, frequencies)
+        return np.asarray(power @ spectrum)
 
-    return _random_order_p(statistic, residual, answered_trials, pair, rng)
+    answered_trials = np.flatnonzero(trials.is_answered)
+    rng = generator(0, subject.name, "moving criterion")  # seed 0: the p-value never changes
+    return _random_order_p(statistic, e, answered_trials, trials.pair[answered_trials], rng)

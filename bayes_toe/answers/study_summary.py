@@ -52,6 +52,7 @@ def study_lines(
     if not interpretable:
         return [meaning]
 
+    # For each question, how many subjects have each word.
     lines = [meaning]
     noun = "synthetic subject" if synthetic else "subject"
     of_total = f" of {count_all(interpretable, noun, by_condition)}"
@@ -112,6 +113,7 @@ def _describe_subject(answer: OrderEffect) -> str:
     text = capitalized(claim(word, "the order", "change", "the response"))
     if not word.is_positive:
         return f"{text}."
+
     effects = []
     for effect in _DIRECTIONS:
         direction = _direction(answer, effect)
@@ -130,19 +132,21 @@ def _order_sentences(answers: Sequence[OrderEffect], noun: str) -> list[str]:
     subjects have it.
     """
     counts = Counter(answer.words["order_effect"] for answer in answers)
-    n_total = len(answers)
-    clauses: list[str] = []
     # 'No' and 'probably not' have one sentence, with the less sure word.
     if counts[Word.PROBABLY_NOT]:
         counts[Word.PROBABLY_NOT] += counts.pop(Word.NO, 0)
+    n_total = len(answers)
     has_effects = counts[Word.YES] + counts[Word.PROBABLY] > 0
+
+    clauses: list[str] = []
     for word in Word:  # 'yes' and then 'probably' come first
         count = counts[word]
-        if not count:
+        is_reported = word.is_positive or not has_effects or count > n_total / 2
+        if count == 0 or not is_reported:
             continue
-        if word is Word.PROBABLY and counts[Word.YES]:  # added to the clause of 'yes'
+        if word is Word.PROBABLY and clauses:  # added to the clause of 'yes'
             clauses[0] += f", and probably in {count} more"
-        elif word.is_positive or not has_effects or count > n_total / 2:
+        else:
             text = claim(word, "the order", "change", "the response")
             clauses.append(f"{_in_subjects(count, n_total, noun)} {text}")
     return [f"{clause}." for clause in clauses]
@@ -176,6 +180,7 @@ def _direction(answer: OrderEffect, effect: str) -> str:
         has_positive_sign = answer.direction == "contraction"
     if has_positive_sign is None:  # the interval of the PSE shift holds 0
         return ""
+
     positive, negative = _DIRECTIONS[effect]
     return positive if has_positive_sign else negative
 
@@ -186,10 +191,9 @@ def _direction_sentences(answers: Sequence[OrderEffect], effect: str, noun: str)
     As in 'The first stimulus is overestimated in 3 subjects and underestimated in 2.' It counts the
     subjects with a 'yes', or with a 'probably' if there is no 'yes'.
     """
-    # The number of subjects with each direction, which may be empty.
     words = [answer.words[effect] for answer in answers]
     word = Word.YES if Word.YES in words else Word.PROBABLY
-    counts = Counter[str]()
+    counts = Counter[str]()  # subjects with each direction, which is '' if it is not known
     for answer in answers:
         if answer.words[effect] is word:
             counts[_direction(answer, effect)] += 1
@@ -255,8 +259,9 @@ def count_words(words: Iterable[str], of_total: str = "") -> str:
     for word in Word:
         if word not in directions_by_word:
             continue
-        text = f"{len(directions_by_word[word])}{of_total} {word}"
-        counts = Counter(filter(None, directions_by_word[word]))  # without ''
+        directions = directions_by_word[word]
+        text = f"{len(directions)}{of_total} {word}"
+        counts = Counter(filter(None, directions))  # without ''
         if len(counts) == 1:  # all have this direction, so that no number is needed
             text += f" ({', '.join(counts)})"
         elif counts:
