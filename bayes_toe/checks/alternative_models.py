@@ -54,13 +54,12 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     """
     with_two_answers = filter(None, (subject.two_answers for subject in study))
     subjects = [subject for subject in with_two_answers if _is_doubtful(subject)]
-
     # Each subject with the responses as they are, then each with both response codes exchanged.
     inverted = [replace(subject, n_yes=subject.n_trials - subject.n_yes) for subject in subjects]
     both_codes = [*subjects, *inverted]
 
-    # The log evidences have the shape (subjects,), for each explanation.
-    same_codes, swapped = np.split(_log_evidence(both_codes), 2)
+    # The log evidences of the observer and of each other explanation, (subjects,).
+    observer, swapped = np.split(_log_evidence(both_codes), 2)
 
     n_yes = np.array([subject.n_yes.sum() for subject in subjects])
     n_trials = np.array([subject.total_trials for subject in subjects])
@@ -77,7 +76,7 @@ def compare_alternatives(study: Study) -> dict[str, Alternatives]:
     else:  # no other task has three answers
         other_task = np.full(len(subjects), -np.inf)
 
-    log_bayes_factors = np.column_stack([guesses, swapped, other_task]) - same_codes[:, None]
+    log_bayes_factors = np.column_stack([guesses, swapped, other_task]) - observer[:, None]
     names = [subject.name for subject in subjects]
     return dict(zip(names, starmap(Alternatives, log_bayes_factors.tolist()), strict=True))
 
@@ -97,12 +96,15 @@ def _is_doubtful(subject: Subject) -> bool:
     expected_trend = -np.abs(difference) if subject.task == SAME_DIFFERENT else difference
     covariance, variance = response_trend(subject, expected_trend / np.abs(difference).max())
     # Without variance, the trend expects the same of all pairs, and there is nothing to see. If the
-    # responses follow it by more than 5 standard errors, no other explanation can win.
+    # responses follow the trend by more than 5 standard errors, no other explanation can win.
     return variance == 0.0 or covariance / math.sqrt(variance) < 5.0
 
 
 def _log_evidence(subjects: Sequence[Subject]) -> FloatArray:
-    """Log mean evidence of the four models by their prior probabilities; NaN where it fails."""
+    """Log mean evidence of the four models by their prior probabilities, nats, (subjects,).
+
+    NaN where it fails.
+    """
     # Alarms have limits of some nats, so that a standard error of 0.2 nat is small enough. At 1000
     # draws it may be larger: a check of all subjects must not take long.
     quick = Precision(standard_error=0.2, effective_draws=50.0, most_draws=1000)

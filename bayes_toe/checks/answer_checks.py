@@ -194,9 +194,14 @@ def subject_findings(
         return
     yield from _unlike_blocks(subject, n_subjects)
     yield from _drift(subject, n_subjects)
+    if alternatives is not None:
+        yield from _reversed_or_guessed(subject, n_subjects, alternatives, guess_limit)
 
-    if alternatives is None:
-        return
+
+def _reversed_or_guessed(
+    subject: Subject, n_subjects: int, alternatives: Alternatives, guess_limit: float
+) -> Findings:
+    """A finding if swapped keys, or guesses, explain the responses far better than the observer."""
     # Not None: `compare_alternatives` leaves out a subject whose answers are all 'equal'.
     two_answers = cast(Subject, subject.two_answers)
     largest_factor = max(alternatives)
@@ -206,6 +211,7 @@ def subject_findings(
     is_sure = margin > evidence_limit(n_subjects, REFUSAL_SHARE)
     # A large constant error makes one answer rare, and is no guessing.
     neither_is_rare = _RARE_SHARE < two_answers.fraction_yes < 1.0 - _RARE_SHARE
+
     if largest_factor == alternatives.swapped and is_sure:
         yield Finding(
             subject.name,
@@ -248,6 +254,7 @@ def _repeated_trials(subject: Subject, n_subjects: int) -> Findings:
     n_rows = len(answers.n_trials)
     if n_rows < 2 * _WINDOW:  # no room for a window and its copy
         return
+
     is_copy = _copied_rows(subject, answers, n_subjects)
     if is_copy.any():  # argmax is the index of the first copy, and messages count from 1
         yield Finding(
@@ -267,20 +274,20 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
     a copy. What counts is the probability that all answers of two sequences agree by chance. A
     sequence is a copy if this probability is below exp(-12), in a study of one subject.
     """
-    # Rows with the same stimuli and answers have the same code.
+    # Rows with the same stimuli and answers have the same code, (rows,).
     rows = np.column_stack([answers.keys, answers.counts.T])
     _, codes = np.unique(rows, axis=0, return_inverse=True)
 
-    # The lag of a window of rows: how many rows before it the first equal window begins. The lag is
-    # 0 if no earlier window is equal.
+    # A window is a row and the rows after it. Its lag is how many rows before it the first equal
+    # window begins, and 0 if no earlier window is equal.
     windows = np.lib.stride_tricks.sliding_window_view(codes.ravel(), _WINDOW)  # (windows, _WINDOW)
     _, first_window, group = np.unique(windows, axis=0, return_index=True, return_inverse=True)
     lag = np.arange(len(windows)) - first_window[group.ravel()]
 
-    # Windows in a run have the same lag, so that the run repeats one earlier sequence. The run ends
-    # with the last row of its last window.
-    run_start = run_starts(lag)
-    run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW  # the row after the last one
+    # A run has windows of the same lag in sequence, so that it repeats one earlier sequence. It
+    # ends with the last row of its last window.
+    run_start = run_starts(lag)  # the first row of each run
+    run_end = np.append(run_start[1:], len(lag)) - 1 + _WINDOW  # the row after its last one
     nats_before = np.concatenate([[0.0], np.cumsum(_coincidence_nats(subject, answers))])
     nats_in_run = nats_before[run_end] - nats_before[run_start]
 
@@ -295,18 +302,18 @@ def _copied_rows(subject: Subject, answers: Answers, n_subjects: int) -> BoolArr
 
 
 def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
-    """Minus the log probability that a second answer agrees with the answer of a row by chance.
+    """Minus the log probability, (rows,), that a second answer to a row's pair agrees by chance.
 
-    The value is made for each row. Two estimates of the probability are made, one from the answers
-    to the pair of the row, the other from the right and wrong answers to all pairs. The larger
-    estimate counts, so that agreement by chance does not look rarer than it is.
+    The probability is estimated from the answers to the pair, and from the right and wrong answers
+    to all pairs. The larger estimate counts, so that agreement by chance does not look rarer than
+    it is.
     """
-    n = subject.n_trials
+    n = subject.n_trials  # (pairs,)
     k = subject.n_yes
     difference = subject.s2 - subject.s1
     n_wrong = subject.task.wrong(difference, k, n).sum()
-    n_unequal = n[subject.task.right(difference) != 0].sum()  # only these have a right answer
-    agreement = np.maximum(_agreement(k, n), _agreement(int(n_wrong), int(n_unequal)))
+    n_judged = n[subject.task.right(difference) != 0].sum()  # trials with a right answer
+    agreement = np.maximum(_agreement(k, n), _agreement(int(n_wrong), int(n_judged)))
     return -np.log(agreement)[answers.pair]
 
 
@@ -320,12 +327,12 @@ def _agreement(k: IntArray | int, n: IntArray | int) -> FloatArray:
 
 
 def _guess_limit(alternatives: Mapping[str, Alternatives], n_subjects: int) -> float:
-    """The log Bayes factor above which a subject guesses, by the other subjects of the study.
+    """The log Bayes factor, nats, above which a subject guesses, by all subjects of the study.
 
-    A few doubtful subjects among sound ones need less evidence than many. If many subjects are
-    doubtful, and guesses explain all of them together far better, any evidence will do, so that the
-    limit is 0. Only 1 % of the studies of sound observers reach this limit, even if the noise of
-    the observers is four times the difference of a pair.
+    `alternatives` has the doubtful subjects. A few of them among sound ones need less evidence than
+    many. If many subjects are doubtful, and guesses explain all of them together far better, any
+    evidence will do, so that the limit is 0. Only 1 % of the studies of sound observers reach this
+    limit, even if the noise of the observers is four times the difference of a pair.
     """
     if len(alternatives) <= n_subjects / 5:  # a few are doubtful
         return math.log(n_subjects)
@@ -349,6 +356,7 @@ def _other_task(study: Study, alternatives: Mapping[str, Alternatives]) -> dict[
     names = [name for name in alternatives if has_other_task(alternatives[name], study.task)]
     if len(names) <= 0.5 * len(study):
         return {}
+
     subjects = f"{len(names)} of {plural(len(study), 'subject')}"
     if study.task.has_criterion:  # 'same or different?'
         code = "like_2afc"
@@ -407,10 +415,9 @@ class AnswerTable:
         That is the sum over pairs of (k - n p)^2 / (n p (1 - p)), with the share p of counted
         answers to a pair. From the shape (..., pairs, blocks) to (..., blocks).
         """
-        share = self.k.sum(axis=1, keepdims=True) / self.n.sum(axis=1, keepdims=True)
-        expected = self.n * share
-        variance = np.where(self.n > 0, expected * (1 - share), 1.0)  # an empty cell adds 0
-        return (np.square(k - expected) / variance).sum(axis=-2)
+        p = self.k.sum(axis=1, keepdims=True) / self.n.sum(axis=1, keepdims=True)  # (pairs, 1)
+        variance = np.where(self.n > 0, self.n * p * (1 - p), 1.0)  # an empty cell adds 0
+        return (np.square(k - self.n * p) / variance).sum(axis=-2)
 
     def chi_square(self, k: IntArray) -> FloatArray:
         """X^2 for counts k of tables with these margins, (..., pairs, blocks) -> (...)."""
@@ -439,11 +446,11 @@ class AnswerTable:
         which has a random stream of its own.
         """
         rng = generator(0, name, "answers")  # seed 0: the same study has the same findings
-        largest_batch = max(1, BLOCK // self.n.size)
+        largest_batch = max(1, BLOCK // self.n.size)  # tables that take limited memory
 
         def simulate(n_tables: int) -> FloatArray:
-            """The statistic of random tables with these margins, in batches of limited memory."""
-            statistics = []
+            """The statistic of random tables with these margins, (tables,)."""
+            statistics = []  # of each batch
             for start in range(0, n_tables, largest_batch):
                 batch = min(largest_batch, n_tables - start)
                 # For each pair, its counted answers in each block, (batch, blocks).
@@ -498,8 +505,11 @@ def _swapped_blocks(subject: Subject, n_subjects: int) -> Findings:
     if remaining_excess >= 0.5 * max(0.0, excess):
         return
 
-    corrected_answers = answers.swapped(is_swapped[answers.block])  # in the rows of these blocks
-    corrected = Subject.from_answers(subject.name, corrected_answers, two_answers.task)
+    # And the swap must make the responses of the whole subject far more probable.
+    is_swapped_row = is_swapped[answers.block]
+    corrected = Subject.from_answers(
+        subject.name, answers.swapped(is_swapped_row), two_answers.task
+    )
     n_tests = n_subjects * len(is_swapped)  # one test for each block of each subject
     if log_bayes_factor(corrected, two_answers) > evidence_limit(n_tests, REFUSAL_SHARE):
         blocks = list(compress(answers.blocks, is_swapped))
@@ -544,10 +554,8 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
     A block is first swapped if its counted answers are rarer where the task expects them more
     often. Blocks that disagree with other blocks are then swapped, or swapped back, until nothing
     changes. This leaves two camps: swapped blocks and others. The camp with the expected relation
-    counts as right. `difference` is s2 - s1 of each pair.
+    counts as right. `difference` is s2 - s1 of each pair, (pairs,).
     """
-    # The counted answer is expected more often where the trend of a pair is above 0. The sum of
-    # trend times excess over the pairs of a block is then above 0.
     if task == SAME_DIFFERENT:
         trend = -np.abs(difference)
         # A constant error makes 'equal' more frequent on one side of s2 = s1.
@@ -555,8 +563,11 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
     else:
         trend = difference
         tilt = np.zeros(len(difference))
+    # The task expects the counted answer more often where this trend of a pair is above 0. In a
+    # block that follows the task, the sum over pairs of trend times excess is above 0.
     expected_trend = trend - trend.mean()
     is_swapped: BoolArray = expected_trend @ table.excess_yes < 0  # (blocks,)
+
     for _ in range(20):  # two blocks might swap each other without an end
         corrected = _swap_blocks(table, is_swapped)
         # A block disagrees if its more frequent answers are the rarer answers in other blocks.
@@ -564,6 +575,7 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
         if not disagrees.any():
             break
         is_swapped = is_swapped ^ disagrees
+
     # If all blocks together contradict the task, the other camp is the swapped camp.
     if np.sum(expected_trend @ _swap_blocks(table, is_swapped).excess_yes) < 0:
         is_swapped = ~is_swapped
@@ -571,11 +583,11 @@ def _find_swapped(table: AnswerTable, task: Task, difference: FloatArray) -> Boo
 
 
 def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray) -> BoolArray:
-    """The candidates that are likely swapped; none if no candidate is surely swapped.
+    """The candidates that are likely swapped, (blocks,); none if no candidate is surely swapped.
 
-    A log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure. A candidate that is
-    not likely joins the blocks that candidates are compared with. This changes the evidence of the
-    other candidates.
+    A gain of log evidence of 2 nats makes a swap likely, one of 5 nats makes it sure. A candidate
+    that is not likely joins the blocks that candidates are compared with. This changes the evidence
+    of the other candidates.
     """
     no_block = np.zeros_like(candidates)
     while candidates.any():
@@ -588,24 +600,25 @@ def _surely_swapped(table: AnswerTable, candidates: BoolArray, tilt: FloatArray)
 
 
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
-    """Log evidence of each block as it is, minus the log evidence of its swapped form.
+    """Log evidence of each block as it is, minus that of its swapped form, nats, (blocks,).
 
     In both forms, a block is answered as the other blocks are, but it may prefer one answer more
     than they do, and its answers may tilt. So a block whose criterion moved does not look swapped.
-    Both evidences are averaged over a grid of shifts of the logits, with weights whose constants
-    cancel. The shape is (blocks,).
+    An evidence is the sum of prior times likelihood over a grid of preferences and slopes, whose
+    constants cancel. With the other blocks' logit, the logit of the counted answer is
+
+        logit + preference + slope * tilt,   tilt from -1 to 1.
     """
-    logits = table.other_logits()
-    # From -1 to 1, shape (pairs, 1). In 2AFC, and without different stimuli, all tilts are 0, and
-    # 0/1 avoids 0/0.
-    relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
+    logits = table.other_logits()  # (pairs, blocks)
+    # In 2AFC, and without different stimuli, all tilts are 0, and 0/1 avoids 0/0.
+    relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)  # (pairs, 1)
     slopes = _TILT_SCALE * _LOGIT_SHIFTS if tilt.any() else np.zeros(1)
-    unswapped = []
+
+    unswapped = []  # log of prior times likelihood at each grid point, (blocks,) each
     swapped = []
     for preference, slope in product(_LOGIT_SHIFTS.tolist(), slopes.tolist()):
         shifted_logits = logits + preference + slope * relative_tilt
-        # The log density of Laplace's priors of preference and slope.
-        log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
+        log_prior = -abs(preference) - abs(slope) / _TILT_SCALE  # Laplace's
         unswapped.append(log_prior + _log_likelihood(table.n, table.k, shifted_logits))
         swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, shifted_logits))
     return logsumexp(unswapped, axis=0) - logsumexp(swapped, axis=0)
@@ -632,7 +645,7 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     n_stretches = min(10, n_rows)
     stretch = np.arange(n_rows) * n_stretches // n_rows  # of each row
     table = _tabulate(subject, answers, stretch)
-    difference = (subject.s2 - subject.s1)[table.is_mixed]
+    difference = (subject.s2 - subject.s1)[table.is_mixed]  # (mixed pairs,)
     table = table.of_mixed_pairs()  # other pairs cannot drift
     if table.freedom == 0:
         return
@@ -645,26 +658,25 @@ def _drift(subject: Subject, n_subjects: int) -> Findings:
     }
     if subject.task.has_criterion:
         kinds["order effect"] = np.sign(difference)
-    time = (np.arange(n_stretches) + 0.5) / n_stretches  # the middle of each stretch
     # Half a wave, a whole wave, and one and a half waves, from the first trial to the last.
-    waves = np.cos(np.pi * np.outer([1, 2, 3], time))
+    time = (np.arange(n_stretches) + 0.5) / n_stretches  # the middle of each stretch
+    waves = np.cos(np.pi * np.outer([1, 2, 3], time))  # (waves, stretches)
     weights = _wave_weights(table.n, waves, np.array(list(kinds.values())))
 
     def amplitudes(k: IntArray) -> FloatArray:
         """The amplitudes of waves, (..., pairs, stretches) -> (..., kinds, waves)."""
         return np.tensordot(k, weights, ((-2, -1), (2, 3)))  # sums over pairs and stretches
 
-    def largest_power(k: IntArray) -> FloatArray:
-        """The power of the kind that drifts most, (..., pairs, stretches) -> (...)."""
-        return np.square(amplitudes(k)).sum(axis=-1).max(axis=-1)
+    def powers(k: IntArray) -> FloatArray:
+        """The power of each kind, (..., pairs, stretches) -> (..., kinds)."""
+        return np.square(amplitudes(k)).sum(axis=-1)
 
     # The kind that drifts most, and the range of its fitted course over the trials.
-    observed = amplitudes(table.k)  # (kinds, waves)
-    largest_kind = np.square(observed).sum(axis=-1).argmax()  # the index of its name
-    change = np.ptp((observed @ waves)[largest_kind])  # over the stretches
+    largest_kind = powers(table.k).argmax()
+    change = np.ptp(amplitudes(table.k)[largest_kind] @ waves)  # over the stretches
     if change < 0.2:
         return
-    p = table.p_value(largest_power, subject.name)
+    p = table.p_value(lambda k: powers(k).max(axis=-1), subject.name)
     if p <= 0.5 * flag_limit(n_subjects):  # the test of blocks has the other half
         yield Finding(
             subject.name,
@@ -683,7 +695,7 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     # Waves without their mean over the trials of each pair, because pairs have rates of their own.
     pair_means = (waves @ n.T) / n.sum(axis=1)  # (waves, pairs)
     centred = waves[:, None, :] - pair_means[:, :, None]  # (waves, pairs, stretches)
-    weights = kinds[:, None, :, None] * centred
-    squares = (n * np.square(weights)).sum(axis=(2, 3), keepdims=True)
+    x = kinds[:, None, :, None] * centred
+    squares = (n * np.square(x)).sum(axis=(2, 3), keepdims=True)
     # A kind that is 0 for all pairs has no amplitude, and 0/1 avoids 0/0.
-    return weights / np.where(squares > 0.0, squares, 1.0)
+    return x / np.where(squares > 0.0, squares, 1.0)

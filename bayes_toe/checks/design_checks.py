@@ -126,21 +126,20 @@ def _two_scales(study: Study) -> Findings:
             continue
         # Levels are natural logs, so a gap between them is the log of a ratio of stimuli.
         gaps = np.diff(levels)
-        widest = gaps.argmax()
         gap = gaps.max()
-        other_gaps = np.ptp(levels) - gap
-        below, above = np.split(levels, [widest + 1])
-        # A trial with a stimulus in each group counts in both.
-        is_below = np.stack([subject.s1, subject.s2]) <= below[-1]  # (2, pairs)
-        is_above = ~is_below
-        n_below = subject.n_trials[is_below.any(axis=0)].sum()
-        n_above = subject.n_trials[is_above.any(axis=0)].sum()
-        n_in_smaller_group = min(n_below, n_above)
+        other_gaps = np.ptp(levels) - gap  # the sum of all others
+        below, above = np.split(levels, [gaps.argmax() + 1])
 
         # The ratio of the stimuli at the gap, with two digits. No float is as large as exp(710).
         rounded_ratio = float(f"{math.exp(min(gap, 700.0)):.2g}")
         factor = f"a factor of {rounded_ratio:,.6g}"
         ranges = [_range_of(group, subject.unit, study.reading) for group in (below, above)]
+        # The trials with a stimulus in each group. A trial may have stimuli in both.
+        is_below = np.stack([subject.s1, subject.s2]) <= below[-1]  # (2, pairs)
+        n_below = subject.n_trials[is_below.any(axis=0)].sum()
+        n_above = subject.n_trials[~is_below.all(axis=0)].sum()
+        n_smaller = min(n_below, n_above)
+
         if gap > max(math.log(100.0), 2.0 * other_gaps):
             yield Finding(
                 subject.name,
@@ -149,8 +148,8 @@ def _two_scales(study: Study) -> Findings:
                 "in another unit or without a decimal point.",
                 f"--exclude {cli_argument(subject.name)}",
             )
-        elif gap > other_gaps > 0.0 and n_in_smaller_group <= 0.01 * subject.total_trials:
-            trials = f"{plural(n_in_smaller_group, 'trial')} of {subject.total_trials:,}"
+        elif gap > other_gaps > 0.0 and n_smaller <= 0.01 * subject.total_trials:
+            trials = f"{plural(n_smaller, 'trial')} of {subject.total_trials:,}"
             smaller, larger = ranges if n_below < n_above else ranges[::-1]
             yield Finding(
                 subject.name,
@@ -169,23 +168,25 @@ def _scales_of_subjects(study: Study) -> Findings:
     usual = np.sort(medians)[len(study) // 2]  # the median of a subject, not a mean of two
     decades = np.abs(medians - usual) / math.log(10.0)
     is_odd = (decades > 2.0) | (np.abs(decades - 1.0) < 1e-3)  # logs in a file may be rounded
-    if study.conditions is None and is_odd.any():
-        ranges = []
-        for rows in (is_odd, ~is_odd):
-            stimuli = np.concatenate([subject.stimuli for subject in compress(study, rows)])
-            ranges.append(_range_of(np.sort(stimuli), study.unit, study.reading))
-        odd_range, usual_range = ranges
-        names = join_display_names(compress(study.names, is_odd))
-        yield Finding(
-            _WHOLE_STUDY,
-            "two_scales",
-            f"The stimuli of {names} are {odd_range}, those of other subjects {usual_range}. "
-            "Correct them if they are in another unit.",
-        )
+    if study.conditions is not None or not is_odd.any():
+        return
+
+    ranges = []
+    for is_member in (is_odd, ~is_odd):
+        stimuli = np.concatenate([subject.stimuli for subject in compress(study, is_member)])
+        ranges.append(_range_of(np.sort(stimuli), study.unit, study.reading))
+    odd_range, usual_range = ranges
+    names = join_display_names(compress(study.names, is_odd))
+    yield Finding(
+        _WHOLE_STUDY,
+        "two_scales",
+        f"The stimuli of {names} are {odd_range}, those of other subjects {usual_range}. "
+        "Correct them if they are in another unit.",
+    )
 
 
 def _range_of(levels: FloatArray, unit: StimulusUnit, reading: Reading) -> str:
-    """The weakest and the strongest of some stimuli as the file has them: '0.1 to 0.35 g'."""
+    """The weakest and the strongest of sorted stimuli as the file has them: '0.1 to 0.35 g'."""
     ends = levels[[0, -1]]
     if "i1" in reading.read or unit.stimulus_unit:  # intensities or decibels
         ends = unit.to_stimuli(ends)
@@ -262,6 +263,7 @@ def _one_order(subject: Subject) -> Findings:
     # Where at least half of the pairs have one order, this is the design and no mistake.
     if not 0 < len(lone_pairs) < 0.5 * len(presented_pairs):
         return
+
     describe = subject.unit.describe
     pairs = join_names([f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone_pairs], max_items=3)
     verb = "was" if len(lone_pairs) == 1 else "were"
@@ -279,13 +281,11 @@ def _conditions(study: Study) -> Findings:
     """Missing conditions, and differences in stimuli or time that look like one of conditions."""
     if study.conditions is None:
         return
-    orders = Counter[str]()  # the subjects who had the conditions in each order
+    orders = Counter[str]()  # the number of subjects who had the conditions in each known order
     subjects = units_by_subject(study)
     for name, units in subjects.items():
-        unit_conditions = {unit.condition for unit in units}
-        missing_levels = [
-            level for level in study.conditions.levels if level not in unit_conditions
-        ]
+        met_levels = [unit.condition for unit in units]
+        missing_levels = [level for level in study.conditions.levels if level not in met_levels]
         if missing_levels:
             yield Finding(
                 name,
@@ -316,8 +316,10 @@ def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Findings:
     """
     means = [0.5 * np.average(unit.s1 + unit.s2, weights=unit.n_trials) for unit in units]
     scales = units[0].shared_scales
-    # Without scales no two stimuli differ.
-    distance = 0.0 if scales is None else np.ptp(means) / scales.spread
+    distance = 0.0  # of the means, in standard deviations; no two stimuli differ without scales
+    if scales is not None:
+        distance = np.ptp(means) / scales.spread
+
     if distance > 0.25:
         message = (
             f"The mean stimulus differs between conditions by {distance:.2g} standard deviations. "

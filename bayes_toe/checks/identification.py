@@ -97,7 +97,7 @@ def identify(subject: Subject) -> Identification:
 def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
     """1 where the second stimulus is larger, -1 where the first is, 0 where both are equal.
 
-    Stimuli that differ by rounding are equal. The shape is that of s1 and s2.
+    Stimuli that differ by rounding are equal. All shapes are (pairs,), or (rows,).
     """
     difference = s2 - s1
     is_equal = np.abs(difference) <= ROUNDING * np.abs(difference).max()
@@ -107,15 +107,16 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
 def _why_no_contraction(subject: Subject) -> str:
     """The reason why a contraction cannot be identified; empty if it can be."""
     stimuli = np.column_stack([subject.s1, subject.s2])
-    deviations = stimuli - stimuli.mean(axis=0)
+    deviations = stimuli - stimuli.mean(axis=0)  # (pairs, 2)
     if np.ptp(subject.s1) <= ROUNDING * np.abs(deviations).max():
         return ONE_FIRST_STIMULUS
     # The extents of the pairs along and across the line that is nearest to them.
     largest, smallest = np.linalg.svd(deviations, compute_uv=False)
     if smallest <= ROUNDING * largest:
         return ONE_LINE
-    # Missed trials change no design, so that a share of the largest number is rounded to a power of
-    # two. The largest number becomes 1e6, so that small shares are whole numbers, too.
+
+    # Missed trials change no design, so that each number of trials is rounded to a power of two
+    # times the largest number. The largest number becomes 1e6, so that small numbers stay whole.
     shares = subject.n_trials / subject.n_trials.max()
     n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(shares)))
     # A subject needs counts of answers, which do not change the expected information.
@@ -129,24 +130,25 @@ def _why_no_contraction(subject: Subject) -> str:
 
 
 def _order_fills_blocks(answers: Answers) -> bool:
-    """Whether each block, or each long stretch of trials, holds only one order.
+    """Whether each block, or each stretch of trials, has only one order, and is long.
 
-    A change between them then looks like an effect of order. Equal stimuli do not count.
+    A change between blocks, or stretches, then looks like an effect of order. Equal stimuli do not
+    count. Blocks are long if their mean length is at least :data:`_FEWEST_IN_STRETCH` trials.
     """
     order_of_row = _order_sign(*answers.keys.T)
     is_unequal = order_of_row != 0
     order = order_of_row[is_unequal]
-    # Blocks and stretches are long if this exceeds their number: their mean length is what counts,
-    # because stretches may begin anywhere.
-    most_that_are_long = answers.n_trials[is_unequal].sum() / _FEWEST_IN_STRETCH
+    # The most blocks, or stretches, that are long: if there are more, their mean length is shorter.
+    most_long_blocks = answers.n_trials[is_unequal].sum() / _FEWEST_IN_STRETCH
     if answers.block is not None:
         blocks, index = np.unique(answers.block[is_unequal], return_inverse=True)
-        has_rising = np.bincount(index, order > 0) > 0
+        has_rising = np.bincount(index, order > 0) > 0  # (blocks,)
         has_falling = np.bincount(index, order < 0) > 0
-        if len(blocks) <= most_that_are_long and not (has_rising & has_falling).any():
+        if len(blocks) <= most_long_blocks and not (has_rising & has_falling).any():
             return True
-    # The rows are in their order in time if their places are known.
-    return answers.place is not None and bool(len(run_starts(order)) <= most_that_are_long)
+    # A stretch is a run of rows of one order. Rows are in their order in time if their places are
+    # known.
+    return answers.place is not None and bool(len(run_starts(order)) <= most_long_blocks)
 
 
 # --- What the pairs say about p ------------------------------------------------------------------
@@ -156,19 +158,19 @@ def contraction_information(subject: Subject) -> float:
     """Fisher information about p of :data:`TYPICAL_TRIALS` trials, in units of the prior's.
 
     It is what remains once the other parameters are estimated with their priors. Below 1, the prior
-    says more than the answers. The observer is typical: no order effect, noise D/2, few lapses.
+    says more than the answers. The observer is typical: no order effect, few lapses, and noise of
+    half the step D between stimuli.
     """
     posterior = OrderModel("both").posterior(subject)
     quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
     quantities[NOISE.name] *= posterior.scales.step  # typical numbers are in units of D
-    # One posterior and one point: arrays have the shape (1, 1, k), and matrices (1, 1, k, k).
-    point = posterior.full_points(posterior.points(quantities)[None])
-    _, _, informations = posterior.rows.scoring(point)
+    point = posterior.full_points(posterior.points(quantities)[None])  # (1, 1, k)
+    _, _, informations = posterior.rows.scoring(point)  # (1, 1, k, k)
     information = informations[0, 0] * TYPICAL_TRIALS / subject.total_trials
-    _, curvature = posterior.array.prior_slopes(point)
+    _, curvature = posterior.array.prior_slopes(point)  # (1, 1, k)
 
     # p is the last coordinate, in units of its prior. What remains of its information is a Schur
     # complement: I_pp - I_po (I_oo + prior)^-1 I_op, with o for the others.
     others_precision = information[:-1, :-1] + np.diag(curvature[0, 0, :-1])
-    shared = information[-1, :-1]
+    shared = information[-1, :-1]  # I_po
     return float(information[-1, -1] - shared @ np.linalg.solve(others_precision, shared))
