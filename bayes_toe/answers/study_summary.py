@@ -44,7 +44,7 @@ def study_lines(
     """
     meaning = describe_meaning(answers, "condition" if by_condition else "subject")
     interpretable = [answer for answer in answers if answer.is_interpretable]
-    if len(answers) == 1:
+    if len(answers) == 1:  # the words of the subject take the place of counts
         texts = [answers[0].describe()]
         if interpretable:  # else `describe` already says why the subject is not interpreted
             texts = [meaning, *texts]

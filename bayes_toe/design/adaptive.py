@@ -50,7 +50,7 @@ _FORMAT = "bayes-toe adaptive 2"
 
 @dataclass(eq=False)
 class Particles:
-    """Draws of one model with their weights, which change when answers come.
+    """Draws of one model with their weights: both change when answers come.
 
     When the effective number of draws has halved, the mixture that they came from is adapted to
     them, and all are drawn again with new weights, so that errors do not accumulate.
@@ -176,20 +176,19 @@ class Adaptive:
         # The draws of each model by which pairs are compared. Their probabilities of answers are
         # kept: 512,000 of them, pairs times draws, take 4 MB for each answer of the task.
         self._n_compared = min(draws, max(_FEWEST_DRAWS, 512_000 // self.pairs.n_pairs))
-        self._particles = {}  # by model
-        for name in MODEL_NAMES:
-            template = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
-            rng = generator(self.seed, "adaptive", name, "prior")
-            points = template.full_points(template.sample_prior(rng, draws))  # (1, draws, k)
-            log_prior = template.array.log_prior(points)[0]
-            # Before the first answer, the posterior and what was drawn from are the prior, too.
-            prior_draws = WeightedDraws(
-                x=points[0],
-                log_prior=log_prior,
-                log_posterior=log_prior,
-                log_proposal=log_prior,
-            )
-            self._particles[name] = Particles(template, prior_draws)
+        self._particles = {name: self._draw_prior(name) for name in MODEL_NAMES}
+
+    def _draw_prior(self, name: str) -> Particles:
+        """The particles of a model before the first answer: draws from its prior."""
+        template = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
+        rng = generator(self.seed, "adaptive", name, "prior")
+        points = template.full_points(template.sample_prior(rng, self.draws))  # (1, draws, k)
+        log_prior = template.array.log_prior(points)[0]  # (draws,)
+        # The posterior and what was drawn from are the prior, too.
+        draws = WeightedDraws(
+            x=points[0], log_prior=log_prior, log_posterior=log_prior, log_proposal=log_prior
+        )
+        return Particles(template, draws)
 
     # --- A session --------------------------------------------------------------------------------
 
