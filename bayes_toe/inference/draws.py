@@ -36,7 +36,7 @@ from bayes_toe.inference.draws_file import (
     stored_study,
 )
 from bayes_toe.inference.goodness_of_fit import GoodnessOfFit
-from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.inference.sampling import SamplerSettings, diagnose
 from bayes_toe.inference.subject import (
     FIT_COLUMNS,
     SUMMARY_COLUMNS,
@@ -248,8 +248,9 @@ class Draws:
         rows: list[SummaryRow] = []
         for name in self.names:
             target = self.posterior(name)
-            values = {key: self.values(name, key) for key in target.names.reported}
-            rows += summary_rows(target, values, known_diagnostics={})
+            quantities = {key: self.values(name, key) for key in target.names.all}
+            diagnostics = diagnose(quantities, target.names.same_ranks)
+            rows += summary_rows(target, quantities, diagnostics)
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def to_arviz(self) -> Any:

@@ -143,9 +143,7 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
         x, log_posterior, acceptance = map(np.stack, zip(*passes, strict=True))
 
         quantities = posterior.quantities(x)
-        for name in posterior.names.monotone:
-            del quantities[name]  # it has the ranks, and so the diagnostics, of another quantity
-        diagnostics = convergence_of(quantities)
+        diagnostics = diagnose(quantities, posterior.names.same_ranks)
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
         if reason:  # the precision of quantiles is known only of converged chains
             imprecise = ""
@@ -159,6 +157,19 @@ def sample_chains(fitted: Fitted, settings: SamplerSettings, seed: int) -> Chain
         if is_done or thin >= settings.max_thin:
             return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, reason, imprecise)
         thin = min(2 * thin, settings.max_thin)
+
+
+def diagnose(quantities: NamedArrays, same_ranks: Mapping[str, str]) -> dict[str, Convergence]:
+    """Diagnostics of every quantity, from its draws, (chains, draws).
+
+    All diagnostics follow from ranks. So a quantity with the same ranks as another one has its
+    diagnostics, which are not computed twice.
+    """
+    ranked = {name: draws for name, draws in quantities.items() if name not in same_ranks}
+    diagnostics = convergence_of(ranked)
+    for name, other in same_ranks.items():
+        diagnostics[name] = diagnostics[other]
+    return diagnostics
 
 
 def burn_in(fitted: Fitted) -> int:

@@ -16,7 +16,6 @@ from bayes_toe.arrays import FloatArray, NamedArrays
 from bayes_toe.inference.diagnostics import (
     Convergence,
     Errors,
-    convergence_of,
     errors_of,
     worst,
 )
@@ -143,8 +142,7 @@ def subject_draws(
     }
 
     if summarised:
-        reported = {name: quantities[name] for name in target.names.reported}
-        summary = summary_rows(target, reported, chains.diagnostics)
+        summary = summary_rows(target, quantities, chains.diagnostics)
     else:
         summary = ()
 
@@ -154,17 +152,13 @@ def subject_draws(
 
 
 def summary_rows(
-    target: SubjectPosterior, values: NamedArrays, known_diagnostics: Mapping[str, Convergence]
+    target: SubjectPosterior, quantities: NamedArrays, diagnostics: Mapping[str, Convergence]
 ) -> tuple[SummaryRow, ...]:
-    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws).
-
-    `known_diagnostics` are those of some quantities, because diagnostics take most of the time.
-    """
-    further_draws = {name: draws for name, draws in values.items() if name not in known_diagnostics}
-    diagnostics = {**known_diagnostics, **convergence_of(further_draws)}
-    errors = errors_of(values)
+    """Rows with the columns of summary.csv, from draws of each quantity, (chains, draws)."""
+    reported = {name: quantities[name] for name in target.names.reported}
+    errors = errors_of(reported)
     rows = []
-    for name, draws in values.items():
+    for name, draws in reported.items():
         quantiles = np.quantile(draws, list(QUANTILES.values())).tolist()
         # QUANTILES begin with that of 5 % and end with that of 95 %.
         contraction = posterior_contraction(target, name, low=quantiles[0], high=quantiles[-1])

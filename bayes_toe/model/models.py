@@ -125,7 +125,7 @@ class ObserverPosterior(SubjectPosterior):
         """The names of the quantities."""
         derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
         # The parameters are both what the model is written in and what the answers depend on.
-        return Names(self.coordinates, self.coordinates, derived, monotone=("jnd",))
+        return Names(self.coordinates, self.coordinates, derived, same_ranks={"jnd": "noise"})
 
     @property
     def monotone_in(self) -> Determined:

@@ -360,7 +360,7 @@ class PaperPosterior(SubjectPosterior):
             natural=natural_names(self.subject.task),
             identified=("offset", "pull", "width", self.subject.task.lapses),
             derived=("pse_shift", "jnd", "gamma", "sigma1", "gain", "width"),
-            monotone=("pse_shift", "jnd", "gain", "pull"),
+            same_ranks={"pse_shift": "offset", "jnd": "width", "gain": "gamma", "pull": "gamma"},
         )
 
     @property

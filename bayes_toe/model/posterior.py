@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol, Self
 
@@ -37,8 +37,8 @@ class Names:
     natural: Texts  # what the model is written in
     identified: Texts  # what the answers depend on
     derived: Texts = ()  # further quantities that tables report
-    # Monotone functions of another quantity, which have its ranks.
-    monotone: Texts = ()
+    # For a monotone function of another quantity: that other quantity, which has the same ranks.
+    same_ranks: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def reported(self) -> Texts:
