@@ -202,7 +202,8 @@ def _columns(reading: Reading) -> Findings:
             _WHOLE_STUDY,
             "pooled_condition",
             f"Column {display_name(name)} differs within subjects, and its levels are pooled. If "
-            "they are experiments with other stimuli, --where chooses one.",
+            "they are experiments with other stimuli, --where chooses one. If other people have "
+            "the same names in each level, give them different names.",
             Remedy("condition", name).typed,
         )
     if reading.ignored:

@@ -293,21 +293,21 @@ def unit_in(name: str) -> str:
     ('cents', 'semitones', '')
     >>> unit_in("amp1_\u00b5m"), unit_in("hz1"), unit_in("force_1 [N]"), unit_in("s1")
     ('\u00b5m', 'Hz', 'N', '')
-    >>> unit_in("1 n/a"), unit_in("1 N.A.")
-    ('', '')
+    >>> unit_in("1 n/a"), unit_in("1 N.A."), unit_in("data.s1"), unit_in("log2_f1")
+    ('', '', '', 'octaves')
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
     plain = _folded(name).replace("cd_m2", "cd/m2")
-    words = re.findall(r"cd/m2|log10|[^\W\d_]+", plain)  # other units have no digits
+    words = re.findall(r"cd/m2|log10|log2|[^\W\d_]+", plain)  # other units have no digits
 
     for unit, unit_words in VOCABULARY["units"]["logarithms"].items():
         if not set(words).isdisjoint(unit_words):
             return unit
 
-    # A letter alone, after a sign and at the end or before a sign: 'g' of 'force_g1', or 'N' of
-    # 'force_1 [N]', but no letter of 'n/a' and 'N.A.'.
-    last_letters = re.findall(r"(?<=_|[^\w/])[^\W\d_](?=[\W_]*[12]?$|[^\w/.])", plain)
+    # A letter alone, after a sign and at the end or before a sign: 'g' of 'force1_g', or 'N' of
+    # 'force_1 [N]', but no letter of 'n/a', 'N.A.' and 'data.s1', which is a first stimulus.
+    last_letters = re.findall(r"(?<=_|[^\w/])[^\W\d_](?=[\W_]*$|[^\w/.])", plain)
     for unit in VOCABULARY["units"]["intensity"]:
         if _folded(unit) in (words if len(unit) > 1 else last_letters):
             return unit

@@ -181,7 +181,7 @@ class StimulusUnit:
         if self.name not in LOG_UNITS and _LOGARITHM.fullmatch(self.name):
             raise InputError(
                 f"--unit: found {quoted(self.name)}, a logarithm without a known factor, allowed: "
-                f"{', '.join(LOG_UNITS)}; dB has 20 dB for a factor of ten"
+                f"{', '.join(LOG_UNITS)}; log2 is octaves, and dB has 20 dB for a factor of ten"
             )
         if not is_text or len(self.name) > _LONGEST or self.name == "NAME":
             raise InputError(
