@@ -121,10 +121,10 @@ def paper_maxima(posterior: PaperPosterior) -> Ascent:
 def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
     """The funnel of one posterior by its maxima, the highest first; symbols as in :class:`Funnel`.
 
-    At the highest maximum, where w = w_0, the answers leave the offset p mu1 with the SD `spread`,
-    and `distance` is the SD of the offset between maxima. So there kappa / (w^2 + w_0^2) is to be
-    1 / (spread^2 + distance^2): kappa is 2 w_0^2 / (spread^2 + distance^2), or without 2 w_0^2 if
-    the precision does not follow the width.
+    w_0 is the width w at the highest maximum. There the answers leave the offset p mu1 with the SD
+    `spread`, and `distance` is the SD of the offset between maxima, so that its precision is to be
+    kappa / (w^2 + w_0^2) = 1 / (spread^2 + distance^2). So kappa is 2 w_0^2 / (spread^2 +
+    distance^2), or without 2 w_0^2 if the formula has no divisor w^2 + w_0^2.
 
     Maxima at least 3 nats below the highest one have little of the posterior and do not count.
     """
@@ -147,10 +147,10 @@ def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
 
     # With several maxima, the offset is as uncertain as the maxima are apart.
     distance = offsets.std()
-    follows_width = 1.0 if distance < spread else 0.0
-    # The log of kappa sd^2, with the factor 2 w_0^2 if the precision follows the width.
-    log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))
-    log_precision += follows_width * (2.0 * log_width + np.log(2.0))
+    log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))  # of kappa sd^2
+    depends_on_width = bool(distance < spread)
+    if depends_on_width:
+        log_precision += 2.0 * log_width + np.log(2.0)  # the factor 2 w_0^2
 
     centre = (mean_first - mean) / sd
-    return Funnel(rows, centre, offsets.mean() / sd, log_precision, log_width, follows_width)
+    return Funnel(rows, centre, offsets.mean() / sd, log_precision, log_width, depends_on_width)
