@@ -284,10 +284,10 @@ def effective_number(weights: FloatArray) -> float:
     return float(weights.sum() ** 2 / (weights @ weights))
 
 
-def tempered(log_weights: FloatArray, least: float) -> FloatArray:
-    """Weights to the power beta, divided by their sum.
+def flattened_weights(log_weights: FloatArray, least: float) -> FloatArray:
+    """Weights to a power beta that leaves at least `least` effective draws, divided by their sum.
 
-    beta is the first of 1, 0.8, 0.8^2 and so on that leaves `least` effective draws.
+    beta is the first of 1, 0.8, 0.8^2 and so on.
     """
     below_largest = log_weights - log_weights.max()  # the largest weight becomes 1, no overflow
     for beta in 0.8 ** np.arange(200):  # the last beta is 1e-19: all weights are equal
