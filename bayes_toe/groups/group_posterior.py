@@ -32,10 +32,10 @@ from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, NamedArrays, Rng
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
-from bayes_toe.model.densities import half_normal_score
+from bayes_toe.model.densities import by_coordinate, half_normal_score
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ObserverPrior, group_parameters, task_parameters
-from bayes_toe.model.posterior_array import LinearLikelihood
+from bayes_toe.model.posterior_array import LinearLikelihood, loading_of
 
 #: In these units a coordinate of the observer is c/D, p, log(sigma_d/D) or logit q0 itself, and not
 #: that quantity over its prior's scale.
@@ -84,26 +84,27 @@ class SubjectRows(LinearLikelihood):
         differences : mapping of str to ndarray, shape (rows, columns)
             The design of the conditions for each parameter that may differ between them.
         """
-        # The observer's parameters by their coordinates, and the coordinates that the group shares.
-        # All rows have one task.
-        observer_rows = ObserverRows.from_subjects(rows, PLAIN_UNITS, scales)
-        names = [parameter.name for parameter in task_parameters(rows[0].task)]
-        shared_coordinates = [
-            names.index(parameter.name) for parameter in group_parameters(rows[0].task)
-        ]
-        unshared_coordinates = np.delete(np.arange(len(names)), shared_coordinates).tolist()
+        task = rows[0].task  # of all rows
+        names = [parameter.name for parameter in task_parameters(task)]
+        shared_names = [parameter.name for parameter in group_parameters(task)]
+        unshared_names = [name for name in names if name not in shared_names]
 
-        # A loading, (rows, coordinates of a row, coordinates of w), has a column of the identity
-        # for each parameter, and the design of the conditions in the row of a differing parameter.
-        identity = np.tile(np.eye(len(names)), (len(rows), 1, 1))
-        blocks = [identity.take(shared_coordinates, axis=2)]
-        for name, condition_design in differences.items():
-            block = np.zeros((len(rows), len(names), condition_design.shape[1]))
-            block[:, names.index(name)] = condition_design
-            blocks.append(block)
-        loading = np.concatenate([*blocks, identity.take(unshared_coordinates, axis=2)], axis=2)
-        n_coefficients = loading.shape[2] - len(unshared_coordinates)
-        return cls(observer_rows, loading, first_row, n_coefficients, unshared_coordinates)
+        ones = np.ones((len(rows), 1))
+        loading = loading_of(
+            names,
+            [
+                *((name, ones) for name in shared_names),
+                *differences.items(),
+                *((name, ones) for name in unshared_names),
+            ],
+        )
+        return cls(
+            ObserverRows.from_subjects(rows, PLAIN_UNITS, scales),
+            loading,
+            first_row,
+            n_coefficients=loading.shape[2] - len(unshared_names),
+            unshared_coordinates=list(map(names.index, unshared_names)),
+        )
 
     @property
     def n_subjects(self) -> int:
@@ -122,14 +123,9 @@ class SubjectRows(LinearLikelihood):
 
     def log_unshared_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the unshared parameters, (..., unshared) -> (...), and their slopes."""
-        total = np.zeros(unshared.shape[:-1])
-        slopes = np.empty_like(unshared)
-        for j, coordinate in enumerate(self.unshared_coordinates):  # each has its own prior
-            density = self.rows.priors[coordinate]
-            u = unshared[..., j]
-            total += density.log_density(u)
-            slopes[..., j] = density.slope(u)
-        return total, slopes
+        priors = tuple(self.rows.priors[coordinate] for coordinate in self.unshared_coordinates)
+        log_densities = by_coordinate(priors, "log_density", unshared)
+        return log_densities.sum(axis=-1), by_coordinate(priors, "slope", unshared)
 
 
 class SeparateFits(NamedTuple):

@@ -12,6 +12,7 @@ from typing import cast
 import numpy as np
 from scipy.special import logit, ndtri
 
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.maxima import Ascent, ascend_from
 from bayes_toe.model.densities import probit_of_logit
@@ -34,10 +35,24 @@ _PEAK_START = 2.0
 
 
 def observer_maxima(posteriors: PosteriorArray) -> list[Ascent]:
-    """The ends of searches of every posterior with the observer's coordinates.
+    """The ends of searches of every posterior with the observer's coordinates."""
+    starts, is_held = _observer_starts(posteriors)
+    # A model without a constant error does not have the searches that hold another error than 0.
+    constant_error = posteriors.names.index(CONSTANT_ERROR.name)
+    has_error = posteriors.is_free[:, constant_error]  # (posteriors,)
+    is_at_no_error = starts[:, constant_error] == 0.0  # (searches,)
+    owners, searches = np.nonzero(has_error[:, None] | is_at_no_error)
+    # With millions of trials, 12 steps do not reach a maximum from these starts.
+    ends = ascend_from(posteriors, owners, starts[searches], is_held[searches], most_steps=30)
+    return [ends.part(owners == i) for i in range(len(posteriors))]
 
-    A steep curve and a flat one are where free searches start. Further searches hold a constant
-    error or a lapse rate: a mixture needs their ends, which are beside the maximum.
+
+def _observer_starts(posteriors: PosteriorArray) -> tuple[FloatArray, BoolArray]:
+    """Starts of the searches of a posterior, and which coordinates they hold, (searches, d) each.
+
+    The last two searches are free: they start at a steep curve and at a flat one. The other
+    searches hold a constant error or a lapse rate, because a mixture needs their ends, which are
+    beside the maximum. Coordinates without a value start at 0.
     """
     rows = cast(ObserverRows, posteriors.likelihood.rows)
     noise, lapse_rate, constant_error = map(
@@ -47,25 +62,16 @@ def observer_maxima(posteriors: PosteriorArray) -> list[Ascent]:
     held_values = [(constant_error, value / rows.prior.constant_error_scale) for value in _ERRORS]
     held_values += [(lapse_rate, score) for score in _LAPSE_SCORES]
 
-    # Starts of the searches of a posterior, (searches, d). Two free searches come last. Coordinates
-    # without a value start at 0.
     starts = np.zeros((len(held_values) + 2, len(posteriors.names)))
     is_held = np.zeros(starts.shape, np.bool_)
     for search, (coordinate, value) in enumerate(held_values):
         starts[search, coordinate] = value
         is_held[search, coordinate] = True
-    starts[:, noise] = _STEEP  # also in the searches that hold a value
-    starts[-1, noise] = _FLAT  # in the second free search
+    starts[:-1, noise] = _STEEP
+    starts[-1, noise] = _FLAT
     if PEAK.name in posteriors.names:
         starts[:, posteriors.names.index(PEAK.name)] = _PEAK_START
-
-    # A model without a constant error does not have the searches that hold another error than 0.
-    has_error = posteriors.is_free[:, constant_error]  # (posteriors,)
-    is_at_no_error = starts[:, constant_error] == 0.0  # (searches,)
-    owners, searches = np.nonzero(has_error[:, None] | is_at_no_error)
-    # With millions of trials, 12 steps do not reach a maximum from these starts.
-    ends = ascend_from(posteriors, owners, starts[searches], is_held[searches], most_steps=30)
-    return [ends.part(owners == i) for i in range(len(posteriors))]
+    return starts, is_held
 
 
 # --- The paper's model ---------------------------------------------------------------------------

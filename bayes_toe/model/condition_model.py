@@ -52,7 +52,7 @@ from bayes_toe.model.parameters import (
     Parameters,
     task_parameters,
 )
-from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray
+from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray, loading_of
 
 #: Prior standard deviation of the difference between two levels, h unit: of the parameter's
 #: coordinate, but for the noise of log sigma_d.
@@ -135,17 +135,14 @@ class ConditionModels:
 
         u are the k coordinates of the observer, and w the d coordinates of a posterior.
         """
-        n_conditions, n_columns = self.design.shape
-        k = len(self.parameters)
-        loading = np.zeros((n_conditions, k, k + len(self.differing_parameters) * n_columns))
-        loading[:, :, :k] = np.eye(k)  # what the conditions share
-        for i, parameter in enumerate(self.differing_parameters):
+        ones = np.ones((len(self.design), 1))
+        columns = [(parameter.name, ones) for parameter in self.parameters]  # shared
+        for parameter in self.differing_parameters:
             sd = DIFFERENCE_SDS[parameter]
             if parameter == NOISE:
                 sd /= self.prior.noise_sd  # a unit of its coordinate is noise_sd of log sigma_d
-            columns = slice(k + i * n_columns, k + (i + 1) * n_columns)
-            loading[:, self.parameters.index(parameter), columns] = sd * self.design
-        return loading
+            columns.append((parameter.name, sd * self.design))
+        return loading_of([parameter.name for parameter in self.parameters], columns)
 
     def _likelihood(self, positions: Sequence[int]) -> LinearLikelihood:
         """The likelihood of the answers of some units, which have one task."""

@@ -96,6 +96,11 @@ class ObserverPosterior(SubjectPosterior):
     prior: ObserverPrior = DEFAULT_PRIOR
     given_scales: StimulusScales | None = None
 
+    @property
+    def model_name(self) -> str:
+        """The name of the model."""
+        return self.model.name
+
     @cached_property
     def scales(self) -> StimulusScales:
         """Location and scales of the stimuli: the given scales, or those of the subject."""

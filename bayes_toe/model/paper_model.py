@@ -294,12 +294,6 @@ CURVES = {
 # --- Posterior -----------------------------------------------------------------------------------
 
 
-class PaperModel:
-    """The paper's model (H1)."""
-
-    name = PAPER_MODEL
-
-
 def paper_posterior(subject: Subject, prior: Prior = DEFAULT) -> PaperPosterior:
     """The posterior of one subject under the paper's model (H1).
 
@@ -330,7 +324,7 @@ class PaperPosterior(SubjectPosterior):
     subject: Subject
     prior: Prior = DEFAULT
     centre: float | None = None
-    model = PaperModel()
+    model_name = PAPER_MODEL
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "prior", self.prior.for_subjects(self.subject))
