@@ -258,13 +258,8 @@ class GroupPosterior:
         """Number of coordinates of the group; they come first."""
         return int(self.rows.n_coefficients * (2 + self.x.shape[1]))
 
-    @property
-    def n_coordinates(self) -> int:
-        """Number of all coordinates."""
-        return self.n_shared + self.rows.n_subjects * self.rows.n_coordinates
-
     def __call__(self, theta: FloatArray) -> ArrayPair:
-        """Log density, (points,), and gradient, (points, n_coordinates)."""
+        """Log density, (points,), and gradient at theta, (points, coordinates)."""
         numbers = self.numbers
         q = self.rows.n_coefficients
         mean, sd_score, effects, xi, unshared = self._split(theta)
@@ -314,7 +309,7 @@ class GroupPosterior:
         return by_xi, by_expected, by_sd
 
     def points(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The parameters of coordinates theta, shape (points, n_coordinates).
+        """The parameters of coordinates theta, shape (points, coordinates).
 
         Means and standard deviations, (points, q), effects, (points, covariates, q), and the
         subjects' points w, (points, subjects, q + unshared).
@@ -366,7 +361,7 @@ class GroupPosterior:
         xi: FloatArray,
         unshared: FloatArray,
     ) -> FloatArray:
-        """Theta, or slopes in it, (points, n_coordinates): the inverse of `_split`."""
+        """Theta, or slopes in it, (points, coordinates): the inverse of `_split`."""
         block = np.concatenate([xi, unshared], axis=-1).swapaxes(0, 1)
         parts = (mean, sd_score, effects, block)
         return np.concatenate([part.reshape(len(mean), -1) for part in parts], axis=1)

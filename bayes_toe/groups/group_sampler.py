@@ -233,7 +233,7 @@ class Hamiltonian:
     def _move(
         self, factor: float = 1.0, most_steps: int = _MOST_STEPS
     ) -> tuple[FloatArray, BoolArray]:
-        """Move every chain along a trajectory: its acceptance, and whether it diverged, (chains,).
+        """Move every chain by a trajectory; return acceptances and whether it diverged, (chains,).
 
         The steps of this trajectory are those of the sampler times the factor.
         """
@@ -244,17 +244,32 @@ class Hamiltonian:
         # With the most steps a trajectory may end early: no step is longer than the common step.
         step = factor * min(length / n_steps, self.step)
 
-        metric = self._metric
         momentum = self._rng.standard_normal(self._x.shape)
-        x = self._x  # (chains, coordinates)
-        value = self._value
-        gradient = self._gradient
-        first_energy = _kinetic(momentum) - value  # (chains,)
-        push = 0.5 * step * metric.to_momentum(gradient)  # of half a step
+        x, value, gradient, energy_gain = self._trajectory(momentum, n_steps, step)
+        # Metropolis: a trajectory is accepted with the probability exp(-gain of energy).
+        acceptance = np.exp(np.minimum(-energy_gain, 0.0))
+        is_accepted = self._rng.uniform(size=len(x)) < acceptance
+        self._x = np.where(is_accepted[:, None], x, self._x)
+        self._value = np.where(is_accepted, value, self._value)
+        self._gradient = np.where(is_accepted[:, None], gradient, self._gradient)
+        return acceptance, np.isinf(energy_gain)
+
+    def _trajectory(
+        self, momentum: FloatArray, n_steps: int, step: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The end of leapfrog steps from the present points: the chains themselves do not move.
+
+        Returns the points, (chains, coordinates), their log density and gradient, and the gain of
+        energy, (chains,), which is infinite if the trajectory diverged.
+        """
+        metric = self._metric
+        x = self._x  # (chains, coordinates), as momentum
+        first_energy = _kinetic(momentum) - self._value  # (chains,)
+        push = 0.5 * step * metric.to_momentum(self._gradient)  # of half a step
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
-            # A leapfrog step. A NaN is not below the limit, and counts as divergent. A chain that
-            # diverged waits for the other chains without momentum.
+            # A NaN is not below the limit, and counts as divergent. A chain that diverged waits for
+            # the other chains without momentum.
             momentum = momentum + push
             is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST)
             momentum[is_divergent] = 0.0
@@ -264,15 +279,7 @@ class Hamiltonian:
             momentum = momentum + push
             energy_gain = _kinetic(momentum) - value - first_energy
             is_divergent |= ~(energy_gain < _LARGEST)
-
-        # Metropolis: a trajectory is accepted with the probability exp(-gain of energy).
-        log_acceptance = np.where(is_divergent, -np.inf, -energy_gain)
-        acceptance = np.exp(np.minimum(log_acceptance, 0.0))
-        is_accepted = self._rng.uniform(size=len(x)) < acceptance
-        self._x = np.where(is_accepted[:, None], x, self._x)
-        self._value = np.where(is_accepted, value, self._value)
-        self._gradient = np.where(is_accepted[:, None], gradient, self._gradient)
-        return acceptance, is_divergent
+        return x, value, gradient, np.where(is_divergent, np.inf, energy_gain)
 
 
 def _kinetic(momentum: FloatArray) -> FloatArray:

@@ -382,8 +382,7 @@ class _State:
     mixture : PriorMixture
     rng : Generator
     pool : WeightedDraws
-        The draws by which the mixture was adapted. Their proposal density is the sum over rounds of
-        the number of draws times the density of the round's mixture.
+        The draws by which the mixture was adapted, of all rounds, see :meth:`add_to_pool`.
     rounds : list of (PriorMixture, int)
         The mixture of every round of the pool, with its number of draws.
     fresh : WeightedDraws
@@ -401,9 +400,12 @@ class _State:
     poor_refits: int = 0
 
     def add_to_pool(self, draws: WeightedDraws) -> None:
-        """Add draws of the present mixture to the pool."""
-        log_count = np.log(len(draws.x))
+        """Add draws of the present mixture to the pool.
+
+        The proposal density of the pool is the sum of n q(x) over rounds of n draws, of density q.
+        """
         pool = self.pool
+        log_count = np.log(len(draws.x))
         # The density at the pool grows by the density of the present mixture.
         log_added = self.mixture.log_density(pool.x, pool.log_prior) + log_count
         log_proposal_at_pool = np.logaddexp(pool.log_proposal, log_added)

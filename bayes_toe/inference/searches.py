@@ -103,11 +103,11 @@ def paper_maxima(posterior: PaperPosterior) -> Ascent:
     offset_values = (-0.93, 0.07, 1.01)
     gamma_values = (0.12, 0.88)
     log_width_values = (-1.0, 0.0, 1.0)
-    axes = np.meshgrid(offset_values, gamma_values, log_width_values, share_logit_values)
-    offset, gamma, log_width, share_logit = np.reshape(axes, (4, -1))
+    grid = np.meshgrid(offset_values, gamma_values, log_width_values, share_logit_values)
+    offset, gamma, log_width, share_logit = np.reshape(grid, (4, -1))  # (starts,) each
 
-    # The coordinates of each point of the grid: scores of mu1 and of the spread, then the probits
-    # of gamma and of the share, which is q0 or the lapse rate.
+    # The coordinates of each start: scores of mu1 and of the spread, then the probits of gamma and
+    # of the share, which is q0 or the lapse rate.
     p = pull(gamma)
     width = step * np.exp(log_width)  # the grid has the log of the width in steps
     mu1 = subject.mean_first + offset * step / p  # as offset = p (mu1 - mean_first)
