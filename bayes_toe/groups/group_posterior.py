@@ -68,28 +68,28 @@ class SubjectRows(LinearLikelihood):
     @classmethod
     def from_subjects(
         cls,
-        rows: Sequence[Subject],
+        units: Sequence[Subject],
         scales: Sequence[StimulusScales],
         first_row: IntArray,
         differences: NamedArrays,
     ) -> SubjectRows:
-        """The likelihood of rows, each of which is a subject or a subject in a condition.
+        """The likelihood of units, which are subjects, or subjects in a condition: a row each.
 
         Parameters
         ----------
-        rows, scales
+        units, scales
             Counts and scales of every row.
         first_row : ndarray of int
             The first row of every subject.
         differences : mapping of str to ndarray, shape (rows, columns)
             The design of the conditions for each parameter that may differ between them.
         """
-        task = rows[0].task  # of all rows
+        task = units[0].task  # of all units
         names = [parameter.name for parameter in task_parameters(task)]
         shared_names = [parameter.name for parameter in group_parameters(task)]
         unshared_names = [name for name in names if name not in shared_names]
 
-        ones = np.ones((len(rows), 1))
+        ones = np.ones((len(units), 1))
         loading = loading_of(
             names,
             [
@@ -99,7 +99,7 @@ class SubjectRows(LinearLikelihood):
             ],
         )
         return cls(
-            ObserverRows.from_subjects(rows, PLAIN_UNITS, scales),
+            ObserverRows.from_subjects(units, PLAIN_UNITS, scales),
             loading,
             first_row,
             n_coefficients=loading.shape[2] - len(unshared_names),

@@ -484,31 +484,33 @@ def _has_heavy_draws(draws: WeightedDraws, precision: Precision) -> bool:
 
 
 def _refit(state: _State, precision: Precision) -> None:
-    """Give a mixture components at its heaviest draws, and adapt it to all draws that were made.
+    """Give the mixture of `state` components at its heaviest draws, and adapt it to all draws.
 
-    The draws so far join the pool, and `fresh` becomes empty, because the mixture changes.
+    The draws so far join the pool, and `state.fresh` becomes empty, because the mixture changes.
     """
     mixture = state.mixture
     draws = state.fresh
     state.add_to_pool(draws)
     state.fresh = draws.part(slice(0))  # no draw
 
-    # The shape of a new component comes from the 120 draws nearest to it.
+    heaviest = np.argsort(-draws.log_weights)[: precision.n_added]
+    core = mixture.core
+    added = _components_at(
+        draws.x[heaviest][:, mixture.is_free], state.pool.x[:, mixture.is_free], core.df
+    )
+    widened = replace(mixture, core=core.joined(added, share=1.0 / 16.0))
+    state.mixture = widened.updated(state.pool, precision)
+
+
+def _components_at(centres: FloatArray, points: FloatArray, df: int) -> StudentMixture:
+    """A component at each centre, (J, D), with the covariance of the 120 points nearest to it."""
     n_nearest = 120
-    n_added = precision.n_added
-    heaviest = np.argsort(-draws.log_weights)[:n_added]
-    centres = draws.x[heaviest][:, mixture.is_free]
-    points = state.pool.x[:, mixture.is_free]
     sds = points.std(axis=0)
     scales = []
     for centre in centres:
-        deviations = points - centre
+        deviations = points - centre  # (points, D)
         distances = np.square(deviations / sds).sum(axis=1)
         nearest = deviations[np.argpartition(distances, n_nearest)[:n_nearest]]
         scales.append(nearest.T @ nearest / n_nearest)  # the covariance about the centre
-
-    weights = np.full(n_added, 1.0 / n_added)
-    core = mixture.core
-    added = StudentMixture(weights, centres, np.array(scales), core.df)
-    widened = replace(mixture, core=core.joined(added, share=1.0 / 16.0))
-    state.mixture = widened.updated(state.pool, precision)
+    weights = np.full(len(centres), 1.0 / len(centres))
+    return StudentMixture(weights, centres, np.array(scales), df)

@@ -11,10 +11,11 @@ with c = p (mu1 - sbar), sbar the mean first stimulus of the subject; gamma and 
 :mod:`bayes_toe.model.paper_equations`. Which is stronger has the lapse rate lambda in the place of
 q0.
 
-There are four coordinates u: the score of mu1; the score of the width w or of sigma_p, whichever
-has a prior of its own; the probit of gamma; the probit of q0 or of lambda. A score is that of
-:mod:`bayes_toe.model.densities`. :class:`PaperRows` has the answers, :class:`PaperPosterior` the
-posterior, and :class:`FunnelArray` the posterior in coordinates without a funnel.
+There are four coordinates u: the score of mu1; the score of the spread, which is the width w or
+sigma_p, whichever has a prior of its own; the probit of gamma; the probit of the share, which is q0
+or lambda. A score is that of :mod:`bayes_toe.model.densities`. :class:`PaperRows` has the answers,
+:class:`PaperPosterior` the posterior, and :class:`FunnelArray` the posterior in coordinates without
+a funnel.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class LinearLikelihood:
         return np.diff(np.append(self.first_row, len(self.loading)))
 
     def part(self, index: IndexArray) -> LinearLikelihood:
-        """The likelihood of some posteriors, in this order; an index may come more than once."""
+        """The likelihood of the posteriors with these indices; an index may come more than once."""
         sizes = self.sizes[index]
         first_row = np.cumsum(sizes) - sizes  # of each posterior in the part
         # Row i of the part is row i + shift of all rows, with one shift for each posterior.
@@ -89,7 +89,7 @@ class LinearLikelihood:
         return sums
 
     def summed(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Sums over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
+        """Sums of values over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
         if len(self.first_row) == len(values):  # each posterior has one row
             return values
         return np.add.reduceat(values, self.first_row, axis=0)
@@ -121,7 +121,7 @@ class PosteriorArray:
         return len(self.is_free)
 
     def part(self, index: IndexArray) -> PosteriorArray:
-        """Some posteriors, in this order; an index may come more than once."""
+        """The posteriors with these indices; an index may come more than once."""
         return replace(self, likelihood=self.likelihood.part(index), is_free=self.is_free[index])
 
     @cached_property
