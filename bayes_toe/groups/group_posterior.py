@@ -227,8 +227,8 @@ class Coefficients(NamedTuple):
     """
 
     share: FloatArray  # s = 1/(1 + h tau^2)
-    pull: FloatArray  # h (e - mu), by which the responses of a subject move a from mu
-    value: FloatArray  # a = s mu + (1 - s) e + tau s^(1/2) xi = mu + tau^2 s pull + tau s^(1/2) xi
+    slope_at_mu: FloatArray  # h (e - mu), the slope of the likelihood's normal in a, at mu
+    value: FloatArray  # a, as mu + tau^2 s h (e - mu) + tau s^(1/2) xi
     score: FloatArray  # u = (a - mu) / tau
 
 
@@ -294,7 +294,7 @@ class GroupPosterior:
         The shape is (subjects, points, q). By the chain rule, with the prior of the scores u: its
         log has the slope -u du/dxi in xi, and so on.
         """
-        share, pull, _, score = coefficients
+        share, slope_at_mu, _, score = coefficients
         precision = self.fits.precision[:, None]  # h, (subjects, 1, q)
         root = np.sqrt(share)  # du/dxi
         unit = tau * root  # da/dxi
@@ -303,8 +303,8 @@ class GroupPosterior:
         score_fall = precision * tau * share  # -du/dmu, and minus the slope of the log Jacobian
         by_expected = by_value * share + score * score_fall  # da/dmu is the share
 
-        value_rise = share * root * (2.0 * unit * pull + xi)  # da/dtau
-        score_rise = share * pull * (2.0 * share - 1.0) - root * score_fall * xi  # du/dtau
+        value_rise = share * root * (2.0 * unit * slope_at_mu + xi)  # da/dtau
+        score_rise = share * slope_at_mu * (2.0 * share - 1.0) - root * score_fall * xi  # du/dtau
         by_sd = by_value * value_rise - score * score_rise - score_fall
         return by_xi, by_expected, by_sd
 
@@ -372,12 +372,12 @@ class GroupPosterior:
         """The coefficients of the subjects from their coordinates xi, (subjects, points, q)."""
         precision = self.fits.precision[:, None]  # h, (subjects, 1, q)
         expected = mean + np.einsum("nr,prq->npq", self.x, effects)  # mu
-        pull = self.fits.information[:, None] - precision * expected
+        slope_at_mu = self.fits.information[:, None] - precision * expected
         share = 1.0 / (1.0 + precision * np.square(tau))
         root = np.sqrt(share)
         unit = tau * root
-        value = expected + np.square(unit) * pull + unit * xi
-        return Coefficients(share, pull, value, score=tau * share * pull + root * xi)
+        value = expected + np.square(unit) * slope_at_mu + unit * xi
+        return Coefficients(share, slope_at_mu, value, score=tau * share * slope_at_mu + root * xi)
 
     def _subject_points(self, coefficients: FloatArray, unshared: FloatArray) -> FloatArray:
         """Points w, (subjects, points, q + unshared), from coefficients and further coordinates.
