@@ -32,10 +32,10 @@ from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, NamedArrays, Rng
 from bayes_toe.data.conditions import StimulusScales
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
-from bayes_toe.model.densities import half_normal_score
+from bayes_toe.model.densities import by_coordinate, half_normal_score
 from bayes_toe.model.observer import ObserverRows
 from bayes_toe.model.parameters import ObserverPrior, group_parameters, task_parameters
-from bayes_toe.model.posterior_array import LinearLikelihood
+from bayes_toe.model.posterior_array import LinearLikelihood, loading_of
 
 #: In these units a coordinate of the observer is c/D, p, log(sigma_d/D) or logit q0 itself, and not
 #: that quantity over its prior's scale.
@@ -68,42 +68,43 @@ class SubjectRows(LinearLikelihood):
     @classmethod
     def from_subjects(
         cls,
-        rows: Sequence[Subject],
+        units: Sequence[Subject],
         scales: Sequence[StimulusScales],
         first_row: IntArray,
         differences: NamedArrays,
     ) -> SubjectRows:
-        """The likelihood of rows, each of which is a subject or a subject in a condition.
+        """The likelihood of units, which are subjects, or subjects in a condition: a row each.
 
         Parameters
         ----------
-        rows, scales
+        units, scales
             Counts and scales of every row.
         first_row : ndarray of int
             The first row of every subject.
         differences : mapping of str to ndarray, shape (rows, columns)
             The design of the conditions for each parameter that may differ between them.
         """
-        # The observer's parameters by their coordinates, and the coordinates that the group shares.
-        # All rows have one task.
-        observer_rows = ObserverRows.from_subjects(rows, PLAIN_UNITS, scales)
-        names = [parameter.name for parameter in task_parameters(rows[0].task)]
-        shared_coordinates = [
-            names.index(parameter.name) for parameter in group_parameters(rows[0].task)
-        ]
-        unshared_coordinates = np.delete(np.arange(len(names)), shared_coordinates).tolist()
+        task = units[0].task  # of all units
+        names = [parameter.name for parameter in task_parameters(task)]
+        shared_names = [parameter.name for parameter in group_parameters(task)]
+        unshared_names = [name for name in names if name not in shared_names]
 
-        # A loading, (rows, coordinates of a row, coordinates of w), has a column of the identity
-        # for each parameter, and the design of the conditions in the row of a differing parameter.
-        identity = np.tile(np.eye(len(names)), (len(rows), 1, 1))
-        blocks = [identity.take(shared_coordinates, axis=2)]
-        for name, condition_design in differences.items():
-            block = np.zeros((len(rows), len(names), condition_design.shape[1]))
-            block[:, names.index(name)] = condition_design
-            blocks.append(block)
-        loading = np.concatenate([*blocks, identity.take(unshared_coordinates, axis=2)], axis=2)
-        n_coefficients = loading.shape[2] - len(unshared_coordinates)
-        return cls(observer_rows, loading, first_row, n_coefficients, unshared_coordinates)
+        ones = np.ones((len(units), 1))
+        loading = loading_of(
+            names,
+            [
+                *((name, ones) for name in shared_names),
+                *differences.items(),
+                *((name, ones) for name in unshared_names),
+            ],
+        )
+        return cls(
+            ObserverRows.from_subjects(units, PLAIN_UNITS, scales),
+            loading,
+            first_row,
+            n_coefficients=loading.shape[2] - len(unshared_names),
+            unshared_coordinates=list(map(names.index, unshared_names)),
+        )
 
     @property
     def n_subjects(self) -> int:
@@ -122,14 +123,9 @@ class SubjectRows(LinearLikelihood):
 
     def log_unshared_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the unshared parameters, (..., unshared) -> (...), and their slopes."""
-        total = np.zeros(unshared.shape[:-1])
-        slopes = np.empty_like(unshared)
-        for j, coordinate in enumerate(self.unshared_coordinates):  # each has its own prior
-            density = self.rows.priors[coordinate]
-            u = unshared[..., j]
-            total += density.log_density(u)
-            slopes[..., j] = density.slope(u)
-        return total, slopes
+        priors = tuple(self.rows.priors[coordinate] for coordinate in self.unshared_coordinates)
+        log_densities = by_coordinate(priors, "log_density", unshared)
+        return log_densities.sum(axis=-1), by_coordinate(priors, "slope", unshared)
 
 
 class SeparateFits(NamedTuple):
@@ -154,26 +150,47 @@ class SeparateFits(NamedTuple):
 
 
 def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits:
-    """Each subject's maximum by Fisher scoring, with the normal that approximates it.
+    """The normal that approximates each subject's posterior at its maximum.
 
-    All subjects move at once. A step that lowers the log density of a subject is not made; the next
-    step of that subject is shorter.
+    The prior of a subject is normal here. Unshared parameters have SD 1. A coefficient has the sum
+    of two variances: that of the group mean, and that between subjects.
     """
-    n = rows.n_subjects
-    k = rows.n_coordinates
     q = rows.n_coefficients
-    # The normal prior of a point, (k,). Unshared parameters have SD 1. A coefficient has the sum of
-    # two variances: that of the group mean, and that between subjects.
-    prior_mean = np.zeros(k)
-    prior_precision = np.ones(k)
+    prior_mean = np.zeros(rows.n_coordinates)
+    prior_precision = np.ones(rows.n_coordinates)
     prior_mean[:q] = numbers.mean
     prior_precision[:q] = 1.0 / (np.square(numbers.mean_scale) + np.square(numbers.sd_scale))
+    mode, information = _scored_maxima(rows, prior_mean, prior_precision)
+
+    # The precision of the responses is that of the posterior less that of the prior. Where nothing
+    # is left, the responses say nothing, and h e is 0 as h is.
+    variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)  # (subjects, q + unshared)
+    precision_of_responses = np.maximum(1.0 / variance[:, :q] - prior_precision[:q], 0.0)
+    information_of_responses = mode[:, :q] / variance[:, :q] - prior_precision[:q] * prior_mean[:q]
+    information_of_responses[precision_of_responses <= 0.0] = 0.0
+
+    # How the mode of the unshared parameters v moves with the coefficients a: -I_vv^-1 I_va.
+    ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
+    # The lapse rate is the first of the unshared parameters. It trades off against the noise along
+    # a curve, not a line.
+    ridge[:, 0] = 0.0
+    fits = (mode, np.sqrt(variance), information_of_responses, precision_of_responses, ridge)
+    # Single precision is enough, and the same on processors whose last bits differ.
+    return SeparateFits(*(values.astype(np.float32).astype(np.float64) for values in fits))
+
+
+def _scored_maxima(
+    rows: SubjectRows, prior_mean: FloatArray, prior_precision: FloatArray
+) -> ArrayPair:
+    """The maximum of each subject's log density, (n, k), and the information there, (n, k, k).
+
+    The prior is normal, with this mean and precision, (k,) each. By Fisher scoring all subjects
+    move at once. A step that lowers the log density of a subject is not made; the next step of that
+    subject is shorter.
+    """
 
     def scored(w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log density, gradient and Fisher information at a point of each subject, (n, k).
-
-        The shapes are (n,), (n, k) and (n, k, k).
-        """
+        """Log density, (n,), gradient, (n, k), and information, (n, k, k), at w, (n, k)."""
         value, slope, information = rows.scoring(w[:, None])  # with an axis of one point
         deviation = w - prior_mean
         return (
@@ -182,9 +199,9 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
             information[:, 0] + np.diag(prior_precision),
         )
 
-    w = np.tile(prior_mean, (n, 1))
+    w = np.tile(prior_mean, (rows.n_subjects, 1))
     value, slope, information = scored(w)
-    share = np.ones((n, 1))  # of a full step, for each subject
+    share = np.ones((rows.n_subjects, 1))  # of a full step, for each subject
     for _ in range(_SCORING_STEPS):
         step = np.linalg.solve(information, slope[..., None])[..., 0]
         trial = w + share * step
@@ -192,6 +209,7 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
         # Where the gain is lost in rounding errors, any step is as good.
         expected_gain = (step * slope).sum(axis=1)
         is_better = (trial_value > value) | (expected_gain < _SMALL_GAIN)
+
         # Subjects with a better point move there: their values change in place.
         for values, new_values in zip(
             (w, value, slope, information), (trial, trial_value, *trial_slopes), strict=True
@@ -199,30 +217,28 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
             values[is_better] = new_values[is_better]
         # After a step that is made, the next share is twice as large; otherwise it is a quarter.
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
+    return w, information
 
-    # The precision of the responses is that of the posterior less that of the prior. Where nothing
-    # is left, the responses say nothing, and h e is 0 as h is.
-    variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)  # (n, k)
-    precision_of_responses = np.maximum(1.0 / variance[:, :q] - prior_precision[:q], 0.0)
-    information_of_responses = w[:, :q] / variance[:, :q] - prior_precision[:q] * prior_mean[:q]
-    information_of_responses[precision_of_responses <= 0.0] = 0.0
-    # How the mode of the unshared parameters v moves with the coefficients a: -I_vv^-1 I_va.
-    ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
-    # The lapse rate is the first of the unshared parameters. It trades off against the noise along
-    # a curve, not a line.
-    ridge[:, 0] = 0.0
-    fits = (w, np.sqrt(variance), information_of_responses, precision_of_responses, ridge)
-    # Single precision is enough, and the same on processors whose last bits differ.
-    return SeparateFits(*(values.astype(np.float32).astype(np.float64) for values in fits))
+
+class Coefficients(NamedTuple):
+    """The coefficients of the subjects, with the parts of their formula in the module's docstring.
+
+    The shape is (subjects, points, q).
+    """
+
+    share: FloatArray  # s = 1/(1 + h tau^2)
+    slope_at_mu: FloatArray  # h (e - mu), the slope of the likelihood's normal in a, at mu
+    value: FloatArray  # a, as mu + tau^2 s h (e - mu) + tau s^(1/2) xi
+    score: FloatArray  # u = (a - mu) / tau
 
 
 @dataclass(frozen=True, eq=False)
 class GroupPosterior:
     """Log density of the joint posterior, with its gradient.
 
-    A point theta has the means, scores of the standard deviations and effects, then a block for
-    each subject: xi of its coefficients, and the parameters that are not shared, counted from their
-    mode. The mode of a slope moves with the coefficients, because slopes trade off against p.
+    A point theta has the means, scores of the standard deviations and effects, then for each
+    subject xi of its coefficients, and the parameters that are not shared, counted from their mode.
+    The mode of a slope moves with the coefficients, because slopes trade off against p.
 
     Attributes
     ----------
@@ -242,79 +258,66 @@ class GroupPosterior:
         """Number of coordinates of the group; they come first."""
         return int(self.rows.n_coefficients * (2 + self.x.shape[1]))
 
-    @property
-    def n_coordinates(self) -> int:
-        """Number of all coordinates."""
-        return self.n_shared + self.rows.n_subjects * self.rows.n_coordinates
-
     def __call__(self, theta: FloatArray) -> ArrayPair:
-        """Log density, (points,), and gradient, (points, n_coordinates).
-
-        The names are those of the module's docstring: `expected` is mu, and `score` is u.
-        """
+        """Log density, (points,), and gradient at theta, (points, coordinates)."""
         numbers = self.numbers
         q = self.rows.n_coefficients
-        fits = self.fits
-        precision = fits.precision[:, None]  # h, (subjects, 1, q)
-        information = fits.information[:, None]  # h e
-        mean, sd_score, effects, block = self._split(theta)
-        xi = block[..., :q]  # (subjects, points, q)
-        unshared = block[..., q:]
+        mean, sd_score, effects, xi, unshared = self._split(theta)
         tau, tau_rise, log_prior_of_sd, slope_of_sd_prior = numbers.sds(sd_score)  # (points, q)
-        expected = self._subject_means(mean, effects)  # (subjects, points, q)
-
-        # With s the share and h (e - mu) the pull of the responses, the coefficients are
-        # a = mu + tau^2 s h (e - mu) + tau s^(1/2) xi, and their scores u = (a - mu) / tau.
-        share = 1.0 / (1.0 + precision * np.square(tau))
-        root = np.sqrt(share)
-        unit = tau * root  # tau s^(1/2), the step of a for one of xi
-        pull = information - precision * expected
-        score = tau * share * pull + root * xi
-        w = self._subject_points(expected + np.square(unit) * pull + unit * xi, unshared)
+        coefficients = self._coefficients(mean, tau, effects, xi)
+        w = self._subject_points(coefficients.value, unshared)
 
         log_likelihood, likelihood_slope = self.rows.gradient(w)
         log_unshared, unshared_slope = self.rows.log_unshared_prior(w[..., q:])
-        # Normal prior of the scores, with the Jacobian |du/dxi| = s^(1/2).
-        log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
+        # Normal prior of the scores u, with the Jacobian |du/dxi| = s^(1/2).
+        log_scores = 0.5 * np.log(coefficients.share) - 0.5 * np.square(coefficients.score)
         log_mean, mean_slope = numbers.prior_of_mean(mean)
         log_effect, effect_slope = numbers.prior_of_effect(effects)
         log_prior = (log_mean + log_prior_of_sd).sum(axis=-1) + log_effect.sum(axis=(1, 2))
-        value = log_prior + (log_likelihood + log_unshared + log_scores).sum(axis=0)
+        log_density_of_subjects = log_likelihood + log_unshared + log_scores.sum(axis=-1)
+        value = log_prior + log_density_of_subjects.sum(axis=0)
 
-        # Slopes in a and in the coordinates of a subject, then in mu and tau, by the chain rule.
-        # The log prior of a score has the slope -u du/dxi in xi, and so on.
+        # Slopes in the subjects' parameters, (subjects, points, ...), then in those of the group.
         by_unshared = likelihood_slope[..., q:] + unshared_slope
-        by_coefficient = likelihood_slope[..., :q] + by_unshared @ fits.ridge
-        by_xi = by_coefficient * unit - score * root
-        score_fall = precision * tau * share  # -du/dmu, and minus the slope of the log Jacobian
-        by_expected = by_coefficient * share + score * score_fall  # da/dmu is the share
-        coefficient_rise = share * root * (2.0 * unit * pull + xi)  # da/dtau
-        score_rise = share * pull * (2.0 * share - 1.0) - root * score_fall * xi  # du/dtau
-        by_sd = by_coefficient * coefficient_rise - score * score_rise - score_fall
-
+        by_coefficient = likelihood_slope[..., :q] + by_unshared @ self.fits.ridge
+        by_xi, by_expected, by_sd = self._coefficient_slopes(coefficients, tau, xi, by_coefficient)
         mean_slope = mean_slope + by_expected.sum(axis=0)
         sd_slope = slope_of_sd_prior + by_sd.sum(axis=0) * tau_rise
         effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)
-        subject_slope = np.concatenate([by_xi, by_unshared], axis=-1).swapaxes(0, 1)
-        slopes = (mean_slope, sd_slope, effect_slope, subject_slope)  # in the order of theta
-        return value, np.concatenate([slope.reshape(len(theta), -1) for slope in slopes], axis=1)
+        return value, self._join(mean_slope, sd_slope, effect_slope, by_xi, by_unshared)
+
+    def _coefficient_slopes(
+        self, coefficients: Coefficients, tau: FloatArray, xi: FloatArray, by_value: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Slopes of the log density in xi, mu and tau, from its slope `by_value` in a.
+
+        The shape is (subjects, points, q). By the chain rule, with the prior of the scores u: its
+        log has the slope -u du/dxi in xi, and so on.
+        """
+        share, slope_at_mu, _, score = coefficients
+        precision = self.fits.precision[:, None]  # h, (subjects, 1, q)
+        root = np.sqrt(share)  # du/dxi
+        unit = tau * root  # da/dxi
+        by_xi = by_value * unit - score * root
+
+        score_fall = precision * tau * share  # -du/dmu, and minus the slope of the log Jacobian
+        by_expected = by_value * share + score * score_fall  # da/dmu is the share
+
+        value_rise = share * root * (2.0 * unit * slope_at_mu + xi)  # da/dtau
+        score_rise = share * slope_at_mu * (2.0 * share - 1.0) - root * score_fall * xi  # du/dtau
+        by_sd = by_value * value_rise - score * score_rise - score_fall
+        return by_xi, by_expected, by_sd
 
     def points(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The parameters of coordinates theta, shape (points, n_coordinates).
+        """The parameters of coordinates theta, shape (points, coordinates).
 
         Means and standard deviations, (points, q), effects, (points, covariates, q), and the
-        subjects' points w, (points, subjects, q + unshared). The coefficients follow from xi as in
-        a call.
+        subjects' points w, (points, subjects, q + unshared).
         """
-        q = self.rows.n_coefficients
-        mean, sd_score, effects, block = self._split(theta)
+        mean, sd_score, effects, xi, unshared = self._split(theta)
         tau, *_ = self.numbers.sds(sd_score)  # without densities and slopes
-        expected = self._subject_means(mean, effects)
-        precision = self.fits.precision[:, None]
-        unit = tau / np.sqrt(1.0 + precision * np.square(tau))
-        pull = self.fits.information[:, None] - precision * expected
-        coefficients = expected + np.square(unit) * pull + unit * block[..., :q]
-        points = self._subject_points(coefficients, block[..., q:])
+        coefficients = self._coefficients(mean, tau, effects, xi)
+        points = self._subject_points(coefficients.value, unshared)
         return mean, tau, effects, points.swapaxes(0, 1)
 
     def start(self, n_points: int, rng: Rng) -> FloatArray:
@@ -324,47 +327,65 @@ class GroupPosterior:
         2. The latter are at least 0.3 of their scale, because separate fits may hardly differ.
         """
         q = self.rows.n_coefficients
-        fits = self.fits
-        mode = fits.mode[:, :q]
+        mode = self.fits.mode[:, :q]
         spread = np.maximum(mode.std(axis=0), 0.3 * self.numbers.sd_scale)  # (q,)
         standard_error = spread / np.sqrt(self.rows.n_subjects)
 
-        # Means, scores of standard deviations, effects, and the blocks of the subjects.
-        theta = np.zeros((n_points, self.n_coordinates))
-        theta[:, :q] = mode.mean(axis=0) + 2.0 * standard_error * rng.standard_normal((n_points, q))
+        mean = mode.mean(axis=0) + 2.0 * standard_error * rng.standard_normal((n_points, q))
         sd = spread * np.exp(0.7 * rng.standard_normal((n_points, q)))  # exp(0.7) is 2
-        theta[:, q : 2 * q] = half_normal_score(sd / self.numbers.sd_scale)
-        effect_sd = np.tile(standard_error, self.x.shape[1])  # effects of covariates are about 0
-        effect_scores = rng.standard_normal((n_points, len(effect_sd)))
-        theta[:, 2 * q : self.n_shared] = effect_sd * effect_scores
-        # A block has the q scores xi, which are standard normal, and then the unshared parameters.
+        sd_score = half_normal_score(sd / self.numbers.sd_scale)
+        # Effects of covariates are about 0.
+        effects = standard_error * rng.standard_normal((n_points, self.x.shape[1], q))
+        # A subject has q scores xi, which are standard normal, and then the unshared parameters.
         block = rng.standard_normal((n_points, self.rows.n_subjects, self.rows.n_coordinates))
-        block[..., q:] *= fits.sd[:, q:]
-        theta[:, self.n_shared :] = block.reshape(n_points, -1)
-        return theta
+        xi, unshared = np.split(block.swapaxes(0, 1), [q], axis=-1)
+        return self._join(mean, sd_score, effects, xi, unshared * self.fits.sd[:, None, q:])
+
+    def _split(self, theta: FloatArray) -> tuple[FloatArray, ...]:
+        """The parts of theta: means, scores of SDs, effects, xi, and the unshared parameters.
+
+        The last two have the shape (subjects, points, ...), and the others (points, ...).
+        """
+        q = self.rows.n_coefficients
+        n_points = len(theta)
+        mean, sd_score, effects, block = np.split(theta, (q, 2 * q, self.n_shared), axis=1)
+        block = block.reshape(n_points, self.rows.n_subjects, self.rows.n_coordinates)
+        xi, unshared = np.split(block.swapaxes(0, 1), [q], axis=-1)
+        return mean, sd_score, effects.reshape(n_points, -1, q), xi, unshared
+
+    def _join(
+        self,
+        mean: FloatArray,
+        sd_score: FloatArray,
+        effects: FloatArray,
+        xi: FloatArray,
+        unshared: FloatArray,
+    ) -> FloatArray:
+        """Theta, or slopes in it, (points, coordinates): the inverse of `_split`."""
+        block = np.concatenate([xi, unshared], axis=-1).swapaxes(0, 1)
+        parts = (mean, sd_score, effects, block)
+        return np.concatenate([part.reshape(len(mean), -1) for part in parts], axis=1)
+
+    def _coefficients(
+        self, mean: FloatArray, tau: FloatArray, effects: FloatArray, xi: FloatArray
+    ) -> Coefficients:
+        """The coefficients of the subjects from their coordinates xi, (subjects, points, q)."""
+        precision = self.fits.precision[:, None]  # h, (subjects, 1, q)
+        expected = mean + np.einsum("nr,prq->npq", self.x, effects)  # mu
+        slope_at_mu = self.fits.information[:, None] - precision * expected
+        share = 1.0 / (1.0 + precision * np.square(tau))
+        root = np.sqrt(share)
+        unit = tau * root
+        value = expected + np.square(unit) * slope_at_mu + unit * xi
+        return Coefficients(share, slope_at_mu, value, score=tau * share * slope_at_mu + root * xi)
 
     def _subject_points(self, coefficients: FloatArray, unshared: FloatArray) -> FloatArray:
         """Points w, (subjects, points, q + unshared), from coefficients and further coordinates.
 
         The coordinates of unshared parameters count from their mode given the coefficients.
         """
-        n_coefficients = self.rows.n_coefficients
+        q = self.rows.n_coefficients
         # With an axis for the points, (subjects, 1, ...).
-        mode, unshared_mode = np.split(self.fits.mode[:, None], [n_coefficients], axis=-1)
+        mode, unshared_mode = np.split(self.fits.mode[:, None], [q], axis=-1)
         shift = (coefficients - mode) @ self.fits.ridge.swapaxes(1, 2)
         return np.concatenate([coefficients, unshared_mode + shift + unshared], axis=-1)
-
-    def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The parts of theta: means, scores of sds, effects, and the blocks of the subjects.
-
-        The blocks have the shape (subjects, points, ...).
-        """
-        q = self.rows.n_coefficients
-        n_points = len(theta)
-        mean, sd_score, effects, block = np.split(theta, (q, 2 * q, self.n_shared), axis=1)
-        block = block.reshape(n_points, self.rows.n_subjects, self.rows.n_coordinates)
-        return mean, sd_score, effects.reshape(n_points, -1, q), block.swapaxes(0, 1)
-
-    def _subject_means(self, mean: FloatArray, effects: FloatArray) -> FloatArray:
-        """The mean mu of subjects with their covariates, (subjects, points, q)."""
-        return mean + np.einsum("nr,prq->npq", self.x, effects)

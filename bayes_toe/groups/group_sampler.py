@@ -159,31 +159,37 @@ class Hamiltonian:
         self._adapt_step(_ROUNDS[0])  # the step for the last metric
 
     def advance(
-        self,
-        outputs: Sequence[FloatArray],
-        parameters: Callable[[FloatArray], Sequence[FloatArray]],
-    ) -> int:
-        """Fill arrays with draws; return how often a trajectory diverged.
+        self, n_draws: int, parameters: Callable[[FloatArray], Sequence[FloatArray]]
+    ) -> tuple[list[FloatArray], int]:
+        """Draws of the parameters, and how often a trajectory diverged.
 
         One in eight trajectories has steps of a fifth, so that a chain can leave a region in which
         the common step is too long.
 
         Parameters
         ----------
-        outputs : sequence of ndarray, shape (chains, draws, ...)
-            The arrays that are filled, one for each parameter.
+        n_draws : int
+            Draws of each chain.
         parameters : callable
             Points, (chains, coordinates) -> the parameters, (chains, ...) each.
+
+        Returns
+        -------
+        list of ndarray, shape (chains, draws, ...)
+            The draws of each parameter.
+        int
         """
-        n_draws = outputs[0].shape[1]
+        draws = []
+        for values in parameters(self._x):
+            draws.append(np.empty((len(values), n_draws, *values.shape[1:])))
         is_careful = self._rng.uniform(size=n_draws) < 0.125
         n_divergent = 0
         for t, factor in enumerate(np.where(is_careful, 0.2, 1.0).tolist()):
             _, is_divergent = self._move(factor)
             n_divergent += int(is_divergent.sum())
-            for output, values in zip(outputs, parameters(self._x), strict=True):
-                output[:, t] = values
-        return n_divergent
+            for parameter_draws, values in zip(draws, parameters(self._x), strict=True):
+                parameter_draws[:, t] = values
+        return draws, n_divergent
 
     def _adapt_step(
         self,
@@ -227,7 +233,7 @@ class Hamiltonian:
     def _move(
         self, factor: float = 1.0, most_steps: int = _MOST_STEPS
     ) -> tuple[FloatArray, BoolArray]:
-        """Move every chain along a trajectory: its acceptance, and whether it diverged, (chains,).
+        """Move every chain by a trajectory; return acceptances and whether it diverged, (chains,).
 
         The steps of this trajectory are those of the sampler times the factor.
         """
@@ -238,17 +244,32 @@ class Hamiltonian:
         # With the most steps a trajectory may end early: no step is longer than the common step.
         step = factor * min(length / n_steps, self.step)
 
-        metric = self._metric
         momentum = self._rng.standard_normal(self._x.shape)
-        x = self._x  # (chains, coordinates)
-        value = self._value
-        gradient = self._gradient
-        first_energy = _kinetic(momentum) - value  # (chains,)
-        push = 0.5 * step * metric.to_momentum(gradient)  # of half a step
+        x, value, gradient, energy_gain = self._trajectory(momentum, n_steps, step)
+        # Metropolis: a trajectory is accepted with the probability exp(-gain of energy).
+        acceptance = np.exp(np.minimum(-energy_gain, 0.0))
+        is_accepted = self._rng.uniform(size=len(x)) < acceptance
+        self._x = np.where(is_accepted[:, None], x, self._x)
+        self._value = np.where(is_accepted, value, self._value)
+        self._gradient = np.where(is_accepted[:, None], gradient, self._gradient)
+        return acceptance, np.isinf(energy_gain)
+
+    def _trajectory(
+        self, momentum: FloatArray, n_steps: int, step: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The end of leapfrog steps from the present points: the chains themselves do not move.
+
+        Returns the points, (chains, coordinates), their log density and gradient, and the gain of
+        energy, (chains,), which is infinite if the trajectory diverged.
+        """
+        metric = self._metric
+        x = self._x  # (chains, coordinates), as momentum
+        first_energy = _kinetic(momentum) - self._value  # (chains,)
+        push = 0.5 * step * metric.to_momentum(self._gradient)  # of half a step
         is_divergent = np.zeros(len(x), bool)
         for _ in range(n_steps):
-            # A leapfrog step. A NaN is not below the limit, and counts as divergent. A chain that
-            # diverged waits for the other chains without momentum.
+            # A NaN is not below the limit, and counts as divergent. A chain that diverged waits for
+            # the other chains without momentum.
             momentum = momentum + push
             is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST)
             momentum[is_divergent] = 0.0
@@ -258,15 +279,7 @@ class Hamiltonian:
             momentum = momentum + push
             energy_gain = _kinetic(momentum) - value - first_energy
             is_divergent |= ~(energy_gain < _LARGEST)
-
-        # Metropolis: a trajectory is accepted with the probability exp(-gain of energy).
-        log_acceptance = np.where(is_divergent, -np.inf, -energy_gain)
-        acceptance = np.exp(np.minimum(log_acceptance, 0.0))
-        is_accepted = self._rng.uniform(size=len(x)) < acceptance
-        self._x = np.where(is_accepted[:, None], x, self._x)
-        self._value = np.where(is_accepted, value, self._value)
-        self._gradient = np.where(is_accepted[:, None], gradient, self._gradient)
-        return acceptance, is_divergent
+        return x, value, gradient, np.where(is_divergent, np.inf, energy_gain)
 
 
 def _kinetic(momentum: FloatArray) -> FloatArray:
@@ -334,23 +347,17 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     sampler = Hamiltonian(posterior, start, metric, rng)
     sampler.warm_up()
 
-    n_first = math.ceil(n_draws / N_CHAINS)  # of each chain
-    # The second half takes no memory before it is written.
-    outputs = [  # mean, sd, effects and subjects
-        np.empty((N_CHAINS, 2 * n_first, *values.shape[1:])) for values in posterior.points(start)
-    ]
-    first_half = [output[:, :n_first] for output in outputs]
-    n_divergent = sampler.advance(first_half, posterior.points)
-    # A matrix product may round otherwise where memory has gaps, as it has in the half of an array.
-    # The subjects, by far the largest array, are in no such product.
-    *group_arrays, subjects = first_half
-    first_draws = [*map(np.copy, group_arrays), subjects]
-    draws = GroupDraws(*first_draws, n_divergent=n_divergent)
+    n_each = math.ceil(n_draws / N_CHAINS)  # of each chain
+    arrays, n_divergent = sampler.advance(n_each, posterior.points)
+    draws = GroupDraws(*arrays, n_divergent=n_divergent)
     if not draws.shortfall:
         return draws
 
     if n_divergent:
         sampler.step *= 0.4  # shorter steps follow the density where it bends
-        n_first = 0  # the draws so far are written over
-    n_divergent = sampler.advance([output[:, n_first:] for output in outputs], posterior.points)
-    return GroupDraws(*outputs, n_divergent=n_divergent)
+        arrays, n_divergent = sampler.advance(2 * n_each, posterior.points)
+    else:
+        further_arrays, n_divergent = sampler.advance(n_each, posterior.points)
+        pairs = zip(arrays, further_arrays, strict=True)
+        arrays = [np.concatenate(pair, axis=1) for pair in pairs]  # along the draws
+    return GroupDraws(*arrays, n_divergent=n_divergent)

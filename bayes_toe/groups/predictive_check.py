@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray, Texts
 from bayes_toe.data.study import pairs_in_both_orders, units_by_subject
@@ -80,8 +81,9 @@ def contradictions(result: PopulationResult) -> Texts:
 def predictive_check(result: PopulationResult) -> list[Statistic]:
     """Compare the differences between subjects with new groups drawn from the posterior.
 
-    Statistics are missing for fewer than three subjects. Asymmetries count only subjects who met a
-    pair in both orders.
+    Statistics are missing for fewer than three subjects. A mean asymmetry is the mean difference in
+    wrong responses between both orders of a pair. Only subjects who met a pair in both orders have
+    one.
     """
     task = result.study.task
     likelihood = subject_rows(result.study)  # a row for each unit of subject and condition
@@ -98,7 +100,12 @@ def predictive_check(result: PopulationResult) -> list[Statistic]:
     for i, unit in enumerate(units):
         # The indices of each pair in both orders, (pairs, 2), first with the weaker stimulus first.
         signs[i, pairs_in_both_orders(unit)] = -1.0, 1.0
-    n_compared = likelihood.summed((signs > 0.0).sum(axis=1))  # pairs of different stimuli
+
+    def per_subject(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Sums over the units and pairs of each subject, (rows, pairs) -> (subjects,)."""
+        return likelihood.summed(values.sum(axis=1))
+
+    n_compared = per_subject(signs > 0.0)  # pairs of different stimuli, met in both orders
     is_compared = n_compared > 0
 
     asymmetries = []  # of the observed group, and then of new groups
@@ -106,12 +113,10 @@ def predictive_check(result: PopulationResult) -> list[Statistic]:
     for n_yes in chain([observed], _simulated_counts(result, likelihood, n_trials)):
         # Laplace's estimator of the frequency of a wrong response, (rows, pairs).
         wrong_share = (task.wrong(difference, n_yes, n_trials) + 1.0) / (n_trials + 2.0)
-        total = likelihood.summed((signs * wrong_share).sum(axis=1))
-        asymmetries.append(total[is_compared] / n_compared[is_compared])
+        differences = per_subject(signs * wrong_share)
+        asymmetries.append(differences[is_compared] / n_compared[is_compared])
         # The share of the counted response.
-        shares.append(
-            likelihood.summed(n_yes.sum(axis=1)) / likelihood.summed(n_trials.sum(axis=1))
-        )
+        shares.append(per_subject(n_yes) / per_subject(n_trials))
     return [
         *_statistics("mean asymmetry", np.array(asymmetries)),
         *_statistics(f"share of {task.yes!r}", np.array(shares)),

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaincinv, logsumexp, ndtri, stdtrit
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.inference.diagnostics import errors
@@ -53,14 +53,37 @@ class ZeroBayesFactor(NamedTuple):
 def zero_mean(
     draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, j: int
 ) -> ZeroBayesFactor:
-    """The Bayes factor for the mean of coefficient j, with covariates at their reference."""
-    # Coefficients without the effects of covariates, (chains, draws, subjects). Their mean over the
-    # subjects is e, and the width is v.
-    residual = draws.subjects[..., j] - draws.effects[..., j] @ x.T
-    centre = residual.mean(axis=-1)
-    width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
-    log_at_zero = _log_normal_density(centre, np.square(width))  # the likelihood at a mean of 0
-    return _zero_bayes_factor(log_at_zero - _log_marginal_density(centre, width, numbers, j))
+    """The Bayes factor of 0 for the mean of coefficient j, with covariates at their reference."""
+    centre, variance = _regression(draws, x, 0, j)
+    log_at_zero = _log_normal_density(centre, variance)  # the likelihood at a mean of 0
+    return _zero_bayes_factor(log_at_zero - _log_marginal_density(centre, variance, numbers, j))
+
+
+def zero_effect(
+    draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, i: int, j: int
+) -> ZeroBayesFactor:
+    """The Bayes factor of 0 for the effect of covariate i on coefficient j."""
+    centre, variance = _regression(draws, x, i + 1, j)
+    # The prior of the effect is Normal(0, sd_scale^2), so that the estimate has both variances.
+    log_marginal = _log_normal_density(centre, variance + np.square(numbers.sd_scale[j]))
+    return _zero_bayes_factor(_log_normal_density(centre, variance) - log_marginal)
+
+
+def _regression(draws: GroupDraws, x: FloatArray, column: int, j: int) -> ArrayPair:
+    """Estimate and variance of one weight in the regression of coefficient j, (chains, draws) each.
+
+    The weights are the mean (column 0) and the effects of the covariates x, (subjects, covariates).
+    Given the other weights in each draw, the likelihood of the weight is normal, with
+    the estimate z'r / z'z and the variance tau^2 / z'z: r is what the others leave, and z the
+    column of the weight.
+    """
+    design = np.column_stack([np.ones(len(x)), x])  # (subjects, columns)
+    weights = np.concatenate([draws.mean[..., None, j], draws.effects[..., j]], axis=-1)
+    others = np.delete(np.arange(design.shape[1]), column)
+    residual = draws.subjects[..., j] - weights[..., others] @ design[:, others].T
+
+    z = design[:, column]
+    return residual @ z / (z @ z), np.square(draws.sd[..., j]) / (z @ z)
 
 
 def approximate_zero_mean(
@@ -102,47 +125,26 @@ def approximate_zero_mean(
     squares = np.square(estimates[:, None] - centre[..., None]) / variance
     log_mass = -0.5 * ((squares + np.log(variance)).sum(axis=-1) + np.log(precision))
     log_at_zero = logsumexp(log_mass + _log_normal_density(centre, 1.0 / precision), axis=-1)
-    log_marginal = _log_marginal_density(centre, 1.0 / np.sqrt(precision), numbers, j=0)
+    log_marginal = _log_marginal_density(centre, 1.0 / precision, numbers, j=0)
     return np.asarray(log_at_zero - logsumexp(log_mass + log_marginal, axis=-1))
 
 
 def _log_marginal_density(
-    centre: FloatArray, width: FloatArray, numbers: HyperpriorNumbers, j: int
+    centre: FloatArray, variance: FloatArray, numbers: HyperpriorNumbers, j: int
 ) -> FloatArray:
-    """Log of the integral of Normal(centre; m, width^2) prior(m) dm over the mean of a coefficient.
+    """Log of the integral of Normal(centre; m, variance) prior(m) dm over the mean m.
 
-    The result has the shape of centre and width. The variances of two normals add up.
+    The mean is that of coefficient j. The result has the shape of centre and variance. The
+    variances of two normals add up.
     """
     distance = centre - numbers.mean[j]
     scale_squared = numbers.mean_scale[j] ** 2
     if not numbers.has_heavy_tails[j]:
-        return _log_normal_density(distance, np.square(width) + scale_squared)
-    # The variances of the mixture are on a further axis, the last one.
-    variance = np.square(width)[..., None] + scale_squared * _STUDENT_VARIANCES
-    log_densities = _log_normal_density(distance[..., None], variance)
+        return _log_normal_density(distance, variance + scale_squared)
+    # Student's t is a mixture of normals, whose variances are on a further axis, the last one.
+    variances = variance[..., None] + scale_squared * _STUDENT_VARIANCES
+    log_densities = _log_normal_density(distance[..., None], variances)
     return np.asarray(logsumexp(log_densities + _LOG_STUDENT_SHARES, axis=-1))
-
-
-def zero_effect(
-    draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, i: int, j: int
-) -> ZeroBayesFactor:
-    """The Bayes factor for the effect of covariate i on coefficient j.
-
-    Given all else, the likelihood of the effect is that of a regression through the origin.
-    """
-    # What the mean and the other covariates leave, (chains, draws, subjects).
-    other_covariates = np.delete(np.arange(x.shape[1]), i)
-    deviation = draws.subjects[..., j] - draws.mean[..., j, None]
-    residual = deviation - draws.effects[..., other_covariates, j] @ x[:, other_covariates].T
-    # The estimate x'r / x'x and its variance tau^2 / x'x, (chains, draws).
-    squares = np.square(x[:, i]).sum()
-    centre = residual @ x[:, i] / squares
-    variance = np.square(draws.sd[..., j]) / squares
-
-    # The prior of the effect is Normal(0, sd_scale^2), so that the estimate has both variances.
-    prior_variance = np.square(numbers.sd_scale[j])
-    log_marginal = _log_normal_density(centre, variance + prior_variance)
-    return _zero_bayes_factor(_log_normal_density(centre, variance) - log_marginal)
 
 
 def zero_difference(

@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import AnyRng, BoolArray, FloatArray, IndexArray, Rng
 from bayes_toe.inference.maxima import Ascent
-from bayes_toe.inference.mixture import StudentMixture, WeightedDraws, tempered
+from bayes_toe.inference.mixture import StudentMixture, WeightedDraws, flattened_weights
 from bayes_toe.model.posterior_array import PosteriorArray
 
 _CLOUD = 400  # points of the normal about a maximum
@@ -46,8 +46,8 @@ class Precision:
     floor : float
         Weight that all components share equally, in addition to the weight 1 that the draws
         distribute.
-    tempered : float
-        Weights are flattened until they have so many effective draws.
+    em_draws : float
+        For EM the weights of draws are flattened until so many draws are effective.
     em_steps : int
         Steps of EM in a round.
     n_added : int
@@ -68,7 +68,7 @@ class Precision:
     pool_rounds: int = 2
     prior_share: float = 0.1
     floor: float = 0.4
-    tempered: float = 60.0
+    em_draws: float = 60.0
     em_steps: int = 1
     n_added: int = 1
     largest_share: float = 0.03
@@ -88,7 +88,7 @@ SHARP = Precision(
     pool_rounds=3,
     prior_share=0.03,
     floor=0.05,
-    tempered=400.0,
+    em_draws=400.0,
     em_steps=3,
     n_added=4,
     largest_share=1.0,
@@ -103,7 +103,8 @@ SHARP = Precision(
 class PriorMixture:
     """The proposal of one posterior: a mixture of Student-t densities, and a share of the prior.
 
-    The core is adapted to draws. The cover, if there is one, is adapted to a flattened posterior.
+    The core is adapted to the posterior. The cover, if there is one, is adapted to a flattened
+    posterior, and so reaches into its tails.
 
     A coordinate that the posterior does not have stays at 0 and is no dimension of the mixture.
     """
@@ -133,10 +134,10 @@ class PriorMixture:
         The core follows the draws by their flattened weights. The cover is wide, because it follows
         the posterior density to the power 0.3. It begins with six components.
         """
-        # Effective draws that move a component half of the way: twice the number of coordinates.
-        inertia = 2.0 * len(self.is_free)
+        inertia = 2.0 * len(self.is_free)  # effective draws that move a component half of the way
         points = draws.x[:, self.is_free]
-        weights = tempered(draws.log_weights, precision.tempered)
+
+        weights = flattened_weights(draws.log_weights, precision.em_draws)
         core = self.core
         for _ in range(precision.em_steps):
             core = core.em_step(points, weights, precision.floor, inertia)
@@ -144,7 +145,7 @@ class PriorMixture:
             return replace(self, core=core)
 
         flat_log_weights = 0.3 * draws.log_posterior - draws.log_proposal
-        flat_weights = tempered(flat_log_weights, precision.tempered)
+        flat_weights = flattened_weights(flat_log_weights, precision.em_draws)
         cover = self.cover or _components(points, flat_weights, n=6, df=core.df)
         # Two steps, because the cover need not fit well; with a high floor no component disappears.
         for _ in range(2):
@@ -193,13 +194,10 @@ def mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> PriorMixture:
 def mixture_of_clouds(
     clouds: Sequence[FloatArray], maxima: Ascent, posterior: PosteriorArray, rng: Rng
 ) -> PriorMixture:
-    """About twelve components in clouds of points about every maximum, (n, d) each.
+    """A mixture for one posterior: half of it about every maximum, and half over the prior.
 
-    Six more components with half of the weight are at draws from the prior, chosen from 2,000 by a
-    likelihood that is flattened to 200 effective draws. These components find what lies far from
-    every maximum, such as a ridge.
-
-    `posterior` is an array of one posterior.
+    The first half has about twelve components in the clouds, which are points about every maximum,
+    (n, d) each. `posterior` is an array of one posterior.
     """
     is_free = posterior.is_free[0]
     n_each = 12 // len(clouds) + 1  # components of each cloud
@@ -210,14 +208,22 @@ def mixture_of_clouds(
     weights = np.repeat(_laplace_weights(maxima), n_each) / n_each
     means = np.concatenate([mixture.means for mixture in cloud_mixtures])
     scales = np.concatenate([mixture.scales for mixture in cloud_mixtures])
-    core = StudentMixture(weights, means, scales, df)
+    about_maxima = StudentMixture(weights, means, scales, df)
+    core = about_maxima.joined(_prior_components(posterior, df, rng), share=0.5)
+    # Only fits of the precision `SHARP` begin with this mixture, so its share of the prior holds.
+    return PriorMixture(is_free, core, SHARP.prior_share)
 
+
+def _prior_components(posterior: PosteriorArray, df: int, rng: Rng) -> StudentMixture:
+    """Six components that find what lies far from every maximum, such as a ridge.
+
+    They are at draws from the prior of one posterior, chosen from 2,000 by a likelihood that is
+    flattened to 200 effective draws.
+    """
     points = posterior.prior_points(rng.uniform(size=(1, 2000, len(posterior.names))))
     log_prior, log_posterior = posterior.densities(points)
-    flat_likelihood = tempered((log_posterior - log_prior)[0], least=200.0)
-    prior_components = _components(points[0][:, is_free], flat_likelihood, n=6, df=df)
-    # Only fits of the precision `SHARP` begin with this mixture, so its share of the prior holds.
-    return PriorMixture(is_free, core.joined(prior_components, share=0.5), SHARP.prior_share)
+    weights = flattened_weights((log_posterior - log_prior)[0], least=200.0)
+    return _components(points[0][:, posterior.is_free[0]], weights, n=6, df=df)
 
 
 def normal_clouds(maxima: Ascent, rng: Rng) -> list[FloatArray]:
@@ -300,12 +306,23 @@ def fitted_draws(
             state.add_to_pool(draws)
             state.mixture = state.mixture.updated(state.pool, precision)
 
-    # Draw from the fixed mixtures, until every posterior has enough draws.
+    # Draw from the fixed mixtures, until every posterior has enough draws or too little evidence.
     while active:
         round_draws = _draw_round(posteriors, states, active, precision)
         for i, draws in zip(active, round_draws, strict=True):
             states[i].fresh = states[i].fresh.joined(draws)
-        active = _unfinished(active, states, families, precision)
+
+        log_evidences = np.array([state.fresh.log_evidence for state in states])
+        still_active = []
+        for i in active:
+            best = log_evidences[families == families[i]].max()
+            if _is_negligible(states[i].fresh, best):
+                continue
+            needs_more = _needs_more(states[i].fresh, precision)
+            was_refitted = _refit_if_bad(states[i], precision)
+            if needs_more or was_refitted:
+                still_active.append(i)
+        active = still_active
     return [state.mixture for state in states], [state.fresh for state in states]
 
 
@@ -324,21 +341,36 @@ def fresh_draws(
         probability[i] = rng.uniform(size=shape[1:])
         points[i], is_from_prior[i] = mixture.sample(rng, size)
 
-    # Only draws from the prior need its quantiles, which take long. `positions`, (posteriors,
-    # n_most), has the positions of these draws. A posterior with fewer such draws has further
-    # positions behind them, whose points stay.
-    n_most = is_from_prior.sum(axis=1).max()
-    positions = np.argsort(~is_from_prior, axis=1, kind="stable")[:, :n_most]
-    index = np.arange(len(posteriors))[:, None], positions
-    prior_points = posteriors.prior_points(probability[index])
-    points[index] = np.where(is_from_prior[index][..., None], prior_points, points[index])
-
+    points = _with_prior_points(posteriors, points, is_from_prior, probability)
     log_prior, log_posterior = posteriors.densities(points)
     draws = []
     for i, mixture in enumerate(mixtures):
         log_proposal = mixture.log_density(points[i], log_prior[i])
         draws.append(WeightedDraws(points[i], log_prior[i], log_posterior[i], log_proposal))
     return draws
+
+
+def _with_prior_points(
+    posteriors: PosteriorArray,
+    points: FloatArray,
+    is_from_prior: BoolArray,
+    probability: FloatArray,
+) -> FloatArray:
+    """Points, (posteriors, n, d), of which those from the prior are replaced by its quantiles.
+
+    Only these points, (posteriors, n), need quantiles at `probability`, because quantiles take
+    long.
+    """
+    # The positions of points from the prior, (posteriors, n_most). A posterior with fewer of them
+    # has other positions behind, whose points stay.
+    n_most = is_from_prior.sum(axis=1).max()
+    positions = np.argsort(~is_from_prior, axis=1, kind="stable")[:, :n_most]
+    index = np.arange(len(posteriors))[:, None], positions
+    prior_points = posteriors.prior_points(probability[index])
+
+    replaced = points.copy()
+    replaced[index] = np.where(is_from_prior[index][..., None], prior_points, points[index])
+    return replaced
 
 
 @dataclass(eq=False)
@@ -350,8 +382,7 @@ class _State:
     mixture : PriorMixture
     rng : Generator
     pool : WeightedDraws
-        The draws by which the mixture was adapted. Their proposal density is the sum over rounds of
-        the number of draws times the density of the round's mixture.
+        The draws by which the mixture was adapted, of all rounds, see :meth:`add_to_pool`.
     rounds : list of (PriorMixture, int)
         The mixture of every round of the pool, with its number of draws.
     fresh : WeightedDraws
@@ -369,9 +400,12 @@ class _State:
     poor_refits: int = 0
 
     def add_to_pool(self, draws: WeightedDraws) -> None:
-        """Add draws of the present mixture to the pool."""
-        log_count = np.log(len(draws.x))
+        """Add draws of the present mixture to the pool.
+
+        The proposal density of the pool is the sum of n q(x) over rounds of n draws, of density q.
+        """
         pool = self.pool
+        log_count = np.log(len(draws.x))
         # The density at the pool grows by the density of the present mixture.
         log_added = self.mixture.log_density(pool.x, pool.log_prior) + log_count
         log_proposal_at_pool = np.logaddexp(pool.log_proposal, log_added)
@@ -401,33 +435,23 @@ def _draw_round(
     )
 
 
-def _unfinished(
-    active: Sequence[int], states: Sequence[_State], families: IndexArray, precision: Precision
-) -> list[int]:
-    """The posteriors that need more draws; a mixture that fits badly is refitted.
+def _is_negligible(draws: WeightedDraws, best_log_evidence: float) -> bool:
+    """Whether an evidence, even with three standard errors more, is 8 nats below the best one.
 
-    A posterior needs no more draws if its evidence, even with three standard errors more, is at
-    least 8 nats below the best evidence of its family: its share of the sum is below exp(-8).
+    Its share of the sum is then below exp(-8).
     """
-    log_evidences = np.array([state.fresh.log_evidence for state in states])
-    unfinished = []
-    for i in active:
-        draws = states[i].fresh
-        best = log_evidences[families == families[i]].max()
-        if log_evidences[i] + 3.0 * draws.standard_error < best - 8.0:
-            continue
+    return draws.log_evidence + 3.0 * draws.standard_error < best_log_evidence - 8.0
 
-        is_precise = draws.standard_error <= precision.standard_error
-        has_enough = is_precise and draws.effective_number >= precision.effective_draws
-        needs_more = not has_enough and len(draws.x) < precision.most_draws
-        was_refitted = _refit_if_bad(states[i], precision)
-        if was_refitted or needs_more:
-            unfinished.append(i)
-    return unfinished
+
+def _needs_more(draws: WeightedDraws, precision: Precision) -> bool:
+    """Whether the evidence is not yet precise, or the draws too few, and more draws are allowed."""
+    is_precise = draws.standard_error <= precision.standard_error
+    has_enough = is_precise and draws.effective_number >= precision.effective_draws
+    return not has_enough and len(draws.x) < precision.most_draws
 
 
 def _refit_if_bad(state: _State, precision: Precision) -> bool:
-    """Refit a mixture that misses a part of its posterior; return whether it was refitted."""
+    """Refit the mixture of `state` if it misses a part of its posterior; say whether it did."""
     draws = state.fresh
     if len(draws.x) < _FEWEST_ASSESSED or state.refits >= precision.most_refits:
         return False
@@ -460,31 +484,33 @@ def _has_heavy_draws(draws: WeightedDraws, precision: Precision) -> bool:
 
 
 def _refit(state: _State, precision: Precision) -> None:
-    """Give a mixture components at its heaviest draws, and adapt it to all draws that were made.
+    """Give the mixture of `state` components at its heaviest draws, and adapt it to all draws.
 
-    The draws so far join the pool, and `fresh` becomes empty, because the mixture changes.
+    The draws so far join the pool, and `state.fresh` becomes empty, because the mixture changes.
     """
     mixture = state.mixture
     draws = state.fresh
     state.add_to_pool(draws)
     state.fresh = draws.part(slice(0))  # no draw
 
-    # The shape of a new component comes from the 120 draws nearest to it.
+    heaviest = np.argsort(-draws.log_weights)[: precision.n_added]
+    core = mixture.core
+    added = _components_at(
+        draws.x[heaviest][:, mixture.is_free], state.pool.x[:, mixture.is_free], core.df
+    )
+    widened = replace(mixture, core=core.joined(added, share=1.0 / 16.0))
+    state.mixture = widened.updated(state.pool, precision)
+
+
+def _components_at(centres: FloatArray, points: FloatArray, df: int) -> StudentMixture:
+    """A component at each centre, (J, D), with the covariance of the 120 points nearest to it."""
     n_nearest = 120
-    n_added = precision.n_added
-    heaviest = np.argsort(-draws.log_weights)[:n_added]
-    centres = draws.x[heaviest][:, mixture.is_free]
-    points = state.pool.x[:, mixture.is_free]
     sds = points.std(axis=0)
     scales = []
     for centre in centres:
-        deviations = points - centre
+        deviations = points - centre  # (points, D)
         distances = np.square(deviations / sds).sum(axis=1)
         nearest = deviations[np.argpartition(distances, n_nearest)[:n_nearest]]
         scales.append(nearest.T @ nearest / n_nearest)  # the covariance about the centre
-
-    weights = np.full(n_added, 1.0 / n_added)
-    core = mixture.core
-    added = StudentMixture(weights, centres, np.array(scales), core.df)
-    widened = replace(mixture, core=core.joined(added, share=1.0 / 16.0))
-    state.mixture = widened.updated(state.pool, precision)
+    weights = np.full(len(centres), 1.0 / len(centres))
+    return StudentMixture(weights, centres, np.array(scales), df)

@@ -13,6 +13,7 @@ A parameter that the prior determines does not count, so few pairs do not make a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -164,57 +165,68 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     """
     # The maximum comes first; 2000 draws are enough for a mean.
     points = np.vstack([maximum, thinned(x, 2000)])
-    # The questions to all pairs: all pairs of the first question, then all of the second question.
+    asked, n_yes, n_trials, log_yes, log_no = _asked_questions(posterior, points)
+    deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)  # (1 + draws, questions)
+    deviance = float(deviances[0].sum())
+    n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance  # p_D
+
+    freedom = len(asked) - len(posterior.coordinates)
+    if freedom > 0:
+        effective_freedom = len(asked) - n_determined
+        fit_p = deviance_p_value(deviance, effective_freedom, n_trials, log_yes[0], log_no[0])
+    else:
+        fit_p = float("nan")
+
+    shares = np.stack([n_yes / n_trials, np.exp(log_yes[0])])
+    worst = _worst_pairs(posterior.subject, asked, np.sqrt(deviances[0]), shares)
+    return GoodnessOfFit(deviance, freedom, fit_p, worst)
+
+
+class _Questions(NamedTuple):
+    """The questions that were asked: two for a pair with three answers, see :func:`log_questions`.
+
+    Attributes
+    ----------
+    asked : ndarray of int, shape (questions,)
+        The pair of the first question, and the number of pairs more for the second question.
+    n_yes, n_trials : ndarray, shape (questions,)
+    log_yes, log_no : ndarray, shape (points, questions)
+    """
+
+    asked: IndexArray
+    n_yes: FloatArray
+    n_trials: FloatArray
+    log_yes: FloatArray
+    log_no: FloatArray
+
+
+def _asked_questions(posterior: SubjectPosterior, points: FloatArray) -> _Questions:
+    """The questions to a subject, with the log probabilities of their answers at points."""
     questions = log_questions(posterior.log_answers(points))
-    log_yes, log_no = np.concatenate(questions, axis=-1)  # (points, questions) each
+    log_yes, log_no = np.concatenate(questions, axis=-1)  # all pairs of a question, then the next
 
     counts = posterior.rows.counts[0, :, 0]  # of the one row, (answers, pairs)
     # A question is asked until an answer is counted: in fewer trials than the question before.
     n_yes = counts[:-1].ravel()
     n_trials = np.concatenate([counts[i:].sum(axis=0) for i in range(len(questions))])
     # With three answers, the second question to a pair has no trial if all answers are 'equal'.
-    asked_questions = np.flatnonzero(n_trials)
-    n_trials = n_trials[asked_questions]
-    n_yes = n_yes[asked_questions]
-    log_yes = log_yes[:, asked_questions]
-    log_no = log_no[:, asked_questions]
-
-    deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)  # (1 + draws, questions)
-    deviance = float(deviances[0].sum())
-    n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance
-
-    freedom = len(asked_questions) - len(posterior.coordinates)
-    if freedom > 0:
-        effective_freedom = len(asked_questions) - n_determined
-        fit_p = deviance_p_value(deviance, effective_freedom, n_trials, log_yes[0], log_no[0])
-    else:
-        fit_p = float("nan")
-
-    shares = np.stack([n_yes / n_trials, np.exp(log_yes[0])])
-    return GoodnessOfFit(
-        deviance,
-        freedom,
-        fit_p,
-        _worst_pairs(posterior.subject, asked_questions, np.sqrt(deviances[0]), shares),
-    )
+    asked = np.flatnonzero(n_trials)
+    return _Questions(asked, n_yes[asked], n_trials[asked], log_yes[:, asked], log_no[:, asked])
 
 
 def _worst_pairs(
-    subject: Subject, asked_questions: IndexArray, residuals: FloatArray, shares: FloatArray
+    subject: Subject, asked: IndexArray, residuals: FloatArray, shares: FloatArray
 ) -> tuple[PairResidual, ...]:
-    """The pairs with the largest residuals, see :class:`GoodnessOfFit`.
+    """The pairs with the largest residuals, see :class:`GoodnessOfFit` and :class:`_Questions`.
 
-    `asked_questions` has the index of every question that was asked. The indices run over all pairs
-    of the first question, then over all pairs of the second question. `shares` has the observed and
-    the expected share of the counted answer to each question that was asked, (2, questions).
+    `shares` has the observed and the expected share of the counted answer, (2, questions).
     """
     largest_first = np.argsort(-residuals, kind="stable").tolist()
     worst: list[PairResidual] = []
     for i in largest_first[:3]:
         if worst and residuals[i] < 2.0:  # all but the first need a residual of 2
             break
-        # Indices below n_pairs belong to question 0, and the next n_pairs indices to question 1.
-        question, pair = divmod(int(asked_questions[i]), subject.n_pairs)
+        question, pair = divmod(int(asked[i]), subject.n_pairs)
         observed_and_expected = shares[:, i]
         if question == 1:  # asked where the answer to question 0, of index `pair`, was no
             observed_and_expected = observed_and_expected * (1.0 - shares[:, pair])

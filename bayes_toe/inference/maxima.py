@@ -197,30 +197,36 @@ def polished(posteriors: PosteriorArray, owners: IndexArray, starts: FloatArray)
     """Exact maxima from the ends of searches, by Newton's method; arguments as `ascend_from`.
 
     Scoring would need many steps where the answers leave a coordinate open. The curvature is here
-    the negative Hessian, by differences of gradients.
+    the negative Hessian.
     """
     search_posteriors = posteriors.part(owners)
-    # Sizes of the diagonal of the Hessian, (searches, k): they set the steps of the differences.
-    # A search begins with the sizes of scoring, and goes on with the sizes at its last point.
-    sizes = np.diagonal(expansion(search_posteriors, starts).curvature, axis1=1, axis2=2).copy()
+    return ascend(
+        lambda x, index: _newton_expansion(search_posteriors.part(index), x),
+        starts,
+        is_held=~search_posteriors.is_free,
+        least_gain=POLISH_GAIN,
+    )
 
-    def expand(points: FloatArray, index: IndexArray) -> Expansion:
-        """The expansion about the points of some searches; their sizes are updated."""
-        n_points, k = points.shape
-        shifted_points = points + _difference_steps(points, sizes[index])  # (k, points, k)
-        # All points and shifted points at once: the index is repeated k + 1 times.
-        repeated_posteriors = search_posteriors.part(np.resize(index, (k + 1) * n_points))
-        value, flat_gradients, _ = expansion(
-            repeated_posteriors, np.concatenate([points, *shifted_points])
-        )
-        gradients = flat_gradients.reshape(k + 1, n_points, k)  # the first entry is at the points
 
-        second_derivatives = hessian(gradients[1:] - gradients[0], shifted_points - points)
-        diagonal = np.abs(np.diagonal(second_derivatives, axis1=1, axis2=2))
-        sizes[index] = np.where(np.isfinite(diagonal), diagonal, sizes[index])
-        return Expansion(value[:n_points], gradients[0], -second_derivatives)
+def _newton_expansion(posteriors: PosteriorArray, points: FloatArray) -> Expansion:
+    """:func:`expansion`, but with the negative Hessian, by differences of gradients."""
+    n_points, k = points.shape
+    value, gradient, curvature = expansion(posteriors, points)
+    # A step is a millionth of the SD in its coordinate, or larger where the point would hide it by
+    # rounding.
+    inverse_variance = np.diagonal(curvature, axis1=1, axis2=2)  # (points, k)
+    steps = 1e-6 / np.sqrt(np.maximum(inverse_variance, 1e-6))
+    steps = np.maximum(steps, 1e-12 * np.abs(points))
 
-    return ascend(expand, starts, is_held=~search_posteriors.is_free, least_gain=POLISH_GAIN)
+    # From each point a step in each coordinate alone, (k, points, k), all at once.
+    shifted_points = points + np.eye(k)[:, None] * steps
+    lengths = np.einsum("ipi->ip", shifted_points - points)[:, :, None]  # after rounding
+    repeated_posteriors = posteriors.part(np.resize(np.arange(n_points), k * n_points))
+    shifted = expansion(repeated_posteriors, shifted_points.reshape(-1, k))
+    changes = shifted.gradient.reshape(k, n_points, k) - gradient
+    second_derivatives = (changes / lengths).swapaxes(0, 1)  # (points, k, k)
+    symmetric = 0.5 * (second_derivatives + second_derivatives.swapaxes(1, 2))
+    return Expansion(value, gradient, -symmetric)
 
 
 def expansion(posteriors: PosteriorArray, points: FloatArray) -> Expansion:
@@ -266,27 +272,3 @@ def laplace(posteriors: PosteriorArray, maxima: Sequence[Ascent]) -> ArrayPair:
         exact_maxima.value + 0.5 * posteriors.is_free.sum(axis=1) * LOG_2PI - 0.5 * log_determinant
     )
     return exact_maxima.x, np.where(is_proper, log_evidence, np.nan)
-
-
-# --- Hessians ------------------------------------------------------------------------------------
-
-
-def _difference_steps(x: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Steps in one coordinate after the other, (k, points, k).
-
-    Steps are a millionth of 1/|H_ii|^(1/2), or larger where x would hide them by rounding. `sizes`,
-    (points, k), has |H_ii|.
-    """
-    steps = 1e-6 / np.sqrt(np.maximum(sizes, 1e-6))
-    visible_steps = np.maximum(steps, 1e-12 * np.abs(x))  # (points, k)
-    return np.eye(x.shape[1])[:, None] * visible_steps  # each coordinate alone
-
-
-def hessian(change: FloatArray, step: FloatArray) -> FloatArray:
-    """Hessians, (points, k, k), from changes of gradients over steps, (k, points, k) each.
-
-    The first axis is the coordinate that a step changes.
-    """
-    length = np.einsum("ipi->ip", step)  # step i changes coordinate i only
-    rows = change / length[:, :, None]
-    return 0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0))  # symmetric

@@ -111,14 +111,14 @@ class StudentMixture:
         """
         component_weight, scale_weight, new_means, new_scales = self._em_moments(x, weights)
         n_effective = component_weight * effective_number(weights)  # points of each component
-        trust = n_effective / (n_effective + inertia)
+        way = n_effective / (n_effective + inertia)  # the share of the way to the new shape
 
-        means = self.means + trust[:, None] * (new_means - self.means)
+        means = self.means + way[:, None] * (new_means - self.means)
         # The new scales are about the new means. The means go only a part of the way there, and the
         # rest of the way adds to the scales. A scale divides a sum with weights of `scale_weight`
         # by `component_weight`.
         shift_scatter = _outer(new_means - means) * (scale_weight / component_weight)[:, None, None]
-        scales = self.scales + trust[:, None, None] * (new_scales + shift_scatter - self.scales)
+        scales = self.scales + way[:, None, None] * (new_scales + shift_scatter - self.scales)
         scales += 1e-9 * scales * np.eye(x.shape[1])  # positive definite in spite of rounding
 
         shares = component_weight + floor / len(means)
@@ -138,8 +138,9 @@ class StudentMixture:
         dim = x.shape[1]
         n = len(self.means)
         component_weight = np.zeros(n)
-        # Moments of order 0, 1 and 2, about the mean of all points. No component is so far from it
-        # that the subtraction below loses as much as `em_step` adds to a scale.
+        # Moments of order 0, 1 and 2 side by side, (J, 1 + D + D^2), about the mean of all points.
+        # No component is so far from it that the subtraction below loses as much as `em_step` adds
+        # to a scale.
         centre = weights @ x
         moments = np.zeros((n, 1 + dim + dim * dim))
 
@@ -155,10 +156,11 @@ class StudentMixture:
         # `bases` are 1 + d^2 / df, so that a factor of (df + D) / df is left.
         moments *= (self.df + dim) / self.df
         component_weight = np.maximum(component_weight, _TINY)
-        scale_weight = np.maximum(moments[:, 0], _TINY)
-        from_centre = moments[:, 1 : dim + 1] / scale_weight[:, None]
-        second_moments = moments[:, dim + 1 :].reshape(-1, dim, dim)
-        scatter = second_moments - scale_weight[:, None, None] * _outer(from_centre)
+        order_0, order_1, order_2 = np.split(moments, [1, 1 + dim], axis=1)
+        scale_weight = np.maximum(order_0[:, 0], _TINY)
+        from_centre = order_1 / scale_weight[:, None]
+        # About the mean of the component, not about the centre.
+        scatter = order_2.reshape(-1, dim, dim) - scale_weight[:, None, None] * _outer(from_centre)
         return (
             component_weight,
             scale_weight,
@@ -284,10 +286,10 @@ def effective_number(weights: FloatArray) -> float:
     return float(weights.sum() ** 2 / (weights @ weights))
 
 
-def tempered(log_weights: FloatArray, least: float) -> FloatArray:
-    """Weights to the power beta, divided by their sum.
+def flattened_weights(log_weights: FloatArray, least: float) -> FloatArray:
+    """Weights to a power beta that leaves at least `least` effective draws, divided by their sum.
 
-    beta is the first of 1, 0.8, 0.8^2 and so on that leaves `least` effective draws.
+    beta is the first of 1, 0.8, 0.8^2 and so on.
     """
     below_largest = log_weights - log_weights.max()  # the largest weight becomes 1, no overflow
     for beta in 0.8 ** np.arange(200):  # the last beta is 1e-19: all weights are equal

@@ -226,7 +226,7 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
     def __init__(self, fitted: Fitted, settings: SamplerSettings, seed: int, index: int) -> None:
         self._fitted = fitted
         target = fitted.target
-        key = stream(seed, target.subject.name, target.model.name, "ensemble", index)
+        key = stream(seed, target.subject.name, target.model_name, "ensemble", index)
         random = np.random.RandomState(np.random.MT19937(key))
         # Each ensemble begins with its own part of the draws that judged the mixture.
         n_each = len(fitted.draws.x) // settings.ensembles

@@ -12,6 +12,7 @@ from typing import cast
 import numpy as np
 from scipy.special import logit, ndtri
 
+from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.maxima import Ascent, ascend_from
 from bayes_toe.model.densities import probit_of_logit
@@ -34,10 +35,24 @@ _PEAK_START = 2.0
 
 
 def observer_maxima(posteriors: PosteriorArray) -> list[Ascent]:
-    """The ends of searches of every posterior with the observer's coordinates.
+    """The ends of searches of every posterior with the observer's coordinates."""
+    starts, is_held = _observer_starts(posteriors)
+    # A model without a constant error does not have the searches that hold another error than 0.
+    constant_error = posteriors.names.index(CONSTANT_ERROR.name)
+    has_error = posteriors.is_free[:, constant_error]  # (posteriors,)
+    is_at_no_error = starts[:, constant_error] == 0.0  # (searches,)
+    owners, searches = np.nonzero(has_error[:, None] | is_at_no_error)
+    # With millions of trials, 12 steps do not reach a maximum from these starts.
+    ends = ascend_from(posteriors, owners, starts[searches], is_held[searches], most_steps=30)
+    return [ends.part(owners == i) for i in range(len(posteriors))]
 
-    A steep curve and a flat one are where free searches start. Further searches hold a constant
-    error or a lapse rate: a mixture needs their ends, which are beside the maximum.
+
+def _observer_starts(posteriors: PosteriorArray) -> tuple[FloatArray, BoolArray]:
+    """Starts of the searches of a posterior, and which coordinates they hold, (searches, d) each.
+
+    The last two searches are free: they start at a steep curve and at a flat one. The other
+    searches hold a constant error or a lapse rate, because a mixture needs their ends, which are
+    beside the maximum. Coordinates without a value start at 0.
     """
     rows = cast(ObserverRows, posteriors.likelihood.rows)
     noise, lapse_rate, constant_error = map(
@@ -47,25 +62,16 @@ def observer_maxima(posteriors: PosteriorArray) -> list[Ascent]:
     held_values = [(constant_error, value / rows.prior.constant_error_scale) for value in _ERRORS]
     held_values += [(lapse_rate, score) for score in _LAPSE_SCORES]
 
-    # Starts of the searches of a posterior, (searches, d). Two free searches come last. Coordinates
-    # without a value start at 0.
     starts = np.zeros((len(held_values) + 2, len(posteriors.names)))
     is_held = np.zeros(starts.shape, np.bool_)
     for search, (coordinate, value) in enumerate(held_values):
         starts[search, coordinate] = value
         is_held[search, coordinate] = True
-    starts[:, noise] = _STEEP  # also in the searches that hold a value
-    starts[-1, noise] = _FLAT  # in the second free search
+    starts[:-1, noise] = _STEEP
+    starts[-1, noise] = _FLAT
     if PEAK.name in posteriors.names:
         starts[:, posteriors.names.index(PEAK.name)] = _PEAK_START
-
-    # A model without a constant error does not have the searches that hold another error than 0.
-    has_error = posteriors.is_free[:, constant_error]  # (posteriors,)
-    is_at_no_error = starts[:, constant_error] == 0.0  # (searches,)
-    owners, searches = np.nonzero(has_error[:, None] | is_at_no_error)
-    # With millions of trials, 12 steps do not reach a maximum from these starts.
-    ends = ascend_from(posteriors, owners, starts[searches], is_held[searches], most_steps=30)
-    return [ends.part(owners == i) for i in range(len(posteriors))]
+    return starts, is_held
 
 
 # --- The paper's model ---------------------------------------------------------------------------
@@ -97,11 +103,11 @@ def paper_maxima(posterior: PaperPosterior) -> Ascent:
     offset_values = (-0.93, 0.07, 1.01)
     gamma_values = (0.12, 0.88)
     log_width_values = (-1.0, 0.0, 1.0)
-    axes = np.meshgrid(offset_values, gamma_values, log_width_values, share_logit_values)
-    offset, gamma, log_width, share_logit = np.reshape(axes, (4, -1))
+    grid = np.meshgrid(offset_values, gamma_values, log_width_values, share_logit_values)
+    offset, gamma, log_width, share_logit = np.reshape(grid, (4, -1))  # (starts,) each
 
-    # The coordinates of each point of the grid: scores of mu1 and of the spread, then the probits
-    # of gamma and of the share, which is q0 or the lapse rate.
+    # The coordinates of each start: scores of mu1 and of the spread, then the probits of gamma and
+    # of the share, which is q0 or the lapse rate.
     p = pull(gamma)
     width = step * np.exp(log_width)  # the grid has the log of the width in steps
     mu1 = subject.mean_first + offset * step / p  # as offset = p (mu1 - mean_first)
@@ -121,10 +127,10 @@ def paper_maxima(posterior: PaperPosterior) -> Ascent:
 def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
     """The funnel of one posterior by its maxima, the highest first; symbols as in :class:`Funnel`.
 
-    At the highest maximum, where w = w_0, the answers leave the offset p mu1 with the SD `spread`,
-    and `distance` is the SD of the offset between maxima. So there kappa / (w^2 + w_0^2) is to be
-    1 / (spread^2 + distance^2): kappa is 2 w_0^2 / (spread^2 + distance^2), or without 2 w_0^2 if
-    the precision does not follow the width.
+    w_0 is the width w at the highest maximum. There the answers leave the offset p mu1 with the SD
+    `spread`, and `distance` is the SD of the offset between maxima, so that its precision is to be
+    kappa / (w^2 + w_0^2) = 1 / (spread^2 + distance^2). So kappa is 2 w_0^2 / (spread^2 +
+    distance^2), or without 2 w_0^2 if the formula has no divisor w^2 + w_0^2.
 
     Maxima at least 3 nats below the highest one have little of the posterior and do not count.
     """
@@ -147,10 +153,10 @@ def funnel_of_maxima(posterior: PaperPosterior, maxima: Ascent) -> Funnel:
 
     # With several maxima, the offset is as uncertain as the maxima are apart.
     distance = offsets.std()
-    follows_width = 1.0 if distance < spread else 0.0
-    # The log of kappa sd^2, with the factor 2 w_0^2 if the precision follows the width.
-    log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))
-    log_precision += follows_width * (2.0 * log_width + np.log(2.0))
+    log_precision = 2.0 * (np.log(sd) - np.log(np.hypot(spread, distance)))  # of kappa sd^2
+    depends_on_width = bool(distance < spread)
+    if depends_on_width:
+        log_precision += 2.0 * log_width + np.log(2.0)  # the factor 2 w_0^2
 
     centre = (mean_first - mean) / sd
-    return Funnel(rows, centre, offsets.mean() / sd, log_precision, log_width, follows_width)
+    return Funnel(rows, centre, offsets.mean() / sd, log_precision, log_width, depends_on_width)

@@ -71,7 +71,7 @@ class Settings:
 
 def fit_subject(target: SubjectPosterior, seed: int, *, has_chains: bool = False) -> Fitted:
     """The mixture of one posterior; more draws judge it if chains follow, which begin with them."""
-    rng = generator(seed, target.subject.name, target.model.name, "proposal")
+    rng = generator(seed, target.subject.name, target.model_name, "proposal")
     return fit_posterior(target, rng, judging_draws=SHARP.most_draws if has_chains else 4000)
 
 
@@ -80,7 +80,7 @@ def model_evidence(fitted: Fitted, seed: int, size: int) -> Evidence:
 
     Where their weights cannot be trusted, up to two further mixtures are fitted, with more draws.
     """
-    key = seed, fitted.target.subject.name, fitted.target.model.name
+    key = seed, fitted.target.subject.name, fitted.target.model_name
     evidence = importance_evidence(fitted.fresh(generator(*key, "evidence"), size))
     for attempt in range(2):
         if evidence.value is not None:  # it is not withheld

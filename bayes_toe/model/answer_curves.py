@@ -96,17 +96,20 @@ def pair_arrays(
     other subjects get further pairs that nobody answered: their counts are 0.
     """
     n_rows = len(subjects)
+    n_answers = len(counts_by_subject[0])
     n_pairs = max(subject.n_pairs for subject in subjects)
     # The axis of length 1 is for the points.
-    stimuli = np.zeros((3, n_rows, 1, n_pairs))
-    counts = np.zeros((n_rows, len(counts_by_subject[0]), 1, n_pairs))
+    first, difference, middle = np.zeros((3, n_rows, 1, n_pairs))
+    counts = np.zeros((n_rows, n_answers, 1, n_pairs))
     for i, (subject, origin, unit) in enumerate(zip(subjects, origins, units, strict=True)):
-        first = (subject.s1 - origin) / unit
-        second = (subject.s2 - origin) / unit
-        difference = (subject.s2 - subject.s1) / unit  # without the rounding of `first`
-        stimuli[:, i, 0, : subject.n_pairs] = first, difference, 0.5 * (first + second)
-        counts[i, :, 0, : subject.n_pairs] = counts_by_subject[i]
-    return dict(zip(("first", "difference", "middle"), stimuli, strict=True)) | {"counts": counts}
+        s1 = (subject.s1 - origin) / unit
+        s2 = (subject.s2 - origin) / unit
+        pairs = slice(subject.n_pairs)
+        first[i, 0, pairs] = s1
+        middle[i, 0, pairs] = 0.5 * (s1 + s2)
+        difference[i, 0, pairs] = (subject.s2 - subject.s1) / unit  # s2 - s1 would be less exact
+        counts[i, :, 0, pairs] = counts_by_subject[i]
+    return {"first": first, "difference": difference, "middle": middle, "counts": counts}
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,7 @@ from bayes_toe.model.parameters import (
     Parameters,
     task_parameters,
 )
-from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray
+from bayes_toe.model.posterior_array import LinearLikelihood, PosteriorArray, loading_of
 
 #: Prior standard deviation of the difference between two levels, h unit: of the parameter's
 #: coordinate, but for the noise of log sigma_d.
@@ -135,17 +135,14 @@ class ConditionModels:
 
         u are the k coordinates of the observer, and w the d coordinates of a posterior.
         """
-        n_conditions, n_columns = self.design.shape
-        k = len(self.parameters)
-        loading = np.zeros((n_conditions, k, k + len(self.differing_parameters) * n_columns))
-        loading[:, :, :k] = np.eye(k)  # what the conditions share
-        for i, parameter in enumerate(self.differing_parameters):
+        ones = np.ones((len(self.design), 1))
+        columns = [(parameter.name, ones) for parameter in self.parameters]  # shared
+        for parameter in self.differing_parameters:
             sd = DIFFERENCE_SDS[parameter]
             if parameter == NOISE:
                 sd /= self.prior.noise_sd  # a unit of its coordinate is noise_sd of log sigma_d
-            columns = slice(k + i * n_columns, k + (i + 1) * n_columns)
-            loading[:, self.parameters.index(parameter), columns] = sd * self.design
-        return loading
+            columns.append((parameter.name, sd * self.design))
+        return loading_of([parameter.name for parameter in self.parameters], columns)
 
     def _likelihood(self, positions: Sequence[int]) -> LinearLikelihood:
         """The likelihood of the answers of some units, which have one task."""
@@ -160,24 +157,27 @@ class ConditionModels:
         return LinearLikelihood(rows, loading, np.zeros(1, np.intp))
 
     def posteriors(self, choices: Sequence[Collection[Parameter]]) -> PosteriorArray:
-        """A posterior for each choice of the parameters that differ."""
+        """A posterior for each choice of the parameters that differ between the conditions."""
         # One likelihood for each task. The first likelihood has the further likelihoods as a part.
         first_task, *further_tasks = map(self._likelihood, self.units_by_task)
         likelihood = replace(first_task, further_tasks=tuple(further_tasks))
-        # Every choice has this one likelihood.
+        # Every choice has this one likelihood, which has the index 0.
         repeated = likelihood.part(np.zeros(len(choices), np.intp))
 
         # After the observer's coordinates: 'contraction 1', 'contraction 2', one for each column.
-        n_columns = self.design.shape[1]
         names = [parameter.name for parameter in self.parameters]
+        further_parameters = []  # of each further coordinate
         for parameter in self.differing_parameters:
-            names += [f"{parameter.name} {i + 1}" for i in range(n_columns)]
+            for i in range(self.design.shape[1]):
+                names.append(f"{parameter.name} {i + 1}")
+                further_parameters.append(parameter)
 
         is_free = np.ones((len(choices), len(names)), np.bool_)
         for i, choice in enumerate(choices):
-            differs = [parameter in choice for parameter in self.differing_parameters]
-            is_free[i, len(self.parameters) :] = np.repeat(differs, n_columns)
-        further_priors = (StandardNormal(),) * (len(names) - len(self.parameters))
+            is_free[i, len(self.parameters) :] = [
+                parameter in choice for parameter in further_parameters
+            ]
+        further_priors = (StandardNormal(),) * len(further_parameters)
         return PosteriorArray(repeated, tuple(names), further_priors, is_free)
 
     @property

@@ -7,6 +7,7 @@ coordinate that is a score has the density :class:`StandardNormal`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.special import (
@@ -165,6 +166,14 @@ class ProbitOfBeta:
 PriorDensity = StandardNormal | StandardStudent | LogitOfBeta | ProbitOfBeta
 #: The prior of every coordinate, in their order.
 Priors = tuple[PriorDensity, ...]
+
+
+def by_coordinate(
+    priors: Priors, method: Literal["log_density", "slope", "curvature", "quantile"], u: FloatArray
+) -> FloatArray:
+    """The values of a method of the prior of every coordinate, (..., k) -> (..., k)."""
+    columns = [getattr(density, method)(u[..., j]) for j, density in enumerate(priors)]
+    return np.stack(columns, axis=-1)
 
 
 def normal_hazard(u: FloatArray) -> FloatArray:

@@ -96,6 +96,11 @@ class ObserverPosterior(SubjectPosterior):
     prior: ObserverPrior = DEFAULT_PRIOR
     given_scales: StimulusScales | None = None
 
+    @property
+    def model_name(self) -> str:
+        """The name of the model."""
+        return self.model.name
+
     @cached_property
     def scales(self) -> StimulusScales:
         """Location and scales of the stimuli: the given scales, or those of the subject."""
@@ -125,7 +130,12 @@ class ObserverPosterior(SubjectPosterior):
         """The names of the quantities."""
         derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
         # The parameters are both what the model is written in and what the answers depend on.
-        return Names(self.coordinates, self.coordinates, derived, same_ranks={"jnd": "noise"})
+        return Names(
+            natural=self.coordinates,
+            identified=self.coordinates,
+            derived=derived,
+            same_ranks={"jnd": "noise"},
+        )
 
     @property
     def monotone_in(self) -> Determined:
@@ -138,9 +148,9 @@ class ObserverPosterior(SubjectPosterior):
         Quantities are in the unit of the subject's stimuli, natural-log intensity. The rows compute
         in units of D (`scales.step`). An effect that the model does not have is 0.
         """
-        full_points = np.zeros((*x.shape[:-1], len(self.array.names)))
-        full_points[..., self.is_free] = x
-        values = self.rows.quantities(full_points)  # in D, on the scales of the coordinates
+        u = np.zeros((*x.shape[:-1], len(self.array.names)))  # all coordinates of the task
+        u[..., self.is_free] = x
+        values = self.rows.quantities(u)  # in D: "log_noise", "lapse_score" and so on
 
         step = self.scales.step
         log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
@@ -158,7 +168,7 @@ class ObserverPosterior(SubjectPosterior):
         for parameter in task_parameters(self.subject.task):
             if parameter.name in values:
                 by_name[parameter.name] = values[parameter.name] * factors[parameter.unit]
-        # A unit of the row, shape (1, 1), may have added axes to the axes of x.
+        # A factor of shape (1, 1), one row, may have added axes to the axes of x.
         return {name: by_name[name].reshape(x.shape[:-1]) for name in self.names.all}
 
     def points(self, quantities: NamedArrays) -> FloatArray:
@@ -186,9 +196,8 @@ class ObserverPosterior(SubjectPosterior):
 
 # --- Models by name ------------------------------------------------------------------------------
 
-#: The names to type.
-MODEL_NAMES = (*(name.replace(" ", "-") for name in ORDER_MODELS), "paper")
-_ALLOWED_NAMES = ", ".join(MODEL_NAMES)
+#: The names that users type.
+_ALLOWED_NAMES = ", ".join([*ORDER_MODELS, "paper"]).replace("constant error", "constant-error")
 
 
 def require_model(name: str) -> str:

@@ -18,6 +18,7 @@ are those of :mod:`bayes_toe.model.parameters`. The four models
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -55,8 +56,10 @@ DEFAULT_PRIOR = ObserverPrior()
 JND_OVER_NOISE = 0.6744897501960817
 
 
-#: Slopes in z, in ln k (None in 'which is stronger') and in the lapse rate, for each pair.
-Slopes = tuple[FloatArray, FloatArray | None, FloatArray]
+#: Slopes in what the answers to a pair depend on, (rows, points, pairs) each: in "z", the distance;
+#: in "log_k", the log of the criterion k_m, but not in 'which is stronger'; and in "log_attend",
+#: ln(1 - lambda), lambda the lapse rate.
+Slopes = NamedArrays
 
 
 class Curve(NamedTuple):
@@ -65,12 +68,12 @@ class Curve(NamedTuple):
     The shape is (rows, points, pairs), unless a comment gives another shape.
     """
 
-    values: NamedArrays  # the quantities, and the criterion at the middle, (rows, points) each
-    log_lapse: FloatArray  # log of the lapse rate, (rows, points, 1)
-    log_attend: FloatArray  # log of 1 minus the lapse rate, (rows, points, 1)
-    log_scale: FloatArray  # log of the noise
+    values: NamedArrays  # the quantities, and the criterion k as "criterion", (rows, points) each
+    lapse: FloatArray  # the lapse rate lambda, (rows, points, 1)
+    attend: FloatArray  # 1 - lambda, (rows, points, 1)
+    log_scale: FloatArray  # log of the noise at the pair, ln sigma_d + b m
     z: FloatArray  # the distance
-    k: FloatArray | None  # the criterion k_m; None in 'which is stronger'
+    k: FloatArray | None  # the criterion at the pair, k_m; None in 'which is stronger'
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +135,10 @@ class ObserverRows(AnswerRows):
 
     @cached_property
     def units(self) -> dict[str, FloatArray | float]:
-        """The factor from each coordinate to its quantity, in the order of the coordinates."""
+        """The factor from each coordinate u to its quantity, by the name of the quantity.
+
+        The order is that of the coordinates. The quantities are in units of D: c/D, b D, and so on.
+        """
         prior = self.prior
         units: dict[str, FloatArray | float] = {
             "log_noise": prior.noise_sd,
@@ -148,15 +154,15 @@ class ObserverRows(AnswerRows):
         return units
 
     def quantities(self, u: FloatArray) -> NamedArrays:
-        """The parameters at points, stimuli in units of D, shape (rows, points) each."""
+        """The quantities of :attr:`units` at points u, (rows, points, k) -> (rows, points) each."""
         values = {name: unit * u[..., j] for j, (name, unit) in enumerate(self.units.items())}
         values["log_noise"] += np.log(self.prior.noise_median)  # u = 0 is the median noise
         return values
 
     def curve_at(self, u: FloatArray) -> Curve:
-        """The curve of every point, by the formulas of the module."""
+        """The curve of every point u, (rows, points, k), by the formulas of the module."""
         values = self.quantities(u)
-        # An axis for the pairs: (rows, points) becomes (rows, points, 1).
+        # `[..., None]` is an axis for the pairs: (rows, points) becomes (rows, points, 1).
         slope = values["noise_slope"][..., None]
         log_scale = values["log_noise"][..., None] + slope * self.middle
         contraction = values["contraction"][..., None] * self.first_from_centre(values)
@@ -172,11 +178,14 @@ class ObserverRows(AnswerRows):
             k = None
 
         logs = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
-        log_lapse, log_attend = (log_share[..., None] for log_share in logs)
-        return Curve(values, log_lapse, log_attend, log_scale, z, k)
+        lapse, attend = (np.exp(log_share)[..., None] for log_share in logs)
+        return Curve(values, lapse, attend, log_scale, z, k)
 
     def first_from_centre(self, values: NamedArrays) -> FloatArray:
-        """The first stimulus less the centre of the contraction, here sbar, in units of D."""
+        """The first stimulus less the centre of the contraction, which is sbar here.
+
+        In units of D, (rows, 1, pairs). With carry-over the centre depends on `values`.
+        """
         return self.first
 
     # --- Likelihood ------------------------------------------------------------------------------
@@ -192,9 +201,7 @@ class ObserverRows(AnswerRows):
         The counted answer comes first. Three answers are 'equal', 'second' and 'first'.
         Each is lambda P(answer at z = 0) + (1 - lambda) P(answer at z), lambda the lapse rate.
         """
-        lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
-        z = curve.z
-        k = curve.k
+        _, lapse, attend, _, z, k = curve
         if k is None:
             return 0.5 * lapse + attend * ndtr(z), 0.5 * lapse + attend * ndtr(-z)
         p_inside, p_near_tail, p_far_tail = _window_and_tails(z, k)
@@ -203,7 +210,7 @@ class ObserverRows(AnswerRows):
         if not self.task.has_three_answers:
             return equal, lapse * 2.0 * ndtr(-k) + attend * (p_near_tail + p_far_tail)
         guessed = lapse * ndtr(-k)
-        # The answer that names the stronger stimulus, then that which names the weaker stimulus.
+        # The answer that the sign of z makes more probable, and the other one.
         expected = guessed + attend * p_near_tail
         opposite = guessed + attend * p_far_tail
         second_is_expected = z > 0.0
@@ -211,126 +218,123 @@ class ObserverRows(AnswerRows):
         first = np.where(second_is_expected, opposite, expected)
         return equal, second, first
 
+    # --- Slopes ----------------------------------------------------------------------------------
+
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def gradient(self, u: FloatArray) -> ArrayPair:
-        """Log likelihood and its gradient, (rows, points[, k]).
+        """Log likelihood and its gradient in the coordinates, (rows, points[, k]).
 
-        The answers to a pair depend only on z, on ln k and on the lapse rate. Slopes in these are
-        summed over the answers to a pair, and slopes in the coordinates follow from the sums. Where
-        an answer that was given has a probability of 0, the slopes are not finite.
+        Where an answer that was given has a probability of 0, the slopes are not finite.
         """
         curve = self.curve_at(u)
         probabilities = self.answers_at(curve)
-        # The slope n / P of n ln P in P, for each answer; 0 for an answer that was never given.
-        slopes_by_answer = []
-        for counts, probability in zip(self.counts_by_answer, probabilities, strict=True):
-            zeros = np.zeros(probability.shape)
-            slopes_by_answer.append(np.divide(counts, probability, out=zeros, where=counts > 0.0))
-        terms = self._slope_terms(curve, self._pair_slopes(curve, probabilities, slopes_by_answer))
-        sums = [term.sum(axis=-1) for term in terms]
-        gradient = np.stack(sums, axis=-1) * self._slope_units(curve.values)
         log_likelihood = self.terms(list(map(np.log, probabilities))).sum(axis=-1)
-        return log_likelihood, gradient
+
+        # Slopes of the log likelihood of each pair: the sum over answers of (n / P) dP.
+        pair_slopes: Slopes = defaultdict(lambda: np.zeros(1))
+        slopes_of_answers = self._probability_slopes(curve, probabilities)
+        for counts, p, slopes in zip(
+            self.counts_by_answer, probabilities, slopes_of_answers, strict=True
+        ):
+            # An answer that was never given adds 0, also where its P is 0.
+            ratio = np.divide(counts, p, out=np.zeros(p.shape), where=counts > 0.0)
+            for name, slope in slopes.items():
+                pair_slopes[name] = pair_slopes[name] + ratio * slope
+
+        by_quantity = self._quantity_slopes(curve, pair_slopes)
+        units = self._slope_units(curve.values).items()
+        columns = [by_quantity[name].sum(axis=-1) * unit for name, unit in units]  # over pairs
+        return log_likelihood, np.stack(columns, axis=-1)
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
-        """Log probability of each answer, and its slopes in every coordinate.
+        """Log probability of each answer, and its slopes in the coordinates.
 
         The slopes have the shape (rows, points, k, pairs).
         """
         curve = self.curve_at(u)
         probabilities = self.answers_at(curve)
-        units = self._slope_units(curve.values)[..., None]
-        slopes = []
-        for i, probability in enumerate(probabilities):
-            # ln P is the log likelihood of this answer, given once.
-            slopes_by_answer = [np.zeros(1)] * len(probabilities)
-            slopes_by_answer[i] = 1.0 / probability
-            terms = self._slope_terms(
-                curve, self._pair_slopes(curve, probabilities, slopes_by_answer)
-            )
-            slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2) * units)
-        return list(map(np.log, probabilities)), slopes
+        slopes_of_answers = self._probability_slopes(curve, probabilities)
+        units = self._slope_units(curve.values).items()
+        log_slopes = []
+        for p, slopes in zip(probabilities, slopes_of_answers, strict=True):
+            by_quantity = self._quantity_slopes(curve, slopes)
+            # Units get an axis for the pairs. The slope of ln P is that of P over P.
+            columns = [by_quantity[name] * np.asarray(unit)[..., None] / p for name, unit in units]
+            log_slopes.append(np.stack(columns, axis=-2))
+        return list(map(np.log, probabilities)), log_slopes
 
-    def _pair_slopes(
-        self,
-        curve: Curve,
-        probabilities: Sequence[FloatArray],
-        slopes_by_answer: Sequence[FloatArray],
-    ) -> Slopes:
-        """Slopes of the log likelihood of each pair, from its slope in the P of each answer.
+    def _probability_slopes(
+        self, curve: Curve, probabilities: Sequence[FloatArray]
+    ) -> list[Slopes]:
+        """Slopes of the probability of each answer, in the order of `answers_at`.
 
-        P = lambda blind + (1 - lambda) attending has the slope (blind - P)/(1 - lambda) in the
-        lapse rate lambda. The slope that is returned is blind - P, because 1/(1 - lambda) cancels
-        the first factor of d lambda/du = (1 - lambda) phi(u) / (b (1 - Phi(u))), see
-        :meth:`_slope_units`.
+        P = lambda P(answer at z = 0) + (1 - lambda) P(answer at z) has in ln(1 - lambda) the slope
+        P - P(answer at z = 0).
         """
-        lapse, attend = np.exp(curve.log_lapse), np.exp(curve.log_attend)
-        z = curve.z
-        k = curve.k
-        if k is not None and self.task.has_three_answers:
-            equal, second, first = probabilities
-            by_equal, by_second, by_first = slopes_by_answer
-            # P(second) has Phi(z - k), P(first) has Phi(-z - k), and the rest is 'equal'. So each
-            # criterion, k or -k, separates two answers: what one gains, the other loses.
-            upper = attend * _density(z - k) * (by_second - by_equal)
-            lower = attend * _density(z + k) * (by_first - by_equal)
-            lapse_term = lapse * _density(k) * (by_second + by_first - 2.0 * by_equal)
-            in_lapse_rate = (
-                by_equal * (erf(k * np.sqrt(0.5)) - equal)
-                + by_second * (ndtr(-k) - second)
-                + by_first * (ndtr(-k) - first)
-            )
-            return upper - lower, -k * (upper + lower + lapse_term), in_lapse_rate
+        _, lapse, attend, _, z, k = curve
+        if k is None:  # P(second) is lambda/2 + (1 - lambda) Phi(z), and P(first) is the rest
+            second = {"z": attend * _density(z), "log_attend": probabilities[0] - 0.5}
+            return [second, _negative(second)]
 
-        # There are two answers: what P of one answer gains, P of the other answer loses.
-        by_counted, by_other = slopes_by_answer
-        by_yes = by_counted - by_other
-        p_yes, _ = probabilities
-        if k is None:  # P(second) has Phi(z), and is 1/2 in a lapse
-            return attend * by_yes * _density(z), None, by_yes * (0.5 - p_yes)
         # P(equal) has Phi(k - z) - Phi(-k - z), with the slopes phi(k + z) - phi(k - z) in z and
-        # phi(k - z) + phi(k + z) in k. The near edge has phi(|z| - k), and the far edge
-        # phi(|z| + k) = phi(|z| - k) exp(-2 |z| k). In a lapse P(equal) is 2 Phi(k) - 1.
-        edge = attend * by_yes * _density(np.abs(z) - k)
-        far_ratio = np.exp(-2.0 * np.abs(z) * k)
-        in_z = edge * np.sign(z) * np.expm1(-2.0 * np.abs(z) * k)
-        in_k = edge * (1.0 + far_ratio) + 2.0 * lapse * by_yes * _density(k)
-        return in_z, in_k * k, by_yes * (erf(k * np.sqrt(0.5)) - p_yes)
+        # phi(k - z) + phi(k + z) in k. Of these densities at the edges of the window, the edge
+        # near z has phi(|z| - k), and the far edge has phi(|z| + k) = phi(|z| - k) exp(-2 |z| k).
+        # In a lapse P(equal) is 2 Phi(k) - 1.
+        distance = np.abs(z)
+        near_edge = attend * _density(distance - k)
+        far_less_near = near_edge * np.expm1(-2.0 * distance * k)
+        lapse_edge = lapse * _density(k)
+        equal = {
+            "z": np.sign(z) * far_less_near,
+            "log_k": k * (2.0 * near_edge + far_less_near + 2.0 * lapse_edge),
+            "log_attend": probabilities[0] - erf(k * np.sqrt(0.5)),
+        }
+        if not self.task.has_three_answers:
+            return [equal, _negative(equal)]
 
-    def _slope_terms(self, curve: Curve, slopes: Slopes) -> list[FloatArray]:
-        """Slopes of each pair in every quantity, in the order of the coordinates.
+        # P(second) has Phi(z - k), and P(first) has Phi(-z - k). In a lapse each is Phi(-k).
+        slopes = [equal]
+        for sign, p in zip((1.0, -1.0), probabilities[1:], strict=True):
+            edge = attend * _density(sign * z - k)
+            slopes.append(
+                {"z": sign * edge, "log_k": -k * (edge + lapse_edge), "log_attend": p - ndtr(-k)}
+            )
+        return slopes
 
-        These slopes follow from `slopes` by the chain rule, where z is
-        ((s2 - s1) - c + p (s1 - sbar)) / scale.
+    def _quantity_slopes(self, curve: Curve, slopes: Slopes) -> NamedArrays:
+        """Slopes in the quantities of :attr:`units`, (rows, points, pairs) each, by the chain rule.
+
+        z = ((s2 - s1) - c + p (s1 - sbar)) / scale with ln scale = ln sigma_d + b m, and
+        ln k_m = ln k + g m. The slopes of 'logit_q0' and 'lapse_score' are in ln k and in
+        ln(1 - lambda).
         """
-        in_z, in_log_k, in_lapse = slopes
-        in_log_scale = -in_z * curve.z
-        in_noise_slope = in_log_scale * self.middle
-        in_shift = in_z * np.exp(-curve.log_scale)
-        if in_log_k is None:
-            terms = [in_log_scale, in_lapse, in_noise_slope]
-        else:
-            in_criterion_slope = in_log_k * self.middle
-            terms = [in_log_scale, in_log_k, in_lapse, in_noise_slope, in_criterion_slope]
-        # The last two are the slopes in c and in p: the shift is p (s1 - sbar) - c.
-        return [*terms, -in_shift, in_shift * self.first]
+        in_log_scale = -slopes["z"] * curve.z
+        in_shift = slopes["z"] * np.exp(-curve.log_scale)
+        by_quantity = {
+            "log_noise": in_log_scale,
+            "lapse_score": slopes["log_attend"],
+            "noise_slope": in_log_scale * self.middle,
+            "constant_error": -in_shift,
+            "contraction": in_shift * self.first,
+        }
+        if self.task.has_criterion:
+            by_quantity["logit_q0"] = slopes["log_k"]
+            by_quantity["criterion_slope"] = slopes["log_k"] * self.middle
+        return by_quantity
 
-    def _slope_units(self, values: NamedArrays) -> FloatArray:
-        """The derivative of a quantity in each coordinate, (rows, points, coordinates).
+    def _slope_units(self, values: NamedArrays) -> dict[str, FloatArray | float]:
+        """The slope of each quantity of `_quantity_slopes` in its coordinate u.
 
-        It is the constant in :attr:`units`, in that order, except for the lapse rate lambda and q0.
-        The slope of lambda is divided by 1 - lambda.
+        That of ln(1 - lambda) = ln Phi(-u) / b is -phi(u) / (b Phi(-u)), and that of ln k is
+        (dk/du) / k. The others are constant, see :attr:`units`.
         """
-        # phi(u) / (b (1 - Phi(u))): d lambda/du over 1 - lambda, which `_pair_slopes` leaves out.
-        lapse_rise = normal_hazard(values["lapse_score"]) / self.prior.lapse_rate_b
-        slopes = self.units | {"lapse_score": lapse_rise}
+        lapse_slope = -normal_hazard(values["lapse_score"]) / self.prior.lapse_rate_b
+        slopes = self.units | {"lapse_score": lapse_slope}
         if self.task.has_criterion:
             k = values["criterion"]
-            # d ln k/du = (dk/du) / k, because the slopes of the answers are in ln k.
             slopes["logit_q0"] = criterion_slope(values["logit_q0"], k) / k
-        columns = [np.atleast_2d(slope) for slope in slopes.values()]
-        return np.stack(np.broadcast_arrays(*columns), axis=-1)
+        return slopes
 
     # --- Prior -----------------------------------------------------------------------------------
 
@@ -344,6 +348,11 @@ class ObserverRows(AnswerRows):
             return normal, normal, student, student, contraction
         peak = LogitOfBeta(self.prior.q0_a, self.prior.q0_b)
         return normal, peak, normal, student, student, student, contraction
+
+
+def _negative(slopes: Slopes) -> Slopes:
+    """The slopes of 1 - P from those of P."""
+    return {name: -slope for name, slope in slopes.items()}
 
 
 def _window_and_tails(z: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

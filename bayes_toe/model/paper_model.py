@@ -11,10 +11,11 @@ with c = p (mu1 - sbar), sbar the mean first stimulus of the subject; gamma and 
 :mod:`bayes_toe.model.paper_equations`. Which is stronger has the lapse rate lambda in the place of
 q0.
 
-There are four coordinates u: the score of mu1; the score of the width w or of sigma_p, whichever
-has a prior of its own; the probit of gamma; the probit of q0 or of lambda. A score is that of
-:mod:`bayes_toe.model.densities`. :class:`PaperRows` has the answers, :class:`PaperPosterior` the
-posterior, and :class:`FunnelArray` the posterior in coordinates without a funnel.
+There are four coordinates u: the score of mu1; the score of the spread, which is the width w or
+sigma_p, whichever has a prior of its own; the probit of gamma; the probit of the share, which is q0
+or lambda. A score is that of :mod:`bayes_toe.model.densities`. :class:`PaperRows` has the answers,
+:class:`PaperPosterior` the posterior, and :class:`FunnelArray` the posterior in coordinates without
+a funnel.
 """
 
 from __future__ import annotations
@@ -118,17 +119,17 @@ class PaperRows(AnswerRows):
         return mean + sd * u[..., 0]
 
     def pull(self, u: FloatArray) -> FloatArray:
-        """Pull p, (rows, points); the third coordinate is the probit of gamma."""
+        """Contraction p, (rows, points); the third coordinate is the probit of gamma."""
         return pull(ndtr(u[..., 2]))
 
     def log_pull(self, u: FloatArray) -> FloatArray:
-        """Log of the pull, finite however small gamma is, (rows, points)."""
+        """Log of p, finite however small gamma is, (rows, points)."""
         gamma = ndtr(u[..., 2])
         log_divisor = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
         return LN2 + log_ndtr(u[..., 2]) - log_divisor
 
     def _log_spread_share(self, pull: FloatArray) -> FloatArray:
-        """Log of the spread over the width w.
+        """Log of the spread over the width w, of the shape of the pull p.
 
         The spread is w or sigma_p = w (1 - p)^power, whichever has a prior of its own.
         """
@@ -147,7 +148,7 @@ class PaperRows(AnswerRows):
         return np.log(self.prior.spread_scale) + log_ratio - self._log_spread_share(self.pull(u))
 
     def spread_score(self, log_width: FloatArray, pull: FloatArray) -> FloatArray:
-        """The second coordinate, from the log width and the pull; the inverse of `log_width`."""
+        """The second coordinate, from the log width and the pull p; the inverse of `log_width`."""
         log_ratio = log_width + self._log_spread_share(pull) - np.log(self.prior.spread_scale)
         if self.prior.spread_sd is None:
             return half_normal_score(np.exp(log_ratio))
@@ -176,11 +177,12 @@ class PaperRows(AnswerRows):
         # The slice keeps an axis for the pairs: (rows, points, 1).
         return answers_at(self.distance(u), ndtr(u[..., 3:]), ndtr(-u[..., 3:]))
 
+    @np.errstate(over="ignore", invalid="ignore")  # far out, where the density is 0
     def answer_slopes(self, u: FloatArray) -> AnswerSlopes:
         """Log probability of each answer, and its slopes, (rows, points, 4, pairs).
 
         The first three coordinates act through z, the distance in widths. The fourth coordinate
-        acts through q0 or the lapse rate.
+        acts through the share, q0 or the lapse rate, which is Phi of it.
         """
         z = self.distance(u)  # (rows, points, pairs)
         share, complement = ndtr(u[..., 3:]), ndtr(-u[..., 3:])  # (rows, points, 1) each
@@ -188,33 +190,38 @@ class PaperRows(AnswerRows):
         log_answers = answers_at(z, share, complement)
         in_z, in_share = slopes_at(z, share, log_answers)
 
-        # The slope of the pull p in the third coordinate v: from gamma = p/(1 - p)^2 = Phi(v),
-        # d ln gamma / d ln p = (1 + p)/(1 - p) and d ln gamma / dv = phi(v)/Phi(v).
-        p = self.pull(u)
-        pull_slope = p * (1.0 - p) / (1.0 + p) * normal_hazard(-u[..., 2])
-        # Slopes of the log width in the second and in the third coordinate, (rows, points).
-        width_by_spread = self.spread_slope(u)
-        if self.prior.spread == "width":
-            width_by_gamma = np.zeros_like(p)
-        else:  # w = sigma_p (1 - p)^(-power)
-            width_by_gamma = self.power * pull_slope / (1.0 - p)
-
-        # Slopes of z = (s2 - s1 + p (s1 - mu1)) / w in the first three coordinates.
-        first_from_mu1 = self.first - self.mu1(u)[..., None]
-        _, mu1_sd = self.prior.mu1_normal
+        z_slopes = self._distance_slopes(u, z)
+        share_slope = np.exp(log_normal_density(u[..., 3:]))
         slopes = []
-        with np.errstate(over="ignore", invalid="ignore"):  # far out, where the density is 0
-            inverse_width = np.exp(-self.log_width(u))[..., None]
-            z_by_mu1 = -(p * mu1_sd)[..., None] * inverse_width
-            z_by_spread = -z * width_by_spread[..., None]
-            z_by_pull = pull_slope[..., None] * first_from_mu1 * inverse_width
-            z_by_gamma = z_by_pull - z * width_by_gamma[..., None]
-            share_rise = np.exp(log_normal_density(u[..., 3:]))  # slope of the share in its probit
-            for log_p_by_z, log_p_by_share in zip(in_z, in_share, strict=True):
-                terms = [log_p_by_z * slope for slope in (z_by_mu1, z_by_spread, z_by_gamma)]
-                terms.append(log_p_by_share * share_rise)
-                slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2))
+        for log_p_by_z, log_p_by_share in zip(in_z, in_share, strict=True):
+            by_first_three = log_p_by_z[..., None, :] * z_slopes
+            by_fourth = np.broadcast_to(log_p_by_share * share_slope, z.shape)
+            slopes.append(np.concatenate([by_first_three, by_fourth[..., None, :]], axis=-2))
         return log_answers, slopes
+
+    def _distance_slopes(self, u: FloatArray, z: FloatArray) -> FloatArray:
+        """Slopes of z = (s2 - s1 + p (s1 - mu1)) / w, (rows, points, 3, pairs).
+
+        They are in the score of mu1, in the score of the spread and in the probit of gamma.
+        """
+        p = self.pull(u)  # (rows, points)
+        _, mu1_sd = self.prior.mu1_normal
+        first_from_mu1 = self.first - self.mu1(u)[..., None]
+        inverse_width = np.exp(-self.log_width(u))[..., None]
+
+        # From gamma = p/(1 - p)^2 = Phi(v), with v the probit of gamma,
+        # d ln gamma / d ln p = (1 + p)/(1 - p) and d ln gamma / dv = phi(v)/Phi(v).
+        p_by_gamma = p * (1.0 - p) / (1.0 + p) * normal_hazard(-u[..., 2])
+        if self.prior.spread == "width":
+            log_width_by_gamma = np.zeros_like(p)
+        else:  # w = sigma_p (1 - p)^(-power)
+            log_width_by_gamma = self.power * p_by_gamma / (1.0 - p)
+
+        by_mu1 = -(p * mu1_sd)[..., None] * inverse_width
+        by_spread = -z * self.spread_slope(u)[..., None]
+        by_gamma = p_by_gamma[..., None] * first_from_mu1 * inverse_width
+        by_gamma -= z * log_width_by_gamma[..., None]
+        return np.stack(np.broadcast_arrays(by_mu1, by_spread, by_gamma), axis=-2)
 
 
 # --- Curves of both answers ----------------------------------------------------------------------
@@ -288,12 +295,6 @@ CURVES = {
 # --- Posterior -----------------------------------------------------------------------------------
 
 
-class PaperModel:
-    """The paper's model (H1)."""
-
-    name = PAPER_MODEL
-
-
 def paper_posterior(subject: Subject, prior: Prior = DEFAULT) -> PaperPosterior:
     """The posterior of one subject under the paper's model (H1).
 
@@ -324,7 +325,7 @@ class PaperPosterior(SubjectPosterior):
     subject: Subject
     prior: Prior = DEFAULT
     centre: float | None = None
-    model = PaperModel()
+    model_name = PAPER_MODEL
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "prior", self.prior.for_subjects(self.subject))
@@ -451,17 +452,18 @@ def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-
 
 @dataclass(frozen=True, eq=False)
 class Funnel:
-    """Coordinates without a funnel, by the distribution of the score of mu1 given pull and width.
+    """Coordinates y in which the posterior of H1 has no funnel.
 
-    The answers determine the offset c = p (mu1 - sbar), so that mu1 is the more open the smaller
-    the pull p is. Given pull and width, the score of mu1 is about normal with
+    The answers determine the offset c = p (mu1 - sbar). The smaller the pull p is, the wider is
+    the posterior of mu1: a funnel. Given p and the width w, the score u_0 of mu1 is about normal
+    with
 
         s^-2 = 1 + kappa sd^2 p^2 / (w^2 + w_0^2),   mean = (1 - s^2) (sbar + c/p - m) / sd,
 
     where m and sd are those of the prior of mu1, and the answers give c, kappa and w_0 at the
     highest maximum. A curve that is much steeper than the steps of the stimuli (w below w_0) does
-    not determine c better. The coordinates y have (u_0 - mean)/s in the place of u_0, the log width
-    in the place of a score of sigma_p, and all other coordinates of u.
+    not determine c better. The coordinates y are those of u, but (u_0 - mean)/s takes the place of
+    u_0, and the log width takes the place of a score of sigma_p.
 
     Attributes
     ----------
@@ -475,8 +477,8 @@ class Funnel:
         Log of kappa sd^2.
     log_least_width : float
         Log of w_0.
-    follows_width : float
-        1 if the precision depends on the width. It is 0 if several maxima leave c open.
+    depends_on_width : bool
+        Whether the formula has the divisor w^2 + w_0^2. It has none if several maxima leave c open.
     """
 
     rows: PaperRows
@@ -484,18 +486,19 @@ class Funnel:
     offset: float
     log_precision: float
     log_least_width: float
-    follows_width: float
+    depends_on_width: bool
 
-    def conditional(self, u: FloatArray) -> ArrayPair:
-        """Mean and log of s of the score of mu1 at points u, (posteriors, points) each.
+    def mu1_moments(self, u: FloatArray) -> ArrayPair:
+        """Mean and log of s of the score of mu1, given the other coordinates at points u.
 
-        These are the equations above, in logs.
+        Both have the shape (posteriors, points). These are the equations above, in logs.
         """
         log_pull = self.rows.log_pull(u)
-        # Log of w^2 + w_0^2.
-        log_square = np.logaddexp(2.0 * self.rows.log_width(u), 2.0 * self.log_least_width)
         # The precision that the answers add to that of the prior, which is 1.
-        log_information = self.log_precision + 2.0 * log_pull - self.follows_width * log_square
+        log_information = self.log_precision + 2.0 * log_pull
+        if self.depends_on_width:  # over w^2 + w_0^2
+            log_width = self.rows.log_width(u)
+            log_information -= np.logaddexp(2.0 * log_width, 2.0 * self.log_least_width)
         log_sd = -0.5 * np.logaddexp(0.0, log_information)  # s = (1 + information)^(-1/2)
         log_share = log_information + 2.0 * log_sd  # 1 - s^2, the answers' share of the precision
 
@@ -505,7 +508,7 @@ class Funnel:
 
     def forward(self, u: FloatArray) -> FloatArray:
         """Coordinates y of u, (posteriors, points, 4)."""
-        mean, log_sd = self.conditional(u)
+        mean, log_sd = self.mu1_moments(u)
         y = u.copy()
         y[..., 0] = (u[..., 0] - mean) * np.exp(-log_sd)
         if self.rows.prior.spread != "width":  # the score of the width is linear in its log
@@ -518,8 +521,8 @@ class Funnel:
         has_log_width = self.rows.prior.spread != "width"  # y[..., 1] is the log width
         if has_log_width:
             u[..., 1] = self.rows.spread_score(y[..., 1], self.rows.pull(y))
-        # Mean and s depend on pull and width only, which u has now.
-        mean, log_sd = self.conditional(u)
+        # Mean and s depend only on pull and width, which u has now: u_0 is not yet in use.
+        mean, log_sd = self.mu1_moments(u)
         u[..., 0] = mean + y[..., 0] * np.exp(log_sd)
         log_volume = -log_sd
         if has_log_width:
@@ -537,11 +540,11 @@ class FunnelArray(PosteriorArray):
     funnel: Funnel
 
     def prior_points(self, probability: FloatArray) -> FloatArray:
-        """Points of the prior by the quantiles of its coordinates, (posteriors, points, 4)."""
+        """Points y at quantiles of the prior of u, (posteriors, points, 4)."""
         return self.funnel.forward(super().prior_points(probability))
 
     def densities(self, y: FloatArray) -> ArrayPair:
-        """Log prior and log posterior density, (posteriors, points)."""
+        """Log prior and log posterior density of y, (posteriors, points) each."""
         u, log_volume = self.funnel.inverse(y)
         log_prior, log_posterior = super().densities(u)
         return log_prior - log_volume, log_posterior - log_volume

@@ -467,9 +467,9 @@ def group_parameters(task: Task) -> Parameters:
 
 
 def lapse_logs(u: FloatArray, b: float) -> ArrayPair:
-    """Log of the lapse rate and of its complement, from the normal score u of Beta(1, b).
+    """Log of the lapse rate lambda and of 1 - lambda, from its normal score u.
 
-    1 - lambda = (1 - Phi(u))^(1/b).
+    lambda has the distribution Beta(1, b), so that 1 - lambda = (1 - Phi(u))^(1/b).
     """
     log_complement = log_ndtr(-u) / b
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -61,14 +61,6 @@ def _in_table_order(names: set[str]) -> Texts:
 Determined = Mapping[str, tuple[str, int]]
 
 
-class NamedModel(Protocol):
-    """A model, by whose name random streams are keyed."""
-
-    @property
-    def name(self) -> str:
-        """The name of the model."""
-
-
 class SubjectPosterior(ABC):
     """The posterior of one subject under one model.
 
@@ -76,7 +68,11 @@ class SubjectPosterior(ABC):
     """
 
     subject: Subject
-    model: NamedModel
+
+    @property
+    @abstractmethod
+    def model_name(self) -> str:
+        """The name of the model in files, by which random streams are keyed."""
 
     @property
     @abstractmethod

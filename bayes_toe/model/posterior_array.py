@@ -10,7 +10,7 @@ A model is a choice of coordinates. All other coordinates are held at 0.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, Texts
 from bayes_toe.model.answer_curves import AnswerRows
-from bayes_toe.model.densities import Priors
+from bayes_toe.model.densities import Priors, by_coordinate
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class LinearLikelihood:
         return np.diff(np.append(self.first_row, len(self.loading)))
 
     def part(self, index: IndexArray) -> LinearLikelihood:
-        """The likelihood of some posteriors, in this order; an index may come more than once."""
+        """The likelihood of the posteriors with these indices; an index may come more than once."""
         sizes = self.sizes[index]
         first_row = np.cumsum(sizes) - sizes  # of each posterior in the part
         # Row i of the part is row i + shift of all rows, with one shift for each posterior.
@@ -89,7 +89,7 @@ class LinearLikelihood:
         return sums
 
     def summed(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Sums over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
+        """Sums of values over the rows of every posterior, (rows, ...) -> (posteriors, ...)."""
         if len(self.first_row) == len(values):  # each posterior has one row
             return values
         return np.add.reduceat(values, self.first_row, axis=0)
@@ -121,7 +121,7 @@ class PosteriorArray:
         return len(self.is_free)
 
     def part(self, index: IndexArray) -> PosteriorArray:
-        """Some posteriors, in this order; an index may come more than once."""
+        """The posteriors with these indices; an index may come more than once."""
         return replace(self, likelihood=self.likelihood.part(index), is_free=self.is_free[index])
 
     @cached_property
@@ -133,30 +133,21 @@ class PosteriorArray:
 
     def log_prior(self, w: FloatArray) -> FloatArray:
         """Log prior density of the free coordinates, (posteriors, points)."""
-        total = np.zeros(w.shape[:-1])
-        for j, density in enumerate(self.priors):
-            log_density = density.log_density(w[..., j])
-            total += np.where(self.is_free[:, j, None], log_density, 0.0)
-        return total
+        log_densities = by_coordinate(self.priors, "log_density", w)
+        return np.where(self.is_free[:, None], log_densities, 0.0).sum(axis=-1)
 
     def prior_slopes(self, w: FloatArray) -> ArrayPair:
         """Gradient of the log prior, and a positive stand-in for its negative curvature.
 
         The shape of both is (posteriors, points, d).
         """
-        slopes = np.empty_like(w)
-        curvatures = np.empty_like(w)
-        for j, density in enumerate(self.priors):
-            slopes[..., j] = density.slope(w[..., j])
-            curvatures[..., j] = density.curvature(w[..., j])
-        return slopes, curvatures
+        priors = self.priors
+        return by_coordinate(priors, "slope", w), by_coordinate(priors, "curvature", w)
 
     def prior_points(self, probability: FloatArray) -> FloatArray:
         """Quantiles of the prior, (posteriors, points, d); 0 where a coordinate is held."""
-        points = np.empty_like(probability)
-        for j, density in enumerate(self.priors):
-            points[..., j] = density.quantile(probability[..., j])
-        return np.where(self.is_free[:, None], points, 0.0)
+        quantiles = by_coordinate(self.priors, "quantile", probability)
+        return np.where(self.is_free[:, None], quantiles, 0.0)
 
     def densities(self, w: FloatArray) -> ArrayPair:
         """Log prior and log posterior density, (posteriors, points)."""
@@ -169,6 +160,26 @@ class PosteriorArray:
     def original(self, w: FloatArray) -> ArrayPair:
         """Points u in the coordinates of the priors, and log |dw/du|: here w itself, and 0."""
         return w, np.zeros(w.shape[:-1])
+
+
+def loading_of(names: Sequence[str], columns: Iterable[tuple[str, FloatArray]]) -> FloatArray:
+    """The loading L of each row, u = L w, shape (rows, k, d).
+
+    Parameters
+    ----------
+    names : sequence of str
+        The k coordinates u of a row.
+    columns : iterable of (str, ndarray of shape (rows, n))
+        The d coordinates w, in their order: a coordinate of the row, and what each of n coordinates
+        w adds to it.
+    """
+    blocks = []
+    for name, factors in columns:
+        n_rows, n_columns = factors.shape
+        block = np.zeros((n_rows, len(names), n_columns))
+        block[:, names.index(name)] = factors
+        blocks.append(block)
+    return np.concatenate(blocks, axis=2)
 
 
 def independent_array(rows: AnswerRows, free_names: Sequence[Sequence[str]]) -> PosteriorArray:

@@ -89,7 +89,7 @@ class HistoryRows(ObserverRows):
     history : TrialHistory
     trials : TrialSequence
     previous : ndarray, shape (cells,)
-        r, the answer before.
+        r, the answer before the trials of the cell.
     cell_of_trial : ndarray of int, shape (answered trials,)
         The cell of each answered trial.
     first_of_trial, second_of_trial : ndarray, shape (trials, 1)
@@ -119,17 +119,12 @@ class HistoryRows(ObserverRows):
         # The first trial of a session has no earlier trial.
         previous_of_trial = np.where(trials_before >= 0, trials.answer[trials_before], 0.0)
 
-        # The cell of each answered trial, and the pair and the answer before of each cell.
+        # Trials with the same key are one cell. The answer before is -1, 0 or 1.
         if history.has_carry_over:
-            cell_of_trial = np.arange(len(answered_trials))
-            pair_of_cell, previous_of_cell = pair_of_trial, previous_of_trial
+            key = np.arange(len(answered_trials))
         else:
-            pair_and_previous, cell_of_trial = np.unique(
-                np.stack([pair_of_trial, previous_of_trial]), axis=1, return_inverse=True
-            )
-            cell_of_trial = cell_of_trial.ravel()
-            float_pairs, previous_of_cell = pair_and_previous
-            pair_of_cell = float_pairs.astype(np.intp)
+            key = 3 * pair_of_trial + previous_of_trial
+        _, first_trial, cell_of_trial = np.unique(key, return_index=True, return_inverse=True)
 
         n_positive = np.bincount(cell_of_trial, answer_of_trial > 0.0)
         n_negative = np.bincount(cell_of_trial, answer_of_trial < 0.0)
@@ -142,7 +137,7 @@ class HistoryRows(ObserverRows):
         # Task, scales and prior come from the posterior. A cell has the stimuli of its pair.
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
-            values[name] = values[name][..., pair_of_cell]
+            values[name] = values[name][..., pair_of_trial[first_trial]]
         values["counts"] = np.array(counts)[None, :, None]  # (1, answers, 1, cells)
 
         scales = observer.scales
@@ -150,7 +145,7 @@ class HistoryRows(ObserverRows):
             **values,
             history=history,
             trials=trials,
-            previous=previous_of_cell,
+            previous=previous_of_trial[first_trial],
             cell_of_trial=cell_of_trial,
             first_of_trial=((trials.first - scales.sbar) / scales.step)[:, None],
             second_of_trial=((trials.second - scales.sbar) / scales.step)[:, None],

@@ -25,10 +25,9 @@ def normal(x):
     return -0.5 * (weighted * (x - CENTRE)).sum(axis=1), -weighted
 
 
-def further_draws(sampler, shape):
+def further_draws(sampler, n_draws):
     """Further draws, (chains, draws, coordinates), and how often a trajectory diverged."""
-    x = np.empty(shape)
-    n_divergent = sampler.advance([x], lambda point: [point])  # x gets the points themselves
+    (x,), n_divergent = sampler.advance(n_draws, lambda point: [point])  # the points themselves
     return x, n_divergent
 
 
@@ -38,7 +37,7 @@ def test_moments_of_a_correlated_normal():
     metric = Metric(n_shared=2, n_blocks=2, block_size=2)
     sampler = Hamiltonian(normal, start, metric, rng)
     sampler.warm_up()
-    x, n_divergent = further_draws(sampler, (8, 1500, 6))
+    x, n_divergent = further_draws(sampler, 1500)
     draws = x.reshape(-1, 6)
     sd = np.sqrt(np.diag(COVARIANCE))
     # There are 12,000 draws; .06 is four standard errors of a mean of 4,400 independent draws.
@@ -58,7 +57,7 @@ def test_a_cliff_makes_trajectories_diverge_and_none_crosses_it():
     rng = default_rng(2)
     start = np.abs(rng.standard_normal((8, 3)))  # above the cliff
     sampler = Hamiltonian(cliff, start, Metric(n_shared=1, n_blocks=1, block_size=2), rng)
-    x, n_divergent = further_draws(sampler, (8, 200, 3))
+    x, n_divergent = further_draws(sampler, 200)
     assert n_divergent > 0
     assert x[..., 0].min() > 0.0
 
@@ -79,7 +78,7 @@ def test_last_bits_do_not_change_the_draws_of_a_group():
         metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
         sampler = Hamiltonian(density, posterior.start(4, rng), metric, rng)
         sampler.warm_up()
-        draws, _ = further_draws(sampler, (4, 50, posterior.n_coordinates))
+        draws, _ = further_draws(sampler, 50)
         return draws
 
     # Trajectories of 50 draws multiply the error, but no decision of the warm-up turns on it.
