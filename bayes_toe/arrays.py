@@ -62,5 +62,6 @@ def combination_counts(*columns: npt.NDArray[np.generic]) -> IndexArray:
     """
     # (columns, rows), with rows of the same values side by side
     sorted_columns = np.array(columns)[:, np.lexsort(columns)]
-    # The rows of a combination end where the next combination starts, or with the last row.
+    # The rows of a combination end where the next combination starts, or with the last row: its
+    # count is the difference of two starts.
     return np.diff(run_starts(*sorted_columns), append=len(columns[0]))

@@ -33,7 +33,7 @@ def require_seed(seed: int) -> int:
 
 
 def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
-    """Seed sequence of one purpose: the same for the same seed and keys.
+    """Seed sequence of one purpose, which the keys name: the same for the same seed and keys.
 
     Do not spawn from it, because spawning changes its state.
     """
@@ -46,5 +46,5 @@ def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
 
 
 def generator(seed: int, *keys: str | int) -> np.random.Generator:
-    """Random generator with the :func:`stream` of these keys."""
+    """Random generator with the :func:`stream` of this seed and these keys."""
     return np.random.default_rng(stream(seed, *keys))

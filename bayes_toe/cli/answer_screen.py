@@ -19,7 +19,6 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
-    Note,
     Terminal,
     command_lines,
     is_narrow,
@@ -44,24 +43,16 @@ _HEADINGS = (
 # --- What screens and report share ---------------------------------------------------------------
 
 
-def flagged(
-    answers: Iterable[OrderEffect], not_converged: Collection[str] = ()
-) -> dict[str, list[str]]:
-    """Subjects that need action with the reasons, as in {'A08': ['poor fit', 'not converged']}.
+def flagged(answers: Iterable[OrderEffect], not_converged: Collection[str] = ()) -> list[str]:
+    """Subjects that need action: those with the mark '!', and those in `not_converged`.
 
     `not_converged` has the subjects whose draws did not converge.
     """
-    reasons = defaultdict(list)
+    names = []
     for answer in answers:
-        if answer.fits is False:  # It is None if the design cannot test the fit.
-            reasons[answer.subject].append("poor fit")
-        if not answer.is_interpretable:
-            reasons[answer.subject].append("not interpreted")
-        elif answer.options:
-            reasons[answer.subject].append("action possible")
-        if answer.subject in not_converged:
-            reasons[answer.subject].append("not converged")
-    return dict(reasons)
+        if answer.mark == "!" or answer.subject in not_converged:
+            names.append(answer.subject)
+    return names
 
 
 # --- The screen ----------------------------------------------------------------------------------
@@ -77,9 +68,10 @@ def print_subjects(out: Terminal, answers: OrderEffects, file: str) -> None:
     letters = reason_letters(selected_answers)
     rows = [subject_row(answer, letters) for answer in selected_answers]
     if rows:
-        _print_rows(out, rows, answers[0].unit.difference_unit)
+        _print_rows(out, rows, answers[0].unit.difference_unit)  # all subjects have one unit
     for reason, letter in letters.items():
         out.line(f"{letter} Cannot be told, because {reason}.", indent=4)
+
     n_others = len(answers) - len(rows)
     if n_others:
         needs = f"The other {n_others:,} subjects need no" if rows else "No subject needs"
@@ -96,13 +88,12 @@ def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
     headings = [heading.format(unit=unit) for heading in _HEADINGS]
     # Words are shortened before a name is cut, because two names may be the same once cut.
     name_width = max(len(row[0]) for row in (headings, *rows))
-    # First intervals lose their space, '[8, 16]' -> '[8,16]'. If the table is still too wide, words
-    # are shortened. The first cell of a row, the name, stays as it is.
+    # Intervals lose their space first, '[8, 16]' -> '[8,16]', and then words are shortened.
     for text, shorter_text in ((", ", ","), ("probably not", "prob. not")):
-        if not is_narrow(headings, rows, name_width):
-            for row in rows:
-                row[1:] = [cell.replace(text, shorter_text) for cell in row[1:]]
-
+        if is_narrow(headings, rows, name_width):
+            break
+        for row in rows:
+            row[1:] = [cell.replace(text, shorter_text) for cell in row[1:]]  # all but the name
     out.table(headings, rows)
 
 
@@ -110,9 +101,8 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     """The conclusion of a subject as a row of the table: the words, then the sizes.
 
     If the subject is not interpreted, or no question can be told, all for the same reason, a single
-    cell says so.
-
-    `letters` has the letter, such as '(a)', of each reason why a question cannot be told.
+    cell says so. `letters` has the letter, such as '(a)', of each reason why a question cannot be
+    told.
     """
     name = f"{answer.subject} {answer.mark}".rstrip()
     if not answer.is_interpretable:
@@ -120,6 +110,7 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     reasons = {line.reason for line in answer.lines.values()}  # '' if a question can be told
     if len(reasons) == 1 and "" not in reasons:
         return [name, f"cannot be told {letters[reasons.pop()]}"]
+
     cells = [name]
     for question, line in answer.lines.items():
         cells.append(letters.get(line.reason) or str(answer.words[question]))
@@ -148,26 +139,25 @@ def print_problems(out: Terminal, answers: OrderEffects, file: str) -> None:
     whole command stands there in place of the option. If several subjects have options, a command
     with the first option of each of these subjects follows the '!' notes.
     """
-    notes: dict[str, list[Note]] = {"!": [], "?": [], "-": []}
+    problems_by_subject = {answer.subject: _marked_problems(answer) for answer in answers}
     # At most one option of each subject, because the first option may settle other problems, too.
     first_options = []
-    problems_by_subject = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in problems_by_subject.values():
         first_options += [option for _, _, option in problems if option][:1]
-    is_only_subject = len(first_options) == 1  # Only one subject has options.
 
     command = repeated_command()
+    notes_by_mark = defaultdict(list)
     for subject, problems in problems_by_subject.items():
         for mark, message, option in problems:
-            if option and is_only_subject:
+            if option and len(first_options) == 1:  # the only subject with options
                 option = with_options(command, [option])
             # The same text for all subjects, so that the notes of many subjects become one note.
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
                 message = "With another prior width, a 'yes' or a 'no' becomes undecided."
-            notes[mark].append((subject, message, option))
+            notes_by_mark[mark].append((subject, message, option))
 
-    for mark, notes_of_mark in notes.items():
-        out.notes(notes_of_mark, mark, file=file)
+    for mark in "!?-":
+        out.notes(notes_by_mark[mark], mark, file=file)
         if mark == "!" and len(first_options) > 1:
             out.line("To apply all of these, type:")
             out.lines(command_lines(with_options(command, first_options), start="  "))
@@ -200,21 +190,23 @@ def print_answer(
     out: Terminal,
     answers: OrderEffects,
     study: Study,
+    problems: Collection[str],
     group_lines: Texts = (),
     closing: Texts = (),
 ) -> None:
     """Print the answer of a study: counts, directions, the group, and what is not counted.
 
-    `group_lines` are the conclusions on group and conditions, and `closing` has the sentences of
-    the last line.
+    `problems` has the subjects without a result, or without enough draws. `group_lines` are the
+    conclusions on group and conditions, and `closing` has the last sentences of the last line.
     """
     lines = [*answer_lines(study, answers), *group_lines]
     for answer in answers:
         # The table has the reasons already, each with its letter.
         notes = [note for note in answer.notes if note not in answer.reasons.values()]
         lines += [f"{capitalized(note)}." for note in notes]
+    last_line = [*not_counted(answers), *without_decision(answers, problems), *closing]
     # A dict has each line once, because many subjects have the same note.
-    out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
+    out.answer([*dict.fromkeys(lines), " ".join(last_line)])
 
 
 def answer_lines(study: Study, answers: OrderEffects) -> list[str]:

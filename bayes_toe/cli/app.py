@@ -63,6 +63,7 @@ class Command(TyperCommand):
             if parameter.param_type_name == "argument" or parameter.name == "help":
                 # Otherwise the help shows Python's type, `<list[Path]>`.
                 parameter.display_type_rich = lambda ctx: ""
+            # The other commands hide the options for other layouts, and name `check`.
             if self.name != "check" and getattr(parameter, "rich_help_panel", None) == LAYOUT:
                 parameter.hidden = True
                 self.epilog = "Files in another layout, other codes: bayes-toe check --help"

@@ -69,8 +69,8 @@ class StudyPlan:
 
         if self.unit and not files:
             raise bt.InputError("--unit: allowed with DESIGN.csv.")
-        designs = {}
         tasks = dict.fromkeys(map(task_of, self.questions.split(",")))  # each once
+        designs = {}
         for task in tasks:
             task_suffix = f", {task.short_name}" if len(tasks) > 1 else ""
             if not files:
@@ -116,13 +116,13 @@ def power(
         numbers_of_subjects = _whole_numbers("--subjects", plan.subjects, least=2)
         # The observers of GROUPS differ, as the subjects of a study do.
         observers = plan.observers or GROUPS
-
     context.require_folder(output, _POWER_FILES)
     designs = plan.designs(design or ())
-    n_of_each_size = _count_simulated(designs.values(), observers, plan.simulated)
+
+    n_data_sets = _count_simulated(designs.values(), observers, plan.simulated)
     table = context.work(
         "simulating and analysing",
-        n_of_each_size * len(numbers_of_trials),
+        n_data_sets * len(numbers_of_trials),
         bt.design.power,
         designs,
         numbers_of_trials,
@@ -131,6 +131,7 @@ def power(
         prior=context.prior,
     )
     groups = group_power(table, numbers_of_subjects, context.prior)
+
     with whole_folder(output, _POWER_FILES, overwrite=context.overwrite) as folder:
         table.save(folder / "power.csv")
         if groups.rows:
@@ -313,13 +314,13 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
     figure_file = output.with_suffix(".png")
     context.require_files(output, comparison_file, figure_file)
 
-    levels = search.log_levels()
+    levels = search.log_levels()  # natural-log intensities
     goal = search.goal()
-    plane = pairs_to_show(levels, goal)
+    plane = pairs_to_show(levels, goal)  # all pairs that a design can have
     optimal = context.work(
         "simulating and analysing",
         # The number of data sets of two designs, the optimal one and an even one. The observers of
-        # both are those of `plane`, which has all pairs that a design can have.
+        # both are those of `plane`.
         _count_simulated([plane, plane], search.observers, search.simulated),
         bt.design.optimal_design,
         levels,
@@ -331,7 +332,6 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
     )
     # Search and power are in natural logs. Table and figure have the unit of the options.
     optimal = replace(optimal, unit=search.reading().stimulus_unit)
-
     written = context.write(
         {
             output: partial(write_table, optimal.design.frame(optimal.unit)),
@@ -344,7 +344,8 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
     print_power(context.out, optimal.power)
     if search.observers is None:
         context.out.line(KINDS_IN_WORDS)
-    if optimal.learnable:  # a warning that subjects may learn a regularity of the pairs
+    # A warning that subjects may learn a regularity of the pairs; '' if there is none.
+    if optimal.learnable:
         # With --even subjects learn no regularity, but --even and --keep exclude each other.
         command = "" if search.keep else f"{repeated_command()} --even"
         context.out.notes([("", optimal.learnable, command)])
@@ -404,16 +405,16 @@ def _describe_list(lists: ListOptions, n_trials_each: int, levels: Sequence[str]
     """A sentence on the list; `n_trials_each` counts the trials of a subject in a condition."""
     from bayes_toe.design.trial_list import MOST_EQUAL
 
-    n_trials = n_trials_each * max(1, len(levels))
-    suffix = " each" if lists.subjects > 1 else ""
+    n_trials = f"{n_trials_each * max(1, len(levels))} trials"
+    if lists.subjects > 1:
+        n_trials += " each"
+    blocks = plural(lists.blocks, "block")
     if levels:
-        by_level = f" ({n_trials_each} in each of {join_names(levels)}, mixed within blocks)"
-    else:
-        by_level = ""
+        blocks += f" ({n_trials_each} in each of {join_names(levels)}, mixed within blocks)"
     return (
-        f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} trials{suffix} in "
-        f"{plural(lists.blocks, 'block')}{by_level}. Within each block, both orders of a pair are "
-        f"as frequent as in the design. At most {MOST_EQUAL} equal pairs follow each other"
+        f"{lists.list_output}: {plural(lists.subjects, 'subject')}, {n_trials} in {blocks}. Within "
+        "each block, both orders of a pair are as frequent as in the design. At most "
+        f"{MOST_EQUAL} equal pairs follow each other"
     )
 
 

@@ -6,9 +6,6 @@ studies of several subjects find.
 
 from __future__ import annotations
 
-from itertools import groupby
-from operator import itemgetter
-
 import numpy as np
 
 from bayes_toe.answers.order_effect import QUESTIONS, SIZE_OF
@@ -23,10 +20,11 @@ from bayes_toe.model.parameters import CONSTANT_ERROR
 def print_power(out: Terminal, table: PowerTable) -> None:
     """Print the shares of 'yes' and 'probably' by observers, in a table for each design."""
     headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
-    for design, sizes in groupby(table.different("design", "trials"), itemgetter(0)):
+    for design in table.different("design"):
         rows = []
-        for _, trials in sizes:
-            rows += _power_rows(table, design, trials)
+        for name, trials in table.different("design", "trials"):
+            if name == design:
+                rows += _power_rows(table, design, trials)
         title = f"{capitalized(design)}: observers with 'yes' or 'probably' [95 % interval]"
         out.table(headings, rows, title=title)
     out.line("In brackets: false positives, from observers without the effect.")
@@ -37,18 +35,19 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
 
     A share stands in brackets if the observers of this kind do not have the effect.
     """
-    rows: list[list[str]] = []
+    rows = []
+    first_cell = f"{trials:,}"
     for kind in table.different("observers"):
-        cells = [f"{trials:,}" if not rows else "", kind]
+        cells = [first_cell, kind]
         for question in QUESTIONS:
-            estimate = table[design, trials, kind, question, DETECTED]
+            share = table[design, trials, kind, question, DETECTED].percent
             if table.is_unknown(design, trials, question):
-                cells.append("cannot be told")
-            elif table.has_effect(kind, question):
-                cells.append(estimate.percent)
-            else:
-                cells.append(f"({estimate.percent})")
+                share = "cannot be told"
+            elif not table.has_effect(kind, question):
+                share = f"({share})"
+            cells.append(share)
         rows.append(cells)
+        first_cell = ""
     return rows
 
 
@@ -66,25 +65,25 @@ def print_groups(
         if not rows_by_kind:
             out.line(f"{heading}: an order effect {Word.CANNOT_BE_TOLD}.")
             continue
-        # All kinds of observers have the same numbers of subjects: those of the first kind.
-        sizes = [f"{row.subjects} subjects" for row in next(iter(rows_by_kind.values()))]
-        rows = []
-        for kind, kind_rows in rows_by_kind.items():
-            rows.append([kind, *(row.counts_text for row in kind_rows)])
-        out.table(["observers", *sizes], rows, title=f"{heading}: subjects with an order effect")
+
+        cells = []
+        for kind, rows in rows_by_kind.items():
+            cells.append([kind, *(row.counts_text for row in rows)])
+        # All kinds of observers have the same numbers of subjects: here those of the last kind.
+        sizes = [f"{row.subjects} subjects" for row in rows]
+        out.table(["observers", *sizes], cells, title=f"{heading}: subjects with an order effect")
+
         for question in SIZE_OF:
             name = question.replace("_", " ")
             if table.is_unknown(design, trials, question):
                 out.line(f"{capitalized(name)}: {Word.CANNOT_BE_TOLD}.")
                 continue
-            rows = []
-            for kind, kind_rows in groups.select(design, trials, question).items():
+            cells = []
+            for kind, rows in groups.select(design, trials, question).items():
                 # The rows of a kind differ in the number of subjects, and have the same true mean.
-                rows.append(
-                    [kind, _true_mean(kind_rows[0], unit), *(row.percent for row in kind_rows)]
-                )
+                cells.append([kind, _true_mean(rows[0], unit), *(row.percent for row in rows)])
             title = f"{heading}: % of studies that detect the mean {name}"
-            out.table(["observers", "mean (SD)", *sizes], rows, title=title)
+            out.table(["observers", "mean (SD)", *sizes], cells, title=title)
     out.line()
     out.line(
         "Detected: 'yes' or 'probably', with 95 % intervals. SD: between subjects. In brackets: "
@@ -98,14 +97,15 @@ def _true_mean(row: GroupPower, unit: StimulusUnit) -> str:
     Constant errors are natural logs. In per cent, a standard deviation SD of constant errors is the
     size of a constant error of SD: 100 (exp(SD) - 1).
     """
+    numbers = np.array([row.true_mean, row.true_sd])
     if row.question == CONSTANT_ERROR.name:
-        values = unit.to_differences([row.true_mean, row.true_sd])
+        numbers = unit.to_differences(numbers)
         unit_name = unit.difference_unit
     else:  # a contraction, which is a share
-        values = 100.0 * np.array([row.true_mean, row.true_sd])
+        numbers = 100.0 * numbers
         unit_name = "%"
 
-    mean, sd = (float(f"{value:.2g}") for value in values)
+    mean, sd = (float(f"{number:.2g}") for number in numbers)
     if not row.has_nonzero_mean:
         mean = 0.0  # The computed mean differs from 0 by an error of rounding.
     return f"{mean:g} ({sd:g}) {unit_name}"

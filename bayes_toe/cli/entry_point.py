@@ -61,6 +61,7 @@ def main() -> None:
     except Stopped as stop:
         say_stopped(stop.number)
         raise SystemExit(128 + stop.number) from None
+
     sys.stdout.flush()
     error = output.failed
     if error is not None and error.errno != errno.EPIPE:  # A reader may go away, as `head` does.
@@ -78,6 +79,7 @@ def require_usable_process() -> None:
         problem = f"the working folder cannot be used ({error.strerror}); change to another one"
     if sys.flags.optimize > 1:
         problem = "PYTHONOPTIMIZE=2 removes docstrings that libraries need; unset the variable"
+
     if problem:
         print(f"error: {problem}", file=sys.stderr, flush=True)
         raise SystemExit(2)

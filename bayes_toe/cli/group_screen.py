@@ -34,12 +34,13 @@ def print_group(out: Terminal, result: PopulationResult, contradictions: Sequenc
     out.table(headings, [parameter_row(result, name) for name in LABELS])
     for title, headings, comparisons in comparison_tables(result):
         out.table(headings, comparisons, title=title)
-    out.line()
-    new_subject = []
+
+    predictions = []
     for name, label in LABELS.items():
         if name in result.identified:
-            new_subject.append(f"{label} {group_estimate(result, name, 'new_subject')}")
-    out.line(f"New subject (prediction): {', '.join(new_subject)}.")
+            predictions.append(f"{label} {group_estimate(result, name, 'new_subject')}")
+    out.line()
+    out.line(f"New subject (prediction): {', '.join(predictions)}.")
     # The names of the worst parameters are not shown.
     (_, n_effective), (_, r_hat) = worst(result.draws.convergence)
     fit = "poor" if contradictions else "good"
@@ -72,23 +73,23 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
 
     A row has the quantity, the size of its difference, the Bayes factor and the word.
     """
-    comparisons = {row.comparison for row in table}
-    headings = ["subject", "difference", "", "[95 % interval]", "BF", "differs"]
     rows = []
-    for labels, quantities in groupby(table, attrgetter("subject", "comparison")):
-        for row in quantities:
-            if row.quantity == ORDER_EFFECT:  # A sentence of the answer has the order effect.
+    for labels, differences in groupby(table, attrgetter("subject", "comparison")):
+        for difference in differences:
+            if difference.quantity == ORDER_EFFECT:  # A sentence of the answer has it.
                 continue
-            word = str(row.word)
+            word = str(difference.word)
             if word in ("no", "probably not"):  # A difference that is absent has no size.
                 size = "-"
             else:
-                size = row.size(table.unit)
-            if row.robust == "no":
+                size = difference.size(table.unit)
+            if difference.robust == "no":
                 word += " ?"
-            rows.append([*labels, row.quantity, size, row.factor, word])
+            rows.append([*labels, difference.quantity, size, difference.factor, word])
             labels = "", ""  # Further rows of this subject and comparison do not repeat them.
 
+    headings = ["subject", "difference", "", "[95 % interval]", "BF", "differs"]
+    comparisons = {row.comparison for row in table}  # such as 'left - right'
     # A single comparison has no column of its own (column 1). The heading of the sizes (column 3)
     # names it.
     if len(comparisons) == 1:
@@ -102,7 +103,10 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], Rows]:
 
 
 def print_history(out: Terminal, table: SerialDependence, file: str) -> None:
-    """Print word and size of both effects of every subject, and subjects without a result."""
+    """Print word and size of both effects of every subject, and subjects without a result.
+
+    There is a subject with a result: without one, the figure is refused before anything is printed.
+    """
     rows = []
     failed = {}
     for row in table:
@@ -117,20 +121,17 @@ def print_history(out: Terminal, table: SerialDependence, file: str) -> None:
         rows.append(cells)
 
     headings = ["subject", "carry-over", "rho [95 %]", "previous\nresponse", "kappa [95 %]"]
-    if rows:
-        out.table_of_subjects(headings, rows, len(rows), file)
-        out.line(
-            "rho is the share of a stimulus that is carried over to the next trial. If kappa is "
-            "above 0, a subject repeats responses. If kappa is below 0, a subject alternates."
-        )
+    out.table_of_subjects(headings, rows, len(rows), file)
+    out.line(
+        "rho is the share of a stimulus that is carried over to the next trial. If kappa is above "
+        "0, a subject repeats responses. If kappa is below 0, a subject alternates."
+    )
     out.reasons("No result", failed, file=file)
 
 
 def history_lines(table: SerialDependence) -> list[str]:
-    """Sentences on how many subjects have each word, one for each effect; none without results."""
+    """Sentences on how many of the subjects with a result have each word, one for each effect."""
     rows = [row for row in table if row.has_result]
-    if not rows:
-        return []
     of_total = f" of {plural(len(rows), 'subject')}"
     lines = []
     for label, effect in (("Carry-over", "carry_over"), ("Previous response", "previous_response")):

@@ -51,20 +51,21 @@ def run(
     from bayes_toe.explorer.page import require_bokeh, require_few
     from bayes_toe.groups.predictive_check import contradictions
 
+    # Bad options and outputs are refused before the work, and so are too many subjects for a page.
     if explore:
         require_bokeh()
-
     if figures not in ("all", "flagged", "none"):
         raise bt.InputError(f"--figures is {figures!r}. It must be one of all, flagged, none.")
     context.require_folder(output, PRODUCTS)
     store = context.partial_folder(output)
     study, prior = context.read_and_describe(file)
-    if explore:  # Many subjects are refused before the work, not when the page is made.
+    if explore:
         require_few(len(study), "subjects")
 
     analysis = context.work(
         "sampling", len(study), bt.run, study, draws=context.draws, prior=prior, keep=store
     )
+
     files = f"{output / 'report.html'} and {output / 'evidence.csv'}"
     print_subjects(context.out, analysis.answers, files)
     print_failed(context.out, analysis.draws)
@@ -83,6 +84,7 @@ def run(
         figures=figures,
         has_explorer=explore,
     )
+
     failed = analysis.draws.failed
     context.finish(store, failed)
     context.out.reasons("No result", failed)
@@ -101,17 +103,15 @@ def _print_conclusion(
     `problems` has the subjects without a result, or without enough draws; `folder` the results.
     """
     from bayes_toe.answers.group_answer import group_answer
-    from bayes_toe.cli.answer_screen import print_answer, without_decision
+    from bayes_toe.cli.answer_screen import print_answer
 
-    group = analysis.group
     lines = []
-    if group is not None:
-        lines = group_answer(group)
+    if analysis.group is not None:
+        lines = group_answer(analysis.group)
     if analysis.contrast is not None:
         lines += analysis.contrast.sentences()
-    closing = without_decision(analysis.answers, problems)
-    closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
-    print_answer(out, analysis.answers, analysis.study, lines, closing)
+    closing = [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
+    print_answer(out, analysis.answers, analysis.study, problems, lines, closing)
 
 
 def sample(
@@ -165,7 +165,7 @@ def evidence(
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    from bayes_toe.cli.answer_screen import print_answer, print_subjects, without_decision
+    from bayes_toe.cli.answer_screen import print_answer, print_subjects
 
     context.require_files(output)
     store = context.partial_folder(output)
@@ -174,12 +174,12 @@ def evidence(
     # In a study with conditions, each row of the table is a unit of a subject and a condition.
     table.save(output, overwrite=context.overwrite, units=study.conditions is not None)
     context.finish(store, table.failed)
+
     print_model_evidence(context.out, table, study, str(output))
     print_subjects(context.out, table.answers, str(output))
-    closing = without_decision(table.answers, table.failed)
-    closing += [f"Table: {output}.", f"Seed {table.seed}."]
     context.out.reasons("No result", table.failed)
-    print_answer(context.out, table.answers, study, closing=closing)
+    closing = [f"Table: {output}.", f"Seed {table.seed}."]
+    print_answer(context.out, table.answers, study, table.failed, closing=closing)
     context.end_with_problems(table.failed)
 
 
@@ -193,7 +193,7 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
     from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
     stats = draws.group("sample_stats")
-    problems = {**draws.not_converged, **draws.imprecise}  # a reason by subject
+    problems = draws.not_converged | draws.imprecise  # a reason by subject
     if "mu1" in draws.parameters:  # the paper's model
         columns = ["mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate"]
     else:
@@ -222,9 +222,8 @@ def print_draws(out: Terminal, draws: bt.Draws) -> None:
     headings = ["subject", *(_HEADINGS.get(name, name) for name in quantities), "ESS", "R-hat"]
     if rows:
         title = f"{capitalized(model_title(draws.model))}: medians [95 % interval]"
-        n_quantities = len(quantities)
-        # ESS and R-hat stand behind the name of the subject and the quantities.
-        out.table(headings, rows, numeric=(n_quantities + 1, n_quantities + 2), title=title)
+        last_two = range(len(headings) - 2, len(headings))
+        out.table(headings, rows, numeric=last_two, title=title)
     n_others = len(draws.names) - len(rows)
     if n_others:
         out.line(f"The draws of {n_others:,} other subjects converged.")
@@ -246,9 +245,6 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, study: bt.Study, f
 
     from bayes_toe.answers.study_summary import APPENDIX_C, count_all
 
-    # A space stands in place of the star that marks the best model.
-    headings = ["subject", "none ", "constant ", "contraction ", "both "]
-    headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
     rows = []
     log_factors = []  # of H1 against H0
     compared_answers = []  # the answers of the subjects with a log factor
@@ -266,9 +262,13 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, study: bt.Study, f
             compared_answers.append(answer)
         rows.append(cells)
 
+    # A space stands in place of the star that marks the best model.
+    headings = ["subject", "none ", "constant ", "contraction ", "both "]
+    headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
     title = "Log model evidence. * marks the largest of the four models."
     # All columns but the names are numeric.
     out.table_of_subjects(headings, rows, len(rows), file, numeric=range(1, 8), title=title)
+
     conclusion = f"{APPENDIX_C}."
     if log_factors:
         n_better = sum(log_factor > 0.0 for log_factor in log_factors)

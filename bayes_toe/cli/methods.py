@@ -114,10 +114,11 @@ def _methods(analysis: Analysis) -> Record:
     # The notes on trials that are left out or changed, of all notes of reading.
     words_of_changes = "dropped|excluded|merged|swapped|only rows|only pairs"
     changes = [note for note in study.notes if re.search(words_of_changes, note)]
+
     trials_by_subject: Counter[str] = Counter()
     for unit in study:  # a subject, or a subject in one condition
         trials_by_subject[unit.subject_name] += unit.total_trials
-    stimuli = np.concatenate([subject.stimuli for subject in study])
+    stimuli = np.concatenate([subject.stimuli for subject in study])  # natural logs
     (lowest, highest), stimulus_unit = _numbers(study, [stimuli.min(), stimuli.max()])
 
     return {

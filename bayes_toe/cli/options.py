@@ -71,13 +71,14 @@ def complete_example(words: list[str]) -> list[str]:
     >>> complete_example(["--example", "-o", "results"])
     ['--example', '2afc', '-o', 'results']
     """
-    if "--example" in words:
-        from bayes_toe.data.tasks import task_named
+    from bayes_toe.data.tasks import task_named
 
-        i = words.index("--example") + 1
-        next_word = "".join(words[i : i + 1])  # '' after the last word
-        if task_named(next_word) is None:
-            words = [*words[:i], FIRST_EXAMPLE, *words[i:]]
+    if "--example" not in words:
+        return words
+    i = words.index("--example") + 1
+    next_word = "".join(words[i : i + 1])  # '' after the last word
+    if task_named(next_word) is None:
+        return [*words[:i], FIRST_EXAMPLE, *words[i:]]
     return words
 
 
@@ -189,20 +190,19 @@ class StudyFile:
                 "--example and STUDY.csv exclude each other. "
                 "Allowed: --example 2afc, --example same-different."
             )
-
         # A wrong name of a task is refused before a file is read, which may take a while.
-        question = self.reading.get("task")
-        task = None if question is None else task_of(question)
+        typed_task = self.reading.get("task")  # None without --task
+        task = None if typed_task is None else task_of(typed_task)
+
         if self.example:
             study = example_study(task_of(self.example, "--example"), self._read_options())
         elif self.files:
             study = read_study(self._paths(), self._read_options())
         else:
             raise InputError(NO_FILE)
-
-        if task not in (None, study.task):  # Without --task, `task` is None.
+        if task not in (None, study.task):
             raise InputError(
-                f"--task is {question!r}, but the responses in {study.source} are of the task "
+                f"--task is {typed_task!r}, but the responses in {study.source} are of the task "
                 f"{study.task.name!r}."
             )
         return changed(study, self.swap or (), self.exclude or ())
@@ -217,7 +217,7 @@ class StudyFile:
         """The files. A name with *, which the shell has not replaced, means all matching files."""
         paths = []
         for file in self.files or ():
-            # A file that exists is meant, even if its name has a '*'.
+            # A file that exists is meant itself, even if its name has a '*'.
             matches = [] if os.path.exists(file) else sorted(map(Path, glob(str(file))))
             paths += matches or [file]  # Without a match, the reader says that there is no file.
         return paths
@@ -228,9 +228,9 @@ class StudyFile:
 
         options = {name: value for name, value in self.reading.items() if value is not None}
         options.pop("task", None)  # `read` compares it with the task of the responses.
+        options["categorical"] = options.pop("categorical_condition", False)
         options["columns"] = parse_columns(",".join(options.get("columns", ())))
         options["where"] = parse_pairs(
             "--where", options.get("where", ()), "COLUMN=TEXT", may_be_empty=True
         )
-        categorical = options.pop("categorical_condition", False)
-        return ReadOptions(**options, categorical=categorical)
+        return ReadOptions(**options)

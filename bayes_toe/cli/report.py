@@ -84,12 +84,13 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
     names = analysis.study.names
     is_paged = len(names) > MAX_SUBJECTS
     answers = list(analysis.answers)
+    # By subject: the page or the section of the subject.
     if is_paged:
-        # The index begins with the subjects that need action, and links to their pages.
+        # The index begins with the subjects that need action.
         answers.sort(key=lambda answer: answer.subject not in facts["flagged"])
         links = {name: f"subjects/{stem}.html" for name, stem in facts["stems"].items()}
     else:
-        links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}  # sections of the report
+        links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
 
     findings = check(analysis.study)
     asymmetry = asymmetry_table(analysis.study)
@@ -98,17 +99,15 @@ def write_report(analysis: Analysis, facts: Record, folder: Path) -> None:
         "asymmetry": asymmetry,
         "findings": findings,
         "note_codes": NOTES,
-        "before_pooling": [finding for finding in findings if finding.code in FLAG_WORDS],
+        "pooling_codes": FLAG_WORDS,
         "folder": folder,
         "products": {path.name for path in folder.iterdir()},  # files to which pages link
         "links": links,
         "is_paged": is_paged,
-        "max_items": 10 if is_paged else None,  # names that a list shows; None for all names
         "answers": answers,
-        "path_to_folder": "../" if is_paged else "",  # from the page that has a subject
     }
 
-    sections = _sections(analysis, asymmetry, findings)
+    sections = _sections(analysis, asymmetry, findings)  # one for each subject
     templates = _environment()
     if is_paged:
         (folder / "subjects").mkdir()
@@ -208,23 +207,27 @@ def _context(analysis: Analysis, facts: Record) -> Record:
 def _sections(
     analysis: Analysis, asymmetries: AsymmetryTable, findings: Findings
 ) -> Iterator[Record]:
-    """Yield the values of the section of each subject when the section is written."""
+    """Yield the values of the section of each subject, by the names in the template.
+
+    They are computed when the section is written, because those of all subjects need much memory.
+    """
     stats = analysis.draws.group("sample_stats")
     messages = defaultdict(list)  # by subject
     for finding in findings:
         if finding.code not in NOTES:
             messages[finding.subject].append(finding.message)
 
-    summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
+    summaries = dict(list(analysis.summary().groupby("subject", sort=False)))  # by subject
     results = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (subject, evidence_row, answer, asymmetry) in enumerate(results):
         name = subject.name
-        log_evidence = np.array(list(answer.log_evidence.values()))
         remarks = []
         # A finding names a subject, or a subject in a condition, which has a name of its own.
         # Without conditions both names are the same, and a dict has it once.
         for label in dict.fromkeys([name, subject.subject_name]):
             remarks += messages[label]
+
+        log_evidence = np.array(list(answer.log_evidence.values()))  # of the four models
         yield {
             "anchor": f"subject-{i + 1}",
             "data": subject,
@@ -248,14 +251,13 @@ def _parameter(analysis: Analysis, row: Any) -> tuple[Any, str, str]:
     """
     draws = analysis.draws.values(row.subject, row.parameter)
     n_effective = min(row.ess_bulk, row.ess_tail)  # of the median and of the interval's ends
+    difference = ""
     if row.parameter in ("pse_shift", "jnd"):
         # The unit is natural logs where per cents would be too large.
         unit = analysis.study.unit.with_logs_if_large(percent(np.quantile(draws, (0.025, 0.975))))
         difference = format_draws(
             unit.to_differences(draws), n_effective, most_decimals=1, unit=unit.difference_unit
         )
-    else:  # no difference between stimuli
-        difference = ""
     return row, format_draws(draws, n_effective, most_decimals=3), difference
 
 

@@ -65,7 +65,7 @@ def write_results(
     draws = analysis.draws
     stems = file_stems(analysis.study.names)  # of the files of each subject
     flagged_subjects = flagged(analysis.answers, draws.not_converged)
-    names = {"all": draws.names, "flagged": tuple(flagged_subjects), "none": ()}[figures]
+    names = {"all": draws.names, "flagged": flagged_subjects, "none": ()}[figures]
     products = list(PRODUCTS)
     for stem in stems.values():
         products += [f"corner/{stem}.png", f"subjects/{stem}.html"]

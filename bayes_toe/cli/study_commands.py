@@ -66,6 +66,7 @@ def fit(
     outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
     context.require_files(*outputs)
     study, prior = context.read_and_describe(file)
+
     # A study without pairs in both orders cannot be tested, but its model can be fitted.
     asymmetries = None
     try:
@@ -76,7 +77,6 @@ def fit(
         context.out.remarks([f"No test of asymmetry: {error}."])
 
     table = context.work("fitting", len(study), bt.fit, study, replicates=replicates, prior=prior)
-
     save_options = {"overwrite": context.overwrite, "units": study.conditions is not None}
     table.save(output, **save_options)
     print_fits(context.out, table)
@@ -92,7 +92,7 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
     rows = []
     for row in table:
         cells = [row.subject, str(len(row.comparisons))]
-        largest = row.maximal
+        largest = row.maximal  # None if no pair came in both orders
         if largest is None:
             cells.append("no pair in both orders")
         else:
@@ -118,13 +118,14 @@ def print_fits(out: Terminal, table: FitTable) -> None:
     rows = []
     for row in table:
         cells = [row.subject]
-        limits = row.intervals().tolist()
-        for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
+        intervals = row.intervals().tolist()  # low and high end for each parameter
+        for value, (low, high) in zip(row.parameters.tolist(), intervals, strict=True):
             text = number(value)
             if not isnan(value) and not isnan(low):  # The parameter has a fit and replicates.
                 text += f" [{low:.2f}, {high:.2f}]"
             cells.append(without_zeros(text))
         rows.append([*cells, f"{row.log_likelihood:.2f}", row.at_edge])
+
     title = f"Maximum likelihood [95 % interval of {table.replicates} bootstrap replicates]"
     out.table(["subject", *table.rows[0].names, "log likelihood", "at edge"], rows, title=title)
     out.notes(notes_of(table), mark="-")

@@ -161,7 +161,7 @@ def wrap_line(text: str, indent: int = 0) -> list[str]:
 
 
 def _wrap_glued(text: str, width: int, **options: Any) -> list[str]:
-    """A text in lines that do not end where words are glued; glue becomes a space."""
+    """A text in lines that do not end where :data:`_GLUE` stands; it becomes a space."""
     lines = wrap(text, width, break_on_hyphens=False, **options)
     return [line.replace(_GLUE, " ") for line in lines]
 
@@ -247,10 +247,10 @@ def with_options(command: str, options: Iterable[str]) -> str:
     for option in options:
         words = "\0" + "\0".join(shlex.split(option))
         is_exclusion = option.startswith("--exclude")
-        # '--exclude B' or '--exclude B:3', but not '--exclude B2'
+        # '--exclude B' removes a typed '--exclude B' or '--exclude B:3', but not '--exclude B2'.
         blocks = r"(:[^\0]+)?" if is_exclusion else ""
-        line, n_typed = re.subn(rf"{re.escape(words)}{blocks}(?![^\0])", "", line)
-        if not n_typed or is_exclusion:
+        line, n_removed = re.subn(rf"{re.escape(words)}{blocks}(?![^\0])", "", line)
+        if is_exclusion or n_removed == 0:
             line += words
     return shlex.join(line.split("\0"))
 
@@ -284,9 +284,8 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
 
     fitting_rows = [row[:n_fitting] for row in (*_heading_rows(headings[:n_fitting]), *rows)]
     widths, gap = _column_widths(fitting_rows)
-    # The first column gives up the columns of the screen that are missing.
-    excess = sum(widths) + gap * (n_fitting - 1) - WIDTH
-    widths[0] -= max(excess, 0)
+    # The first column gives up what the table is too wide.
+    widths[0] -= max(0, _total_width(widths, gap) - WIDTH)
     table = [_table_line(row, widths, gap, numeric) for row in fitting_rows]
 
     if n_fitting < len(headings):
@@ -298,20 +297,26 @@ def format_table(headings: Texts, rows: Rows, numeric: Collection[int] = ()) -> 
     return table
 
 
+def _total_width(widths: Sequence[int], gap: int) -> int:
+    """The width of a table, with the gaps between its columns."""
+    return sum(widths) + gap * (len(widths) - 1)
+
+
 def is_narrow(headings: Texts, rows: Rows, first_width: int = 8) -> bool:
     """Whether a table fits into :data:`WIDTH` once its first column is cut to `first_width`."""
-    widths, gap = _column_widths([*_heading_rows(headings), *rows])
-    return min(widths[0], first_width) + sum(widths[1:]) + gap * (len(widths) - 1) <= WIDTH
+    (width, *other_widths), gap = _column_widths([*_heading_rows(headings), *rows])
+    return _total_width([min(width, first_width), *other_widths], gap) <= WIDTH
 
 
 def _heading_rows(headings: Texts) -> Rows:
-    r"""The lines of headings as rows, aligned at the last line.
+    r"""The lines of headings as rows of cells, aligned at the last line.
 
     ['subject', 'order\neffect'] -> [('', 'order'), ('subject', 'effect')]
     """
     # From the last line upwards, so that a shorter heading is filled at its top.
-    upwards = [heading.split("\n")[::-1] for heading in headings]
-    return list(itertools.zip_longest(*upwards, fillvalue=""))[::-1]
+    upward_lines = [heading.split("\n")[::-1] for heading in headings]
+    upward_rows = list(itertools.zip_longest(*upward_lines, fillvalue=""))
+    return upward_rows[::-1]
 
 
 def _column_widths(rows: Rows) -> tuple[list[int], int]:
@@ -323,11 +328,7 @@ def _column_widths(rows: Rows) -> tuple[list[int], int]:
         cells = row if len(row) == n_columns else row[:-1]
         for i, cell in enumerate(cells):
             widths[i] = max(widths[i], cell_width(cell))
-
-    gap = 2
-    if sum(widths) + gap * (n_columns - 1) > WIDTH:
-        gap = 1
-    return widths, gap
+    return widths, 2 if _total_width(widths, gap=2) <= WIDTH else 1
 
 
 def _table_line(row: Texts, widths: Sequence[int], gap: int, numeric: Collection[int]) -> str:
@@ -335,10 +336,7 @@ def _table_line(row: Texts, widths: Sequence[int], gap: int, numeric: Collection
     line = ""
     for i, cell in enumerate(row):
         is_spanning = i == len(row) - 1 and len(row) < len(widths)
-        if is_spanning:
-            width = WIDTH - cell_width(line)
-        else:
-            width = widths[i]
+        width = WIDTH - cell_width(line) if is_spanning else widths[i]
         text = shorten(cell, width)
         padding = " " * (width - cell_width(text))
         if i in numeric and not is_spanning:
@@ -360,9 +358,9 @@ def shorten(text: str, width: int) -> str:
     if cell_width(text) <= width:
         return text
     # The most characters that fit beside the three dots; some characters take two columns.
-    for n_shown in range(width - 3, 0, -1):
-        n_last = n_shown // 3  # a third of the characters are from the end
-        short_text = f"{text[: n_shown - n_last]}...{text[len(text) - n_last :]}"
+    for n_characters in range(width - 3, 0, -1):
+        n_last = n_characters // 3  # a third of the characters are from the end
+        short_text = f"{text[: n_characters - n_last]}...{text[len(text) - n_last :]}"
         if cell_width(short_text) <= width:
             return short_text
     return "..."
@@ -407,8 +405,8 @@ def merge_notes(notes: Iterable[Note]) -> list[tuple[list[str], str, str]]:
     >>> merge_notes([("A", "few trials", ""), ("B", "few trials", "")])
     [(['A', 'B'], 'few trials', '')]
     """
-    # Subjects are the keys of a dict, which is used as a set that keeps their order.
-    subjects_by_note: dict[tuple[str, str], dict[str, None]] = {}  # by text and option
+    # By text and option. Subjects are the keys of a dict, which has each once, in their order.
+    subjects_by_note: dict[tuple[str, str], dict[str, None]] = {}
     for subject, text, option in notes:
         subjects = subjects_by_note.setdefault((text, option), {})
         if subject:  # '' is the subject of a note on all subjects
@@ -424,17 +422,16 @@ def describe_study(study: Study) -> str:
 
 def describe_amount(study: Study) -> str:
     """Amounts of a study: '2 subjects, 1,300 trials, which was stronger (2AFC), 13 pairs'."""
-    n_trials = sum(subject.total_trials for subject in study)
-    pair_counts = [subject.n_pairs for subject in study]
     subjects = plural(len({subject.subject_name for subject in study}), "subject")
     if study.conditions is not None:
         subjects += f" in {len(study.conditions.levels)} conditions"
-    if len(set(pair_counts)) == 1:
-        pairs = plural(pair_counts[0], "pair")
-    else:
-        pairs = f"{min(pair_counts):,} to {max(pair_counts):,} pairs"
+    trials = plural(sum(subject.total_trials for subject in study), "trial")
     tasks = join_words([part.task.title for part in study.by_task])
-    return f"{subjects}, {plural(n_trials, 'trial')}, {tasks}, {pairs}"
+    pair_counts = {subject.n_pairs for subject in study}
+    pairs = plural(max(pair_counts), "pair")
+    if len(pair_counts) > 1:
+        pairs = f"{min(pair_counts):,} to {pairs}"
+    return f"{subjects}, {trials}, {tasks}, {pairs}"
 
 
 # --- numbers --------------------------------------------------------------------------------------

@@ -116,17 +116,17 @@ def corner(
     from bayes_toe.plots.corner import COORDINATES, quantity_names
     from bayes_toe.plots.figure_files import require_suffix
 
+    # Unknown formats, subjects and quantities are refused before the work.
     require_suffix(f"corner.{ending}")
     draws = load_draws(posterior)
     names = tuple(subject or draws.names)
     for name in names:
-        draws.subject(name)  # raises for an unknown subject
+        draws.subject(name)
     truths = read_truth(truth, [draws], names)
-
     coordinates: str | list[str] = parameters
     if parameters not in COORDINATES:
         coordinates = [name.strip() for name in parameters.split(",")]
-    quantity_names(draws.posterior(names[0]), coordinates)  # raises for an unknown name
+    quantity_names(draws.posterior(names[0]), coordinates)
 
     # Subjects that are named share a figure, such as S01+S02.png; otherwise each has one.
     groups = [names] if subject else [(name,) for name in names]
@@ -160,10 +160,7 @@ def corner(
 
 def _save_corner(file: Path, draws: bt.Draws, subjects: Sequence[str], **options: Any) -> None:
     """Draw the corner plot of subjects, and write it; `options` are those of `bt.plots.corner`."""
-    from bayes_toe.plots.figure_files import figure_bytes, require_suffix
-
-    figure = bt.plots.corner(draws, subjects, **options)
-    file.write_bytes(figure_bytes(figure, require_suffix(file), dpi=150))
+    bt.plots.save_figure(bt.plots.corner(draws, subjects, **options), file, dpi=150)
 
 
 def app(

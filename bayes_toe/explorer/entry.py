@@ -154,7 +154,10 @@ class Entry:
         return quantity_names(self.target, "natural")
 
     def columns(self) -> NamedArrays:
-        """The draws as axes show them, (draws,) each; NaN where a draw lacks the effect."""
+        """The draws of each quantity as axes show them, (draws,) each; NaN without the effect.
+
+        An effect that too few draws have is left out.
+        """
         columns = {}
         for name in self.names:
             values = self.quantities[name]
@@ -167,22 +170,12 @@ class Entry:
     def packed(self, most_rows: int) -> Record:
         """The entry as the page stores it, with at most `most_rows` rows, one for a draw.
 
-        Contours, intervals and spans are those of all draws.
+        The keys are the names by which explorer.js reads the values.
         """
         draws = self.x.reshape(-1, self.x.shape[-1])  # of all chains, (draws, k)
         n_rows = min(len(draws), most_rows)
         # Equally spaced draws; explorer.js inverts this rule to name the draw of a row.
-        index = np.arange(n_rows) * len(draws) // n_rows
-
-        columns = self.columns()
-        # The values of each quantity in the draws that have it.
-        finite_values = {name: values[~np.isnan(values)] for name, values in columns.items()}
-        names = self.target.names.all
-        known_values = {name: value for name, value in self.truth.items() if name in names}
-        truth = all_true_values(known_values, self.target)  # with the values that follow from them
-        spans = axis_limits(finite_values.values(), list(columns), self.target, truth)
-
-        # The keys are the names by which explorer.js reads the values.
+        draw_of_row = np.arange(n_rows) * len(draws) // n_rows
         return {
             "subject": visible(self.target.subject.name),
             "label": visible(self.label),
@@ -193,16 +186,29 @@ class Entry:
             "rows": n_rows,
             "of": len(draws),  # the number of all draws
             "perChain": self.x.shape[1],
+            **self._packed_quantities(draw_of_row),
+            **self._packed_responses(draws[draw_of_row], draw_of_row),
+        }
+
+    def _packed_quantities(self, draw_of_row: IndexArray) -> Record:
+        """Values of each quantity in the rows; contours, intervals and spans of all draws."""
+        columns = self.columns()
+        # The values of each quantity in the draws that have it.
+        finite_values = {name: values[~np.isnan(values)] for name, values in columns.items()}
+        names = self.target.names.all
+        known_values = {name: value for name, value in self.truth.items() if name in names}
+        truth = all_true_values(known_values, self.target)  # with the values that follow from them
+        spans = axis_limits(finite_values, self.target, truth)
+        return {
             "names": list(columns),
             "main": [name for name in self.main_names if name in columns],
-            "values": to_base64(np.stack(list(columns.values()))[:, index]),  # (names, rows)
+            "values": to_base64(np.stack(list(columns.values()))[:, draw_of_row]),  # (names, rows)
             "marked": [self._interval(name, values) for name, values in finite_values.items()],
             "with": list(map(len, finite_values.values())),  # how many draws have each quantity
             "truth": truth,
             "spans": spans,
             "contours": packed_contours(columns, spans),
             **self._packed_priors(list(columns)),
-            **self._packed_responses(draws[index], index),
         }
 
     def _packed_priors(self, names: Sequence[str]) -> Record:
@@ -210,15 +216,17 @@ class Entry:
 
         The page makes a density of 201 quantiles, from 0 to 100 %.
         """
-        prior = prior_values(self.target)
+        prior = prior_values(self.target)  # draws by quantity
         quantiles = []
         probabilities = []
         for name in names:
             values = np.quantile(prior[name], np.linspace(0.0, 1.0, 201))
             quantiles.append(axis_values(name, values, self.unit))
-            # Which of the four models have the quantity. A single model has each quantity that it
-            # shows, so that its probability is that of every model, 1.
-            has_quantity = QUESTIONS.get(name, EVERY_MODEL) if self.is_averaged else EVERY_MODEL
+            # A single model has each quantity that it shows, so that the probability is that of
+            # every model, 1. Of the four models, some lack an effect.
+            has_quantity = EVERY_MODEL
+            if self.is_averaged:
+                has_quantity = QUESTIONS.get(name, EVERY_MODEL)
             probabilities.append(float(PRIOR_PROBABILITIES[has_quantity].sum()))
         return {"prior": to_base64(quantiles), "priorShares": probabilities}
 
@@ -250,27 +258,13 @@ class Entry:
                 dominated_badges.append(("dominated", name))
         return dominated_badges
 
-    def _packed_responses(self, x: FloatArray, index: IndexArray) -> Record:
-        """Counts, curves over them, and the line of stimuli that seem equal, at the draws x.
+    def _packed_responses(self, x: FloatArray, draw_of_row: IndexArray) -> Record:
+        """Pairs with their counts, curves over them, and the line of stimuli that seem equal.
 
-        `x` has shape (rows, k), and `index` has the numbers of these draws among all draws.
+        `x` has the draws of the rows, shape (rows, k), and `draw_of_row` their numbers among all
+        draws. The keys are the names by which explorer.js reads the values.
         """
         subject = self.target.subject
-        _, position = slice_and_position(subject)  # of each pair on the axis of its slice
-        pairs = {
-            "s1": subject.s1,
-            "s2": subject.s2,
-            "k": subject.n_yes,
-            "n": subject.n_trials,
-            "order": presentation_order(subject),
-            "estimate": laplace_estimate(subject.n_yes, subject.n_trials),
-            "error": laplace_error(subject.n_yes, subject.n_trials),
-            "along": position,
-        }
-
-        describe = subject.unit.describe
-        stimuli = [f"{describe(s1)}, {describe(s2)}".replace("-", "−") for s1, s2 in subject.pairs]
-
         low = float(subject.stimuli.min())
         high = float(subject.stimuli.max())
         pad = _PLANE_MARGIN * (high - low) or 0.5  # 0.5 if there is only one stimulus
@@ -280,22 +274,18 @@ class Entry:
         plane_scale = stimulus_scale("first stimulus", subject.unit, mean=0.0, limits=ends)
 
         fitted = Predictor(self.target, x)
+        slices = []
         stimuli_of_slices, n_slices = _selected_slices(subject)
-        slices = [
-            pack_slice(fitted, stimulus, has_title=n_slices > 1) for stimulus in stimuli_of_slices
-        ]
+        for stimulus in stimuli_of_slices:
+            slices.append(pack_slice(fitted, stimulus, has_title=n_slices > 1))
 
-        # The keys are the names by which explorer.js reads the values.
         return {
-            "pairs": {
-                **{key: values.tolist() for key, values in pairs.items()},
-                "stimuli": stimuli,
-            },
+            "pairs": _packed_pairs(subject),
             "plane": _packed_scale(plane_scale, subject.unit, ends),
             "slices": slices,
             "undrawn": n_slices - len(slices),
             "ends": ends,
-            "axis": to_base64(self._equal_stimuli(ends)[:, index]),
+            "axis": to_base64(self._equal_stimuli(ends)[:, draw_of_row]),  # (2, rows)
         }
 
     def _equal_stimuli(self, ends: Sequence[float]) -> FloatArray:
@@ -324,8 +314,9 @@ def _is_plottable(is_present: BoolArray) -> bool:
 def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[str]]:
     """The contours of every two quantities, each contour a text, the innermost contour first.
 
-    `columns` and `spans` are as axes show them. A contour has its x, then its y, with NaN between
-    two lines. Two quantities have no contours if few draws have both.
+    `columns` has the draws of each quantity, (draws,) each, and `spans` the limits of its axis, as
+    axes show them. A contour has its x, then its y, with NaN between two lines. Two quantities have
+    no contours if few draws have both.
     """
     from bokeh.plotting.contour import contour_data
 
@@ -347,10 +338,10 @@ def packed_contours(columns: NamedArrays, spans: Sequence[Span]) -> list[list[st
 def entries_of(draws: Draws, label: str, subjects: Texts, truths: Truth) -> list[Entry]:
     """The entries of subjects in a file of draws; `label` names the model on the page.
 
-    If the draws are of the paper's model, each subject also has an entry with the average of the
-    four models.
+    `truths` has the known true values by subject. If the draws are of the paper's model, each
+    subject also has an entry with the average of the four models.
     """
-    reasons = draws.not_interpreted  # by subject
+    reasons = draws.not_interpreted  # by subject, the reason why it is not interpreted
     entries = []
     for name in subjects:
         answer, _ = answer_subject(draws.subject(name), draws.seed, draws.prior.observer)
@@ -378,7 +369,10 @@ def entries_of(draws: Draws, label: str, subjects: Texts, truths: Truth) -> list
 
 
 def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
-    """The entry of the four models averaged, made from the entry of the paper's model."""
+    """The entry of the four models averaged, made from the entry of the paper's model.
+
+    `answer` is the answer of the subject, and `draws` are those of the paper's model.
+    """
     subject = entry.target.subject
     prior = draws.prior.observer
     # More draws than an answer needs, because the page shows them. The list has one result.
@@ -386,6 +380,7 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
     average = evidence.averaged()
     # The page takes draws of equal weight, here as one chain, as long as a file has by default.
     points = average.resampled(generator(draws.seed, subject.name, "explorer"), size=4000)
+
     # The flag of a misfit is left out, because the badge of the fit says the same.
     flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
     sizes = answer.sizes
@@ -405,16 +400,19 @@ def _averaged_entry(entry: Entry, answer: OrderEffect, draws: Draws) -> Entry:
 
 
 def badges(draws: Draws, name: str) -> TextPairs:
-    """Badges of a subject: whether the draws converged, and whether the model fits."""
-    fit = draws.fit(name)
+    """Badges, kind and words each: whether the draws of a subject converged, and the model fits."""
     shortfall = draws.not_converged.get(name)
     convergence = ("unconverged", shortfall) if shortfall else ("fine", "converged")
-    is_testable = fit.degrees_of_freedom > 0
-    # There is no p-value if the pairs determine about as many parameters as there are pairs. Then
-    # no badge says whether the model fits.
-    if is_testable and np.isnan(fit.fit_p):
-        return (convergence,)
-    return convergence, _fit_badge(fit.fit_p if is_testable else None, len(draws.names))
+
+    fit = draws.fit(name)
+    fit_p = None
+    if fit.degrees_of_freedom > 0:
+        fit_p = fit.fit_p
+        # There is no p-value if the pairs determine about as many parameters as there are pairs.
+        # Then no badge says whether the model fits.
+        if np.isnan(fit_p):
+            return (convergence,)
+    return convergence, _fit_badge(fit_p, len(draws.names))
 
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
@@ -428,7 +426,25 @@ def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:
     return "fine", description
 
 
-# --- curves ---------------------------------------------------------------------------------------
+# --- pairs and curves -----------------------------------------------------------------------------
+
+
+def _packed_pairs(subject: Subject) -> Record:
+    """Stimuli, counts and shares of every pair; the keys are the names that explorer.js reads."""
+    _, position = slice_and_position(subject)  # of each pair on the axis of its slice
+    describe = subject.unit.describe
+    texts = [f"{describe(s1)}, {describe(s2)}" for s1, s2 in subject.pairs]
+    return {
+        "s1": subject.s1.tolist(),
+        "s2": subject.s2.tolist(),
+        "k": subject.n_yes.tolist(),
+        "n": subject.n_trials.tolist(),
+        "order": presentation_order(subject).tolist(),
+        "estimate": laplace_estimate(subject.n_yes, subject.n_trials).tolist(),
+        "error": laplace_error(subject.n_yes, subject.n_trials).tolist(),
+        "along": position.tolist(),
+        "stimuli": [text.replace("-", "−") for text in texts],
+    }
 
 
 def pack_slice(fitted: Predictor, stimulus: float, *, has_title: bool) -> Record:
@@ -447,37 +463,36 @@ def pack_slice(fitted: Predictor, stimulus: float, *, has_title: bool) -> Record
     """
     subject = fitted.target.subject
     unit = subject.unit
-    slice_of_pair, position = slice_and_position(subject)
+    stimulus_of_pair, position = slice_and_position(subject)  # (pairs,) each
     if subject.task == WHICH_STRONGER:
         # The position is s2 - s1. All panels show the same range of positions.
-        is_member = slice_of_pair == stimulus
-        orders = [0]
+        is_member = stimulus_of_pair == stimulus
         low = float(position.min() - _CURVE_MARGIN * np.ptp(position))
-        x = _curve_positions(low, float(position.max()))
+        x = _curve_positions(low, float(position.max()))  # (POINTS,)
         ends = [low, float(x[-1])]
-        first_stimuli = np.full_like(x, stimulus)
-        pairs_by_order = {0: (first_stimuli, first_stimuli + x)}
         scale = difference_scale(unit, ends)
+        pairs_by_order = {0: (np.full_like(x, stimulus), stimulus + x)}
     else:
         # The position is the stronger stimulus. Curves start at the weaker stimulus. The panel of
         # the weakest stimulus also has the pairs of equal stimuli below it.
         is_member = pairs_with_weaker(subject, stimulus)
+        position = position[is_member]
+        x = _curve_positions(stimulus, float(position.max()))  # (POINTS,)
+        ends = [min(stimulus, float(position.min())), float(x[-1])]
+        # Like the scale of the plane, this scale does not need the mean.
+        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)
+
         order = presentation_order(subject)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
         # The other curves, if there are any, begin at a single pair of equal stimuli, which needs
         # no curve of its own then.
         if (order == 0).sum() > 1 or not orders:
             orders.append(0)
-        position = position[is_member]
-        x = _curve_positions(stimulus, float(position.max()))
-        ends = [min(stimulus, float(position.min())), float(x[-1])]
-        pairs_by_order = pairs_with_stronger(stimulus, x)
-        # Like the scale of the plane, this scale does not need the mean.
-        scale = stimulus_scale("stronger stimulus", unit, mean=0.0, limits=ends)
+        all_pairs = pairs_with_stronger(stimulus, x)
+        pairs_by_order = {sign: all_pairs[sign] for sign in orders}
 
-    # P of the counted answer to the pairs along the curve of each order. An order has the shape
-    # (rows, POINTS), and `curves` has (orders, POINTS, rows).
-    curves = np.stack([fitted.yes(*pairs_by_order[sign]).T for sign in orders])
+    # P of the counted answer along the curve of each order, (orders, POINTS, rows).
+    curves = np.stack([fitted.yes(*pairs).T for pairs in pairs_by_order.values()])
     title = f"{subject.task.slice_stimulus} stimulus {unit.describe(stimulus)}".replace("-", "−")
     # The keys are the names by which explorer.js reads the values.
     return {
@@ -486,7 +501,7 @@ def pack_slice(fitted: Predictor, stimulus: float, *, has_title: bool) -> Record
         "low": ends[0],
         "x": x.tolist(),
         "scale": _packed_scale(scale, unit, ends),
-        "orders": orders,
+        "orders": list(pairs_by_order),
         # Probabilities as whole numbers of 16 bits, which the page divides by the largest one.
         "yes": to_base64(np.rint(curves * 65535), kind="<u2"),
     }
@@ -527,10 +542,11 @@ def _selected_slices(subject: Subject) -> tuple[list[float], int]:
 
     A slice without trials of different stimuli does not count, unless there are only such slices.
     """
-    slice_of_pair, _ = slice_and_position(subject)
-    # `slice_index` has the number of the slice of each pair.
-    stimuli, slice_index = np.unique(slice_of_pair, return_inverse=True)
-    n_trials = np.bincount(slice_index, weights=subject.n_trials * (subject.s1 != subject.s2))
+    stimulus_of_pair, _ = slice_and_position(subject)
+    # `slice_of_pair` has the number of the slice of each pair, (pairs,).
+    stimuli, slice_of_pair = np.unique(stimulus_of_pair, return_inverse=True)
+    n_different = subject.n_trials * (subject.s1 != subject.s2)
+    n_trials = np.bincount(slice_of_pair, weights=n_different)  # (slices,)
     n_slices = max(1, int(np.count_nonzero(n_trials)))
     most_trials_first = np.argsort(-n_trials, kind="stable")
     selected_stimuli = stimuli[most_trials_first][: min(MOST_SLICES, n_slices)]

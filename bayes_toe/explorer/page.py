@@ -28,7 +28,7 @@ from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.libraries import __version__
 from bayes_toe.model.models import model_title
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
-from bayes_toe.plots.corner import axis_unit, in_unit, shown_unit
+from bayes_toe.plots.corner import axis_label, in_unit, shown_unit
 from bayes_toe.workers import Progress
 
 #: Subjects of one page; posteriors of a subject count each.
@@ -117,27 +117,25 @@ def entries(
     """The entries of the page, with the arguments and errors of :func:`explore`."""
     truths = truths or {}
     by_label = _draws_by_label(draws)
-    names_by_model = [model_draws.names for model_draws in by_label.values()]
-    all_names = dict.fromkeys(chain.from_iterable(names_by_model))  # each once
+    # Dicts have each name once, in order.
+    all_names = dict.fromkeys(chain.from_iterable(part.names for part in by_label.values()))
     names = all_names if subjects is None else dict.fromkeys(name_list(subjects))
     for name in names:
         if name not in all_names:
             listing = join_names(list(map(repr, all_names)), max_items=20)
             raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
-
-    n_entries = 0
-    for names_of_model in names_by_model:
-        n_entries += len(set(names).intersection(names_of_model))
+    names_by_label = {}
+    for label, model_draws in by_label.items():
+        names_by_label[label] = tuple(name for name in names if name in model_draws.names)
+    n_entries = sum(map(len, names_by_label.values()))
     require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
 
     page_entries = []
     for label, model_draws in by_label.items():
-        model_names = tuple(name for name in names if name in model_draws.names)
+        true_values = truths
         if not truths and model_draws.study.source == EXAMPLE:
             true_values = example_truth(model_draws.study.task)
-        else:
-            true_values = truths
-        page_entries += entries_of(model_draws, label, model_names, true_values)
+        page_entries += entries_of(model_draws, label, names_by_label[label], true_values)
     _require_quantities(truths, page_entries)
     return page_entries
 
@@ -189,6 +187,7 @@ def page(
     units = {(entry.unit.stimulus_unit, entry.unit.difference_unit) for entry in page_entries}
     if len(units) > 1:
         raise InputError("explore: found draws in two units, allowed: one in a page")
+
     # If differences of any entry are too large for per cent, all differences are natural logs.
     unit = shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
     if unit.has_log_differences:
@@ -196,6 +195,7 @@ def page(
             replace(entry, target=in_unit(entry.target, unit)) for entry in page_entries
         ]
 
+    # The keys are the names by which explorer.js reads the values.
     index = {
         "entries": [
             {
@@ -218,7 +218,6 @@ def page(
         scripts.append(_data_script(f"entry-{i}", entry.packed(n_draws)))
         if progress is not None:
             progress(entry.target.subject.name)
-
     # The data take the place of the mark _ISLANDS.
     html_of_page = _frame(task).replace(_ISLANDS, "".join(scripts))
     # Bokeh's script makes functions of texts, which browsers refuse without 'unsafe-eval'.
@@ -229,8 +228,7 @@ def _texts_of_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:
     """The label of each quantity on an axis, such as 'JND, %', and its meaning in words."""
     texts = {}
     for name, quantity in QUANTITY_BY_NAME.items():
-        label = ", ".join(filter(None, (quantity.label, axis_unit(name, unit))))
-        texts[name] = label, quantity.words
+        texts[name] = axis_label(quantity.label, name, unit), quantity.words
     return texts
 
 

@@ -38,7 +38,10 @@ SLOTS = 6
 
 
 class _Look(NamedTuple):
-    """Colour of an entry, marker of its draws, dash of its lines, and marker of its true value."""
+    """Colour of an entry, marker of its draws, dash of its lines, and marker of its true value.
+
+    An entry is the posterior of one subject; the page shows one entry or two.
+    """
 
     colour: str
     marker: str
@@ -64,7 +67,10 @@ _BAND = ("x", "all", "kept", "low", "high")
 
 
 def document(task: Task) -> Document:
-    """All figures of the page; each has the name of the place that embeds it."""
+    """All figures of the page: the panels of the corner, and curves and plane of each entry.
+
+    Each figure has the name of the place that embeds it.
+    """
     sources = _Sources()
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
     roots = [_distribution(sources, ranges, i) for i in range(SLOTS)]
@@ -92,7 +98,10 @@ class _Sources(dict[str, ColumnDataSource]):
 
 
 def _plot(name: str, tools: list[Any], **options: Any) -> Any:
-    """An empty figure that fills its place; explorer.js widens borders that have numbers."""
+    """An empty figure that fills its place on the page; `options` are those of Bokeh's figure.
+
+    explorer.js widens borders that have numbers.
+    """
     plot = figure(
         name=name,
         tools=tools,
@@ -126,19 +135,22 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
 
 
 def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
-    """A panel of the corner, which can be brushed; explorer.js shows the axes at the edges."""
+    """A panel of the corner, in which a drag selects draws ("brushes" them).
+
+    `dimensions` says which axes the selection limits, "width" or "both". explorer.js shows the axes
+    of the panels at the edges.
+    """
     select = BoxSelectTool(dimensions=dimensions, renderers=[], continuous=True)
     plot = _plot(name, [select], x_range=x, y_range=y)
     plot.toolbar.active_drag = select  # so that dragging selects without a click on a tool first
     brushed = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
     plot.js_on_event("selectiongeometry", CustomJS(code=brushed))
     for axis in plot.axis:
-        axis.update(visible=False, ticker=FixedTicker(ticks=[]))
+        axis.update(visible=False, ticker=FixedTicker())
     plot.add_layout(
         BoxAnnotation(
             name=f"brush-{name}",
             visible=False,
-            editable=False,
             fill_color="#000000",
             fill_alpha=0.08,
             line_color="#000000",
@@ -296,7 +308,6 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
     plot.add_tools(_hover(points, task))
     plot.add_layout(
         Title(
-            text="",
             name=f"curves-title-{letter}",
             text_color=_INK,
             text_font_size="12px",
@@ -362,8 +373,8 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
 
 
 def _small_words(plot: Any, axes_of_stimuli: Any) -> None:
-    """Make labels small, and leave the ticks of the axes of stimuli to explorer.js."""
+    """Make labels small, and leave the ticks of `axes_of_stimuli` to explorer.js."""
     for axis in plot.axis:
         axis.update(axis_label_text_font_size="12px", ticker=BasicTicker(desired_num_ticks=4))
     for axis in axes_of_stimuli:
-        axis.ticker = FixedTicker(ticks=[])
+        axis.ticker = FixedTicker()

@@ -16,6 +16,7 @@ from bayes_toe.answers.contrast import (
 )
 from bayes_toe.answers.words import Word
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
+from bayes_toe.errors import require_kind
 from bayes_toe.plots.style import (
     EQUAL,
     LETTERS,
@@ -23,7 +24,6 @@ from bayes_toe.plots.style import (
     PAGE,
     POSTERIOR,
     UNNAMED_HEIGHT,
-    checked,
     draw_intervals,
     legend_outside,
     name_rows,
@@ -46,7 +46,6 @@ _MARKS = {
 }
 
 
-@checked
 def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
     """Draw the differences between conditions of every subject. The marker shows the word.
 
@@ -58,6 +57,7 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
     synthetic : bool
         Whether the subjects are simulated, which the title then says.
     """
+    require_kind("table", table, ContrastTable, "ContrastTable")
     quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
     n_subjects = len(table.subjects)
@@ -69,7 +69,6 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
     # 0.7 for title and legend, and 0.9 for the axis and label of each panel.
     figure = new_figure(PAGE, 0.7 + (0.9 + panel_height) * len(comparisons))
     panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
-
     for (i, j), ax in np.ndenumerate(panels):
         quantity = quantities[j]
         comparison = comparisons[i]
@@ -79,6 +78,8 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         percents = [row.interval(UNKNOWN_UNIT) for row in rows]
         unit = table.unit.with_logs_if_large(percents)
         _draw_subjects(ax, table, rows, unit)
+        ax.tick_params(labelleft=j == 0)  # Only the first panel of a row has names.
+
         quantity_ticks(ax, observer_name(quantity))
         # A contraction is a share.
         unit_name = "%" if quantity == "contraction" else unit.difference_unit
@@ -87,7 +88,6 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         else:
             label = f"{quantity}, {plain(comparison)} ({unit_name})"
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
-        ax.tick_params(labelleft=j == 0)
 
     title = f"What differs by {plain(table.conditions.name)}"
     if synthetic:
@@ -120,7 +120,7 @@ def _draw_subjects(
             continue
         rows_of_word = [row for row in rows if row.word == word]
         y = [subjects.index(row.subject) for row in rows_of_word]
-        # A word that no row of this panel has gives the shape (0, 3), and an entry of the legend.
+        # (rows of this word, 3); a word that no row has draws nothing but an entry of the legend.
         quantiles = np.array([row.interval(unit) for row in rows_of_word]).reshape(-1, 3)
         draw_intervals(ax, y, quantiles.T, colour=colour, line=1.0, mfc=face, mew=0.7, label=label)
     name_rows(ax, len(subjects), names)

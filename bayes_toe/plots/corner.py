@@ -136,39 +136,25 @@ def corner(
             "truths: found numbers, allowed: a mapping of each subject's values by its name"
         )
     subject_names = _subject_names(subject)
-    targets = [draws.posterior(name) for name in subject_names]
-    names = quantity_names(targets[0], coordinates)
-    log_draws = []  # draws of each subject by quantity, in natural logs
-    for name in subject_names:
-        log_draws.append({key: draws.values(name, key).ravel() for key in names})
-    unit = shown_unit(targets[0].subject.unit, log_draws)
+    names = quantity_names(draws.posterior(subject_names[0]), coordinates)
+    samples = _samples(draws, subject_names, names, truths)
 
-    samples = []
-    limits = []
-    # OVERLAID has four styles. If there are fewer subjects, they take the first styles.
-    for target, values, (colour, line) in zip(targets, log_draws, OVERLAID, strict=False):
-        target = in_unit(target, unit)
-        columns = [axis_values(key, values[key], unit) for key in names]
-        true_values = all_true_values(truths.get(target.subject.name, {}), target)
-        limits.append(axis_limits(columns, names, target, true_values))
-        truth = [true_values.get(key, np.nan) for key in names]
-        samples.append(_Sample(target, names, np.stack(columns), truth, colour, line))
+    limits = np.array([sample.limits for sample in samples])  # (subjects, quantities, 2)
+    # A panel has the lowest and the highest limit of all subjects.
+    spans = np.column_stack([limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)]).tolist()
 
-    # The limits have the shape (subjects, quantities, 2).
-    lowest = np.min(limits, axis=0)[:, 0]
-    highest = np.max(limits, axis=0)[:, 1]
-    spans = np.column_stack([lowest, highest]).tolist()
-    fig = fig or _new_figure(len(spans))
+    fig = fig or _new_figure(len(names))
     for sample in samples:  # All subjects share the panels, which every call returns.
         axes = _draw_posterior(fig, sample, spans, is_single=len(samples) == 1)
-    if prior is not None:  # The marginals of the prior are shares of the same bins.
+    if prior is not None:
         for sample in samples:
-            values = prior_values(model_posterior(draws.model, sample.target.subject, prior))
+            subject_in_unit = sample.target.subject
+            values = prior_values(model_posterior(draws.model, subject_in_unit, prior))
             for ax, name, span in zip(axes.diagonal(), names, spans, strict=True):
-                prior_draws = axis_values(name, values[name], unit)
+                prior_draws = axis_values(name, values[name], subject_in_unit.unit)
                 ax.plot(*_smooth_density(prior_draws, span), color=PRIOR, lw=1.4, ls=sample.line)
     _arrange_axes(axes)
-    _write_key(fig, draws, samples, len(spans), has_prior=prior is not None)
+    _write_key(fig, draws, samples, has_prior=prior is not None)
     return fig
 
 
@@ -192,22 +178,45 @@ def _subject_names(subject: str | int | Sequence[str | int]) -> list[str]:
 class _Sample(NamedTuple):
     """Draws of a subject as axes show them, with true values, colour and style of line.
 
-    `columns` has the shape (quantities, draws). The true value of a quantity is NaN if it is not
-    known.
+    `columns` has the draws of each quantity, (draws,) each. `truth` has the true values of the
+    quantities, NaN for unknown ones, and `limits` the limits of their axes.
     """
 
     target: SubjectPosterior
-    names: Texts
-    columns: FloatArray
+    columns: NamedArrays
     truth: Sequence[float]
+    limits: Sequence[Span]
     colour: str
     line: str
+
+
+def _samples(
+    draws: Draws, subject_names: Sequence[str], names: Texts, truths: Mapping[str, Values]
+) -> list[_Sample]:
+    """The sample of each subject; `names` has the quantities, and all axes have one unit."""
+    log_draws = []  # draws of each subject by quantity, (draws,) each, in natural logs
+    for subject_name in subject_names:
+        log_draws.append({name: draws.values(subject_name, name).ravel() for name in names})
+    unit = shown_unit(draws.subject(subject_names[0]).unit, log_draws)
+
+    samples = []
+    # OVERLAID has four styles. If there are fewer subjects, they take the first styles.
+    styles = zip(subject_names, log_draws, OVERLAID, strict=False)
+    for subject_name, values, (colour, line) in styles:
+        target = in_unit(draws.posterior(subject_name), unit)
+        columns = {name: axis_values(name, values[name], unit) for name in names}
+        true_values = all_true_values(truths.get(target.subject.name, {}), target)
+        truth = [true_values.get(name, np.nan) for name in names]
+        limits = axis_limits(columns, target, true_values)
+        samples.append(_Sample(target, columns, truth, limits, colour, line))
+    return samples
 
 
 def quantity_names(target: SubjectPosterior, coordinates: str | Sequence[str]) -> Texts:
     """The names of the quantities of 'natural' or 'identified', or those in a sequence.
 
     For the four models, 'natural' has constant error, contraction and JND, if the model has them.
+    An unknown quantity, or one that is named twice, is refused.
     """
     if coordinates == "identified":
         return target.names.identified
@@ -236,7 +245,7 @@ def shown_unit(unit: StimulusUnit, draws_by_subject: Iterable[NamedArrays]) -> S
     """The unit in which axes show differences.
 
     It is `unit`, or natural logs if an axis would have per cents that are too large to be read.
-    The draws of each subject, by quantity, are in natural logs.
+    `draws_by_subject` has the draws of each subject by quantity, (draws,) each, in natural logs.
     """
     ends = []  # of all axes of differences
     for draws in draws_by_subject:
@@ -279,10 +288,10 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
     return quantity.scale * values
 
 
-def axis_label(name: str, unit: StimulusUnit) -> str:
-    """Symbol and unit of a quantity, as in 'JND, %'; a pure number has no unit."""
+def axis_label(text: str, name: str, unit: StimulusUnit) -> str:
+    """A text for a quantity with the unit of its axis, as in 'JND, %'; a pure number has none."""
     # `filter` leaves out an empty unit with its comma.
-    return ", ".join(filter(None, (QUANTITY_BY_NAME[name].symbol, axis_unit(name, unit))))
+    return ", ".join(filter(None, (text, axis_unit(name, unit))))
 
 
 def axis_unit(name: str, unit: StimulusUnit) -> str:
@@ -299,24 +308,24 @@ def axis_unit(name: str, unit: StimulusUnit) -> str:
     return {LOG_INTENSITY_UNIT: "ln", PER_LOG_INTENSITY: "per ln"}.get(quantity.unit, "")
 
 
-def axis_limits(
-    columns: Iterable[FloatArray], names: Sequence[str], target: SubjectPosterior, truth: Values
-) -> list[Span]:
-    """Axis limits of quantities, within their support, with the true values that are known.
+def axis_limits(columns: NamedArrays, target: SubjectPosterior, truth: Values) -> list[Span]:
+    """The limits of the axis of each quantity, which hold its true value if `truth` has one.
 
-    Draws, true values and limits are as axes show them. Limits are at quantiles of the draws, not
-    at the smallest and the largest draw: a few draws far out in a funnel would squeeze all other
-    draws into one bin.
+    `columns` has the draws of each quantity, (draws,) each. Draws, true values and limits are as
+    axes show them. Limits are at quantiles of the draws, not at the smallest and the largest draw:
+    a few draws far out in a funnel would squeeze all other draws into one bin.
     """
     spans = []
-    for values, name in zip(columns, names, strict=True):
+    for name, values in columns.items():
         low, high = np.quantile(values, SPAN_QUANTILES).tolist()
         low = min(low, truth.get(name, low))
         high = max(high, truth.get(name, high))
+
         if high > low:  # room for a mark at either end
             pad = 0.08 * (high - low)
         else:  # all draws are equal, perhaps 0, and an axis needs a width
             pad = 0.5 * abs(low) + 1e-12
+        # No axis goes beyond the values that its quantity can have.
         lowest, highest = axis_values(name, support(target, name), target.subject.unit).tolist()
         spans.append((max(low - pad, lowest), min(high + pad, highest)))
     return spans
@@ -333,13 +342,30 @@ def support(target: SubjectPosterior, name: str) -> Span:
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
 
 
-def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float]:
-    """True values, and all quantities that follow from them, as axes show them.
+def all_true_values(true_values: Values, target: SubjectPosterior) -> dict[str, float]:
+    """True values and all that follow from them, by quantity, as axes show them.
 
     A true value that the quantity cannot have is refused.
     """
-    unit = target.subject.unit
-    for name, value in truths.items():
+    _require_possible(true_values, target)
+    parameters = {}  # the natural parameters; an unknown one is NaN
+    for name in target.names.natural:
+        parameters[name] = np.asarray(true_values.get(name, np.nan), np.float64)
+    with np.errstate(invalid="ignore"):  # The paper's prior excludes a sigma_l above sigma_p.
+        quantities = target.quantities(target.points(parameters))
+
+    all_values = {}
+    for name, value in quantities.items():
+        # A given value goes before one that follows, which is NaN if it depends on an unknown one.
+        true_value = true_values.get(name, float(value))
+        if np.isfinite(true_value):
+            all_values[name] = float(axis_values(name, true_value, target.subject.unit))
+    return all_values
+
+
+def _require_possible(true_values: Values, target: SubjectPosterior) -> None:
+    """Refuse an unknown quantity, and a true value that a quantity cannot have."""
+    for name, value in true_values.items():
         if name not in target.names.all:
             raise InputError(
                 f"truths: unknown quantity {name!r}; there are: {', '.join(target.names.all)}"
@@ -352,19 +378,9 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
             rule = f"a finite number from {low:g} to {high:g}"
         require_kind(f"truths: {name}", value, Real, rule)
         # A finite log may be an infinite intensity.
-        if not (np.isfinite(axis_values(name, value, unit)) and low <= value <= high):
+        is_finite = np.isfinite(axis_values(name, value, target.subject.unit))
+        if not (is_finite and low <= value <= high):
             raise InputError(f"truths: {name}={value!r}, allowed: {rule}")
-
-    # An unknown value is NaN, and so is every quantity that depends on it.
-    parameters = {
-        name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural
-    }
-    with np.errstate(invalid="ignore"):  # The paper's prior excludes a sigma_l above sigma_p.
-        quantities = target.quantities(target.points(parameters))
-
-    true_values = {name: float(value) for name, value in quantities.items() if np.isfinite(value)}
-    true_values |= truths  # a given value goes before a value that follows from others
-    return {name: float(axis_values(name, value, unit)) for name, value in true_values.items()}
 
 
 # --- panels ---------------------------------------------------------------------------------------
@@ -373,16 +389,16 @@ def all_true_values(truths: Values, target: SubjectPosterior) -> dict[str, float
 def contour_grid(
     x: FloatArray, y: FloatArray, x_span: Span, y_span: Span
 ) -> tuple[FloatArray, ...]:
-    """Smoothed counts of draws `x`, `y` in and around a panel, and levels of contours.
+    """What contours of draws `x`, `y` need in a panel with the limits `x_span` and `y_span`.
 
-    `x_span` and `y_span` are the limits of the panel. It has BINS bins across and BINS bins upward,
-    and EDGE_BINS bins are added beyond each of its sides. Returns the middles of the bins across
-    and those upward, shape (BINS + 4,) each; the counts, shape (BINS + 4, BINS + 4), upward and
-    across; and the levels in ascending order. For each share in :data:`CONTOUR_SHARES` there is a
-    level: the density at this share of the draws is above it. If all draws are one point, there is
-    one level.
+    Returns, with the two bins that are added beyond each side of a panel of BINS bins:
+
+    * the middles of the bins across, shape (BINS + 4,), and of the bins upward,
+    * the smoothed counts of the draws, shape (bins upward, bins across),
+    * the levels of contours, ascending, one for each share in :data:`CONTOUR_SHARES`: this share
+      of the draws has a density above the level. If all draws are one point, there is one level.
     """
-    counts, _, _ = np.histogram2d(y, x, BINS, [y_span, x_span])
+    counts, _, _ = np.histogram2d(y, x, BINS, [y_span, x_span])  # (upward, across)
     # A draw that the sampler repeats says nothing new. Draws with one x are such repetitions: other
     # draws differ in x, because x is continuous.
     n_distinct = len(np.unique(x))
@@ -393,19 +409,24 @@ def contour_grid(
     # lowest density, so that contours close there.
     continued = np.pad(smooth, 1, mode="edge")
     padded = np.pad(continued, 1, constant_values=smooth.min())
-    # Middles of the bins in units of the panel, below 0 and above 1 in the added bins.
-    middles = (np.arange(-EDGE_BINS, BINS + EDGE_BINS) + 0.5) / BINS
-    middle_x = x_span[0] + (x_span[1] - x_span[0]) * middles
-    middle_y = y_span[0] + (y_span[1] - y_span[0]) * middles
+    middle_x = _bin_middles(x_span)
+    middle_y = _bin_middles(y_span)
 
     # Draws beyond the added bins get a density below that of all other draws.
     density = RegularGridInterpolator(
         (middle_y, middle_x), padded, bounds_error=False, fill_value=-1.0
     )
-    # A share S of the draws has a density above the (1 - S) quantile of the density at the draws.
-    # All quantiles are the same if all draws are one point.
-    levels = np.unique(np.quantile(density((y, x)), 1.0 - np.array(CONTOUR_SHARES)))
+    density_at_draws = density((y, x))  # (draws,)
+    # A share S of the draws has a density above its (1 - S) quantile.
+    levels = np.unique(np.quantile(density_at_draws, 1.0 - np.array(CONTOUR_SHARES)))
     return middle_x, middle_y, padded, levels
+
+
+def _bin_middles(span: Span) -> FloatArray:
+    """The middles of the bins of a panel, and of the bins that are added beyond either end."""
+    low, high = span
+    position = (np.arange(-EDGE_BINS, BINS + EDGE_BINS) + 0.5) / BINS  # 0 to 1 in the panel
+    return low + (high - low) * position
 
 
 def corner_package() -> Any:
@@ -430,18 +451,19 @@ def _draw_posterior(
 
     Later subjects are drawn over the panels of the first subject.
     """
+    unit = sample.target.subject.unit
     corner_package().corner(
-        sample.columns.T,
+        np.column_stack(list(sample.columns.values())),  # (draws, quantities)
         fig=figure,
         range=spans,
-        labels=[axis_label(name, sample.target.subject.unit) for name in sample.names],
+        labels=[axis_label(QUANTITY_BY_NAME[name].symbol, name, unit) for name in sample.columns],
         label_kwargs={"fontsize": 9.5},
         labelpad=0.05,
         max_n_ticks=4,
         use_math_text=True,
         color=sample.colour,
         hist_kwargs={"alpha": 0.0},  # no histograms: `_draw_curves` draws curves
-        quantiles=MARKED_QUANTILES if is_single else None,
+        quantiles=MARKED_QUANTILES if is_single else None,  # as dashed lines
         plot_datapoints=False,
         plot_density=False,
         plot_contours=False,
@@ -458,14 +480,13 @@ def _draw_contours(
 ) -> None:
     """Draw contours and true values of one subject in the panels below the diagonal."""
     lines: Style = {"colors": sample.colour, "linestyles": sample.line}
+    columns = list(sample.columns.values())
     for column, row in combinations(range(len(spans)), 2):  # column < row: below the diagonal
         ax = axes[row, column]
         *middles, counts, levels = contour_grid(
-            sample.columns[column], sample.columns[row], spans[column], spans[row]
+            columns[column], columns[row], spans[column], spans[row]
         )
         ax.contour(*middles, counts, levels, linewidths=1.5, zorder=1.5, **lines)
-        x = sample.truth[column]
-        y = sample.truth[row]
         if is_single:
             # Areas from level to level, the last area up to a bound that no count reaches. The
             # outer area, between the two levels, is light. If all draws are one point, there is one
@@ -473,11 +494,15 @@ def _draw_contours(
             bounds = [*levels, 2.0 * counts.max()]
             colours = [(sample.colour, 1.0 / 3.0), sample.colour][-len(levels) :]
             ax.contourf(*middles, counts, bounds, colors=colours)
-            ax.plot(x, y, "s", color=TRUTH)
-            ax.axvline(x, color=TRUTH)
-            ax.axhline(y, color=TRUTH)
+
+        true_x = sample.truth[column]
+        true_y = sample.truth[row]
+        if is_single:
+            ax.plot(true_x, true_y, "s", color=TRUTH)
+            ax.axvline(true_x, color=TRUTH)
+            ax.axhline(true_y, color=TRUTH)
         else:  # only a mark, because lines would be taken for medians
-            ax.plot(x, y, "s", ms=5, color=sample.colour, **_TRUTH_MARKS)
+            ax.plot(true_x, true_y, "s", ms=5, color=sample.colour, **_TRUTH_MARKS)
 
 
 def _draw_curves(
@@ -487,15 +512,15 @@ def _draw_curves(
 
     Of several subjects, an upright line is the median, and no interval is drawn.
     """
-    panels = zip(diagonal, sample.columns, spans, sample.truth, strict=True)
+    panels = zip(diagonal, sample.columns.values(), spans, sample.truth, strict=True)
     for ax, values, span, true_value in panels:
         ax.plot(*_smooth_density(values, span), color=sample.colour, lw=1.4, ls=sample.line)
         low, median, high = np.quantile(values, MARKED_QUANTILES)
         if is_single:
-            # The width of the interval determines the decimals of the median and of both ends.
+            # The width of the interval determines the decimals of the three numbers.
             texts = rounded(low, high, low, median, high)
             if len(texts[1]) > 9:  # The median is too long for the width of a panel.
-                texts = list(map("{:.2g}".format, (low, median, high)))
+                texts = [f"{value:.2g}" for value in (low, median, high)]
             ax.set_title(format_estimate(*texts), fontsize=9.0)
             ax.axvline(true_value, color=TRUTH)
         else:
@@ -507,7 +532,7 @@ def _draw_curves(
 def _smooth_density(values: FloatArray, span: Span) -> ArrayPair:
     """Middles of the bins of a curve on the diagonal, and the smoothed share of draws in each bin.
 
-    Both have the shape (_CURVE_BINS,).
+    `values` are the draws, and both arrays have the shape (_CURVE_BINS,).
     """
     counts, edges = np.histogram(values, _CURVE_BINS, span)
     n_distinct = len(np.unique(values))  # a repeated draw says nothing new, see `contour_grid`
@@ -554,17 +579,13 @@ def _new_figure(n_panels: int) -> Figure:
 
 
 def _write_key(
-    figure: Figure,
-    draws: Draws,
-    samples: Sequence[_Sample],
-    n_panels: int,
-    *,
-    has_prior: bool,
+    figure: Figure, draws: Draws, samples: Sequence[_Sample], *, has_prior: bool
 ) -> None:
     """Write what lines and marks mean.
 
     The key stands above the panels if there are few. More panels leave a corner free for the key.
     """
+    n_panels = len(samples[0].columns)  # a side
     style: Style = {
         "loc": "upper right",
         "alignment": "left",
@@ -583,29 +604,30 @@ def _write_key(
         warning = "\nNOT CONVERGED" if name in draws.not_converged else ""
         names.append(plain(name, limit=24) + warning)
 
-    handles: list[Artist] = []
-    if len(names) == 1:
+    has_contours = n_panels > 1
+    entries: list[Artist] = []
+    if len(samples) == 1:
         style |= {"title": names[0], "title_fontproperties": {"size": 14.0, "weight": "bold"}}
-        if n_panels > 1:  # there are contours
-            handles.append(Patch(color=POSTERIOR, label="50 % of the draws"))
-            handles.append(Patch(fc=(POSTERIOR, 1.0 / 3.0), ec=POSTERIOR, label="95 %"))
-        handles.append(_line("median, 95 % interval", color=POSTERIOR, ls="dashed"))
+        if has_contours:
+            entries.append(Patch(color=POSTERIOR, label="50 % of the draws"))
+            entries.append(Patch(fc=(POSTERIOR, 1.0 / 3.0), ec=POSTERIOR, label="95 %"))
+        entries.append(_line("median, 95 % interval", color=POSTERIOR, ls="dashed"))
         truth = _line("true value", color=TRUTH, marker="s")
     else:
         for sample, name in zip(samples, names, strict=True):
-            handles.append(_line(f"{name}, median", color=sample.colour, ls=sample.line))
+            entries.append(_line(f"{name}, median", color=sample.colour, ls=sample.line))
         mark: Style = {"ls": "", "mec": "black"}
-        if n_panels > 1:
-            handles.append(_line("50 and 95 % of the draws", marker="o", ms=8, mfc="none", **mark))
+        if has_contours:
+            entries.append(_line("50 and 95 % of the draws", marker="o", ms=8, mfc="none", **mark))
         truth = _line("true values", marker="^", ms=7, mfc="white", **mark)
 
     if has_prior:
-        handles.append(_line("prior", color=PRIOR))
+        entries.append(_line("prior", color=PRIOR))
     if np.isfinite([sample.truth for sample in samples]).any():
-        handles.append(truth)
+        entries.append(truth)
     synthetic = ", synthetic data" if draws.synthetic else ""
-    handles.append(_line(fill(model_title(draws.model) + synthetic, 40), ls=""))
-    figure.legend(handles=handles, **style)
+    entries.append(_line(fill(model_title(draws.model) + synthetic, 40), ls=""))
+    figure.legend(handles=entries, **style)
 
 
 def _line(label: str, **style: Any) -> Line2D:

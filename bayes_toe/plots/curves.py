@@ -25,6 +25,7 @@ from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IntArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.errors import require_kind
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.models import ObserverPosterior, model_title
@@ -35,7 +36,6 @@ from bayes_toe.plots.style import (
     SMALL,
     Mark,
     Style,
-    checked,
     difference_axis,
     draw_band,
     explain_curves,
@@ -66,7 +66,6 @@ _SHIFT = 0.008
 # --- one subject, over the stimuli ----------------------------------------------------------------
 
 
-@checked
 def curves(source: Analysis | Draws, subject: str) -> Figure:
     """Draw the responses of one subject in both orders, with the fitted probabilities.
 
@@ -88,6 +87,7 @@ def curves(source: Analysis | Draws, subject: str) -> Figure:
     InputError
         For an unknown subject.
     """
+    require_kind("source", source, (Analysis, Draws), "Analysis | Draws")
     if isinstance(source, Draws):
         fitted = Predictor.from_draws(source, subject, n_draws=600)
         model = model_title(source.model)
@@ -112,17 +112,14 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         isinstance(fitted.target, ObserverPosterior) and subject.task.has_three_answers
     )
     is_by_first = subject.task == WHICH_STRONGER or has_three_curves
-    weaker_stimuli = np.unique(_weaker_stimuli(subject))
-    is_by_weaker = not is_by_first and 0 < len(weaker_stimuli) <= MOST_PANELS
-    # `groups` has the stimuli (ln) of each panel. Without different stimuli, no pair has a weaker
-    # stimulus.
-    if is_by_weaker:
-        stimulus_name = "weaker"
-        groups = list(weaker_stimuli[:, None])  # one stimulus in each panel
-    else:
-        first_stimuli = np.unique(subject.s1)
+    stimuli = np.unique(_weaker_stimuli(subject))  # none if no pair has different stimuli
+    if is_by_first or not 1 <= len(stimuli) <= MOST_PANELS:
         stimulus_name = "first"
-        groups = np.array_split(first_stimuli, min(len(first_stimuli), MOST_PANELS))
+        stimuli = np.unique(subject.s1)
+    else:
+        stimulus_name = "weaker"
+    # The stimuli (ln) of each panel. First stimuli share panels if there are many.
+    groups = np.array_split(stimuli, min(len(stimuli), MOST_PANELS))
 
     n_columns = min(2, len(groups))
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * grid_rows(len(groups), n_columns) + 0.9)
@@ -132,8 +129,8 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     for ax, group in zip(panels, groups, strict=True):
         if has_three_curves:
             three_answers_panel(ax, subject, fitted, group)
-        elif is_by_weaker:
-            weaker_stimulus_panel(ax, subject, fitted.yes, float(group[0]))
+        elif stimulus_name == "weaker":
+            weaker_stimulus_panel(ax, subject, fitted.yes, float(group[0]))  # a single stimulus
         else:
             first_stimulus_panel(ax, subject, fitted.yes, group)
         if len(groups) > 1:
@@ -153,8 +150,9 @@ def finish_panels(panels: Sequence[Axes], n_columns: int) -> None:
 
 def _describe_group(subject: Subject, group: FloatArray, stimulus_name: str) -> str:
     """The title of a panel of sorted stimuli (ln), as in 'first stimulus 20 to 25 g'."""
+    # Of the lowest and the highest stimulus; one number if both are the same.
     numbers, unit = subject.unit.numbers(group[[0, -1]], subject.mean_first)
-    ends = " to ".join(dict.fromkeys(numbers))  # one number if both are the same
+    ends = " to ".join(dict.fromkeys(numbers))
     return f"{stimulus_name} stimulus {ends} {unit}".replace("-", "−")
 
 
@@ -184,14 +182,13 @@ def weaker_stimulus_panel(ax: Axes, subject: Subject, curve: Curve, weaker: floa
 
     There is a curve for each order, as in Fig. 3, upper row.
     """
-    stronger = np.maximum(subject.s1, subject.s2)
+    stronger = np.maximum(subject.s1, subject.s2)  # (pairs,), the horizontal axis
     is_in_panel = pairs_with_weaker(subject, weaker)
     low = float(stronger[is_in_panel].min(initial=weaker))
     high = float(stronger[is_in_panel].max(initial=weaker))
     high = max(high, weaker + 1e-9)  # a curve needs two ends
-    x = np.linspace(weaker, high, POINTS)
-    pairs_by_order = pairs_with_stronger(weaker, x)
-    # In the panel of the weakest stimulus, equal stimuli may be below it.
+    # The curves of different stimuli start at `weaker`. Equal stimuli may be below it.
+    pairs_by_order = pairs_with_stronger(weaker, np.linspace(weaker, high, POINTS))
     equal_stimuli = np.linspace(low, high, POINTS)
     pairs_by_order[0] = equal_stimuli, equal_stimuli
 
@@ -210,9 +207,10 @@ def weaker_stimulus_panel(ax: Axes, subject: Subject, curve: Curve, weaker: floa
 
 
 def pairs_with_stronger(weaker: float, stronger: FloatArray) -> dict[int, ArrayPair]:
-    """The first and the second stimuli along the curve of each order, shape (points,) each.
+    """The first and the second stimuli along the curve of each order, the sign of s1 - s2.
 
-    The order 0 has pairs of equal stimuli, both of them the stronger stimulus.
+    All have the shape of `stronger`, (points,). The order 0 has pairs of equal stimuli, both of
+    them the stronger stimulus.
     """
     weaker_stimuli = np.full_like(stronger, weaker)
     return {
@@ -229,16 +227,18 @@ def first_stimulus_panel(
 
     The curve is for the middle stimulus of `first_stimuli`, which are sorted.
     """
-    difference = subject.s2 - subject.s1
+    difference = subject.s2 - subject.s1  # (pairs,)
     # A margin of 5 %. If all differences are the same, 1e-9 is the width that a curve needs.
     pad = 0.05 * max(float(np.ptp(difference)), 1e-9)
     x = np.linspace(difference.min() - pad, difference.max() + pad, POINTS)
     middle_first = np.full_like(x, first_stimuli[len(first_stimuli) // 2])
     draw_band(ax, x, curve(middle_first, middle_first + x), _INK)
+
     is_in_panel = np.isin(subject.s1, first_stimuli)
     for mark, has_order in rows_by_order(presentation_order(subject)):
         rows = has_order & is_in_panel
         draw_shares(ax, difference[rows], subject.n_yes[rows], subject.n_trials[rows], mark)
+
     if subject.task == WHICH_STRONGER:
         _draw_half(ax, label="one half: PSE")
     difference_axis(ax, subject.unit)
@@ -252,20 +252,25 @@ def three_answers_panel(
 
     Pairs whose difference is the same are pooled. The marks of the answers stand side by side.
     """
+    difference = subject.steps  # s2 - s1, (pairs,)
     is_in_panel = np.isin(subject.s1, first_stimuli)
-    steps = subject.steps  # s2 - s1
-    # Which pairs have each difference, shape (differences, pairs).
-    groups = is_in_panel & (steps == np.unique(steps[is_in_panel])[:, None])
-    weights = groups * subject.n_trials
-    expected = fitted.answers(subject.s1, subject.s2)
-    n_by_answer = {"first": subject.n_first, "equal": subject.n_yes, "second": subject.n_second}
-    # The marks stand at the left, in the middle and at the right.
-    for position, (answer, n_answers) in enumerate(n_by_answer.items(), start=-1):
-        shift = position * _SHIFT * np.ptp(steps[is_in_panel])
-        # The style of the order in which the answer is right: 'first' if s1 > s2.
-        mark = ORDERS[-position]._replace(label=repr(answer))
+    different_values = np.unique(difference[is_in_panel])
+    has_value = difference == different_values[:, None]  # (values, pairs)
+    weights = (is_in_panel & has_value) * subject.n_trials
+
+    p_by_answer = fitted.answers(subject.s1, subject.s2)  # (draws, pairs) each
+    # The counts of each answer, (pairs,), with the order of stimuli for which the answer is right.
+    # In this order the marks stand at the left, in the middle and at the right.
+    counts = (
+        ("first", subject.n_first, 1),
+        ("equal", subject.n_yes, 0),
+        ("second", subject.n_second, -1),
+    )
+    for answer, n_answers, order in counts:
+        mark = ORDERS[order]._replace(label=repr(answer))
+        shift = -order * _SHIFT * np.ptp(different_values)
         n_present = cast(IntArray, n_answers)  # None only in tasks of two answers
-        _draw_pooled(ax, weights, steps, expected[answer], n_present, mark, shift)
+        _draw_pooled(ax, weights, difference, p_by_answer[answer], n_present, mark, shift)
     difference_axis(ax, subject.unit)
     ax.set_ylabel("proportion")
 
@@ -275,17 +280,18 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
 
     Pairs with neighbouring middles are pooled if there are more than MOST_PANELS middles.
     """
-    middle = 0.5 * (subject.s1 + subject.s2)
-    order = presentation_order(subject)
-    p_second = curve(subject.s1, subject.s2)
-    is_second_stronger = order < 0  # The order is the sign of s1 - s2.
-    p_correct = np.where(is_second_stronger, p_second, 1.0 - p_second)
+    middle = 0.5 * (subject.s1 + subject.s2)  # (pairs,), as all arrays of the subject
+    order = presentation_order(subject)  # the sign of s1 - s2
+    is_second_stronger = order < 0
     n_correct = np.where(is_second_stronger, subject.n_yes, subject.n_trials - subject.n_yes)
+    p_second = curve(subject.s1, subject.s2)  # (draws, pairs)
+    p_correct = np.where(is_second_stronger, p_second, 1.0 - p_second)
 
     # Equal stimuli have no correct answer. Neighbouring middles are a group. If there are fewer
     # middles than MOST_PANELS, some groups are empty, and not drawn.
-    neighbours = np.array_split(np.unique(middle[order != 0]), MOST_PANELS)
-    groups = np.array([np.isin(middle, middles) for middles in neighbours])  # (groups, pairs)
+    middles = np.unique(middle[order != 0])
+    neighbours = np.array_split(middles, MOST_PANELS)
+    groups = np.array([np.isin(middle, group) for group in neighbours])  # (groups, pairs)
     for sign in (-1, 1):
         shift = sign * _SHIFT * np.ptp(middle)
         weights = (groups & (order == sign)) * subject.n_trials
@@ -307,17 +313,20 @@ def _draw_pooled(
 ) -> None:
     """Draw observed shares of an answer, and the expected band, of groups of pairs.
 
-    `weights` has the trials of the pairs of each group, shape (groups, pairs); groups without
-    trials are left out. `expected` has P of the answer, shape (draws, pairs). The observed shares
-    stand by `shift` beside the mean of `x`.
+    `weights` has the trials of the pairs of each group, shape (groups, pairs), and 0 for pairs of
+    other groups; groups without trials are left out. `x` and `n_answers` have the shape (pairs,),
+    and `expected` has P of the answer, shape (draws, pairs). The observed shares stand by `shift`
+    beside the mean of `x`.
     """
     weights = weights[weights.any(axis=1)]
-    n_trials = weights.sum(axis=1)
-    if len(n_trials):
-        # The means of x and of P over the trials of each group.
-        position = weights @ x / n_trials  # (groups,)
-        draw_band(ax, position, expected @ weights.T / n_trials, mark.colour)
-        draw_shares(ax, position + shift, (weights > 0) @ n_answers, n_trials, mark)
+    if len(weights) == 0:
+        return
+    n_trials = weights.sum(axis=1)  # (groups,)
+    # The means of x and of P over the trials of each group.
+    mean_x = weights @ x / n_trials  # (groups,)
+    mean_p = expected @ weights.T / n_trials  # (draws, groups)
+    draw_band(ax, mean_x, mean_p, mark.colour)
+    draw_shares(ax, mean_x + shift, (weights > 0) @ n_answers, n_trials, mark)
 
 
 def _draw_half(ax: Axes, label: str) -> None:
@@ -341,7 +350,7 @@ def main_weaker(subject: Subject) -> float:
 
 
 def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
-    """Which pairs the panel of a weaker stimulus has.
+    """Which pairs the panel of a weaker stimulus has, (pairs,).
 
     They are the pairs with this weaker stimulus, and pairs of equal stimuli from this stimulus
     upward. The panel of the weakest stimulus has all pairs of equal stimuli.
@@ -349,17 +358,21 @@ def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
     has_weaker = np.minimum(subject.s1, subject.s2) == weaker
     is_equal = subject.s1 == subject.s2
     # Without pairs of different stimuli, the only panel is that of the weakest stimulus.
-    is_weakest = weaker <= _weaker_stimuli(subject).min(initial=np.inf)
-    return has_weaker | (is_equal & ((subject.s1 >= weaker) | is_weakest))
+    if weaker <= _weaker_stimuli(subject).min(initial=np.inf):
+        return has_weaker | is_equal
+    return has_weaker | (is_equal & (subject.s1 >= weaker))
 
 
 def draw_shares(ax: Axes, x: FloatArray, n_yes: IntArray, n_trials: IntArray, mark: Mark) -> None:
-    """Draw the Laplace estimator of shares with its standard deviation, Eq. e:2b."""
-    style: Style = {"color": mark.colour, "mec": "white", "mew": 0.5}
+    """Draw the Laplace estimator of shares with its standard deviation, Eq. e:2b.
+
+    `x`, `n_yes` and `n_trials` have the shape (points,).
+    """
+    style: Style = {"color": mark.colour, "mec": "white", "mew": 0.5, "label": mark.label}
     if len(x) > 25:  # So many points overlap.
         style |= {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
     else:
         style |= {"ms": 4.0, "elinewidth": 0.9}
-    value = laplace_estimate(n_yes, n_trials)
+    share = laplace_estimate(n_yes, n_trials)
     error = laplace_error(n_yes, n_trials)
-    ax.errorbar(x, value, error, fmt=mark.marker, label=mark.label, **style)
+    ax.errorbar(x, share, error, fmt=mark.marker, **style)

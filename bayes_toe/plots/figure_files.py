@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.errors import InputError, require_number
-from bayes_toe.plots.style import checked
+from bayes_toe.errors import InputError, require_kind, require_number
 
 #: Metadata that would differ from one writing to the next, by format.
 _UNDATED = {
@@ -52,7 +51,6 @@ def figure_bytes(figure: Figure, form: str, *, dpi: int = 300) -> bytes:
     return buffer.getvalue()
 
 
-@checked
 def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: int = 200) -> Path:
     """Write a figure to a file. The suffix determines the format.
 
@@ -65,6 +63,7 @@ def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: 
     InputError
         If matplotlib knows no such format.
     """
+    require_kind("figure", figure, Figure, "Figure")
     require_number("dpi", dpi)
     with whole_file(path, overwrite=overwrite) as target:
         target.write_bytes(figure_bytes(figure, require_suffix(path), dpi=dpi))

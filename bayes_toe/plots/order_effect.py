@@ -18,6 +18,7 @@ from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import plural
 from bayes_toe.data.stimulus_unit import StimulusUnit
+from bayes_toe.errors import require_kind
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
     EQUAL,
@@ -27,9 +28,7 @@ from bayes_toe.plots.style import (
     SMALL,
     UNNAMED_HEIGHT,
     Style,
-    checked,
     draw_intervals,
-    mark_synthetic,
     new_figure,
     plain,
     quantity_ticks,
@@ -78,7 +77,6 @@ _FILLS = {
 }
 
 
-@checked
 def order_effect(
     table: EvidenceTable, group: PopulationResult | None = None, *, synthetic: bool = False
 ) -> Figure:
@@ -106,9 +104,11 @@ def order_effect(
     >>> table = bt.evidence(study, seed=1)                        # doctest: +SKIP
     >>> bt.plots.order_effect(table, bt.population(study, seed=1))  # doctest: +SKIP
     """
+    require_kind("table", table, EvidenceTable, "EvidenceTable")
     figure = new_figure(PAGE, forest_height(len(table)))
     forests(figure.subplots(1, 2), table, group)
-    mark_synthetic(figure, synthetic)
+    if synthetic:
+        figure.suptitle("synthetic data", fontsize=LETTERS)
     return figure
 
 
@@ -120,50 +120,57 @@ def forest_height(subjects: int) -> float:
 
 
 def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResult | None) -> None:
-    """Draw PSE shifts and contractions, a row a subject, into two panels."""
+    """Draw PSE shifts and contractions, a row a subject, into two panels.
+
+    Rows are at 0, 1, ... from above, and the group is at 0.25 below the place of a further row.
+    """
     answers = list(table.answers)
     is_crowded = len(answers) > MAX_NAMES
     if is_crowded:
         answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
-    # Rows are at 0, 1, ... from above, and the group is at 0.25 below the place of a further row.
-    # The panel ends below the last subject, or below the group.
-    lowest_y = len(answers) - 0.5 if group is None else len(answers) + 1.0
 
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
         words = [answer.words[question.name] for answer in answers]
         sizes, unit = _sizes(answers, group, question)
         _draw_sizes(ax, words, sizes, question)
-        if group is not None:  # a line between subjects and group
-            ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
-
         start, end = _limits(sizes)
         low, _, high = sizes.T  # A row without a size has NaN, which is not beyond any limit.
         n_cut = int(np.sum((low < start) | (high > end)))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
 
+        # The panel ends below the last subject, or below the group.
+        if group is None:
+            ax.set_ylim(len(answers) - 0.5, -0.6)
+        else:
+            ax.set_ylim(len(answers) + 1.0, -0.6)
+            ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)  # between subjects and group
+
         title = question.title
         if is_crowded:
             title += f"\n{words.count(Word.YES)} yes, {words.count(Word.PROBABLY)} probably"
         ax.set_title(title, loc="left", fontsize=LETTERS)
-        ax.set(
-            xlabel=question.axis.format(unit=unit.difference_unit),
-            xlim=(start, end),
-            ylim=(lowest_y, -0.6),
-            yticks=[],
-        )
+        label = question.axis.format(unit=unit.difference_unit)
+        ax.set(xlabel=label, xlim=(start, end), yticks=[])
         ax.locator_params(axis="x", nbins=5)
         style_axes(ax)
         quantity_ticks(ax, question.name)
+
         if is_crowded:
             continue
         # Words stand right of the panel, whose width is 1, at the height of their row.
         transform = ax.get_yaxis_transform()
         for row, answer in enumerate(answers):
             line = answer.lines[question.name]
-            text = line.word + line.marks
-            ax.text(1.02, row, text, transform=transform, va="center", fontsize=SMALL)
+            ax.text(
+                1.02,
+                row,
+                line.word + line.marks,
+                transform=transform,
+                va="center",
+                fontsize=SMALL,
+            )
     _write_names(panels[0], answers, group, is_crowded=is_crowded)
 
 
@@ -172,15 +179,17 @@ def _sizes(
 ) -> tuple[FloatArray, StimulusUnit]:
     """Sizes of the subjects and, in the last row, of the group; and the unit of constant errors.
 
-    The columns are the median between the ends of the 95 % interval; NaN where there is no size.
+    The sizes have the shape (subjects + 1, 3). The columns are low end, median and high end of the
+    95 % interval; NaN where there is no size.
     """
     sizes = np.full((len(answers) + 1, 3), np.nan)
     for row, answer in enumerate(answers):
-        if answer.words[question.name] in _FILLS:
+        if answer.words[question.name] in _FILLS:  # another word has no size
             sizes[row] = answer.sizes[SIZE_OF[question.name]]
     # All subjects of a study have the same unit. Sizes are in per cent so far. If the axis would
     # need per cents that are too large, it has natural logs.
     unit = answers[0].unit.with_logs_if_large(_limits(sizes))
+
     if group is not None and question.name in group.identified:
         sizes[-1] = group.table.row("mean", question.group_size).interval
     if question.name == "constant_error":
@@ -193,20 +202,20 @@ def _draw_sizes(
 ) -> None:
     """Draw the sizes of subjects, with markers filled by the word, and that of the group.
 
-    The size of the group is NaN if the group has no size. The line of a 'yes' or 'probably' is
-    twice as thick as other lines.
+    `sizes` are those of :func:`_sizes`. The line of a 'yes' or 'probably' is twice as thick as
+    other lines.
     """
     colour = question.colour
-    style: Style = {"marker": question.marker, "ms": 4.5, "markerfacecoloralt": "white"}
-    if len(words) > MAX_NAMES:
-        style["ms"] = 2.5
+    marker_size = 2.5 if len(words) > MAX_NAMES else 4.5
+    style: Style = {"marker": question.marker, "ms": marker_size, "markerfacecoloralt": "white"}
     for word, fill in _FILLS.items():
         rows = [row for row, word_of_row in enumerate(words) if word_of_row is word]
-        line = style["ms"] * (0.3 if word.is_positive else 0.15)
         if rows:
+            width = marker_size * (0.3 if word.is_positive else 0.15)
             draw_intervals(
-                ax, rows, sizes[rows].T, colour=colour, line=line, fillstyle=fill, **style
+                ax, rows, sizes[rows].T, colour=colour, line=width, fillstyle=fill, **style
             )
+
     group_size = sizes[-1]
     if not np.isnan(group_size).any():
         style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6}
@@ -216,11 +225,11 @@ def _draw_sizes(
 def _limits(sizes: FloatArray) -> tuple[float, float]:
     """Limits of an axis that holds 0, every median and ordinary intervals.
 
-    `sizes` has a row for each interval: low, median and high, or NaN. An interval is cut if it
+    `sizes` are those of :func:`_sizes`. An interval is cut if it
     extends farther from all medians than twice the ordinary width.
     """
-    sizes = sizes[~np.isnan(sizes[:, 1])]
-    if not len(sizes):  # an empty panel
+    sizes = sizes[~np.isnan(sizes[:, 1])]  # without rows that have no size
+    if len(sizes) == 0:
         return -1.0, 1.0
     low, median, high = sizes.T
     margin = 2.0 * np.median(high - low)  # twice the ordinary width
@@ -234,7 +243,7 @@ def _write_names(
     ax: Axes, answers: Sequence[OrderEffect], group: PopulationResult | None, *, is_crowded: bool
 ) -> None:
     """Write the names of subjects, or how many there are if it is crowded, and of the group."""
-    names = {}  # by the height of their row
+    names = {}  # by the y of their row
     if is_crowded:
         label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
         ax.set_ylabel(label, fontsize=LETTERS)

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure, SubFigure
 from bayes_toe.answers.group_answer import LABELS
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, percent
+from bayes_toe.errors import require_kind
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.population_table import EFFECTS, PopulationRow
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
@@ -28,7 +29,6 @@ from bayes_toe.plots.style import (
     PAGE,
     SMALL,
     Style,
-    checked,
     draw_intervals,
     legend_outside,
     name_rows,
@@ -57,7 +57,6 @@ _EFFECT_LABELS = {
 }
 
 
-@checked
 def population(result: PopulationResult) -> Figure:
     """Draw the subjects of a group, and the group mean with its prior.
 
@@ -65,8 +64,10 @@ def population(result: PopulationResult) -> Figure:
     mean (purple), and of a new subject (grey). Then the posterior of the mean over its prior.
     Below: what covariates or conditions do to the means.
     """
+    require_kind("result", result, PopulationResult, "PopulationResult")
     names = result.names
     conditions = result.study.conditions
+    # What is compared: 'hand left − right', or the values of covariates.
     if conditions is None:
         comparisons = [column.meaning for column in result.regressors.columns]
     else:
@@ -121,9 +122,8 @@ def _draw_effects(section: SubFigure, result: PopulationResult, comparisons: Seq
     panels = section.subplots(1, len(names), squeeze=False, sharey=True)[0]
     labels = [plain(fill(text, 22), limit=70) for text in comparisons]
     for name, ax in zip(names, panels, strict=True):
-        quantiles, axis_label = _effects(
-            result, name, [row for row in rows if row.parameter == name]
-        )
+        parameter_rows = [row for row in rows if row.parameter == name]
+        quantiles, axis_label = _effects(result, name, parameter_rows)
         ax.axvline(0.0, color="black", lw=0.8)
         draw_intervals(ax, range(len(labels)), quantiles)
         name_rows(ax, len(labels), labels)
@@ -139,7 +139,7 @@ def _effects(
 ) -> tuple[FloatArray, str]:
     """Effects on the mean of a parameter, and the label of their axis.
 
-    The effects are medians between the ends of 95 % intervals, shape (3, effects).
+    The effects have the shape (3, rows): low end, median and high end of 95 % intervals.
     """
     quantiles = np.stack([row.interval for row in rows], axis=1)
     label = _EFFECT_LABELS[name]
@@ -173,26 +173,32 @@ def _heading(result: PopulationResult) -> str:
 def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     """Draw the posterior of the group's mean of a parameter, and its prior density."""
     j = result.index(name)
-    draws = result.draws.mean[..., j].ravel()
+    draws = result.draws.mean[..., j].ravel()  # of all chains, (draws,)
     low, high = np.quantile(draws, [0.001, 0.999])  # without draws far out
     if name in EFFECTS:  # the panel shows 0, no effect
         low = min(low, 0.0)
         high = max(high, 0.0)
     pad = 0.1 * (high - low)
     x = np.linspace(low - pad, high + pad, 200)
+    # The prior takes x as the mean of every parameter: (x, parameters).
+    log_prior, _ = result.numbers.prior_of_mean(x[:, None])
+    prior_of_x = np.exp(log_prior[:, j])
 
     unit = result.shown_unit(name)
     values = result.in_units(name, x, unit)
-    # p(value) = p(x) / (d value / d x). The prior takes x as the mean of every parameter, so that
-    # `log_prior` has the shape (x, parameters).
-    log_prior, _ = result.numbers.prior_of_mean(x[:, None])
-    prior = np.exp(log_prior[:, j]) / np.gradient(values, x)
-
-    draws = result.in_units(name, draws, unit)
-    ax.hist(draws, bins=30, density=True, color=_MEAN_COLOUR, label="posterior of the group mean")
+    prior = prior_of_x / np.gradient(values, x)  # p(value) = p(x) / (d value / d x)
+    shown_draws = result.in_units(name, draws, unit)
+    ax.hist(
+        shown_draws,
+        bins=30,
+        density=True,
+        color=_MEAN_COLOUR,
+        label="posterior of the group mean",
+    )
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
-    label = _LABELS[name].format(unit=unit.difference_unit)
-    ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
+
+    axis_label = _LABELS[name].format(unit=unit.difference_unit)
+    ax.set(xlim=(values[0], values[-1]), xlabel=axis_label, yticks=[])
     zero_line(ax)
     ax.locator_params(axis="x", nbins=4)
     quantity_ticks(ax, name)
@@ -205,13 +211,14 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     Bands and lines are 95 % intervals.
     """
     j = result.index(name)
-    # With covariates, the group has no single mean: it is shown at the reference of each.
-    reference = " at reference" if result.regressors.columns else ""
     unit = result.shown_unit(name)
+    # Draws of all chains: (chains, draws), and (chains, draws, subjects).
     new_subject = result.in_units(name, result.new_subject[..., j], unit)
     mean = result.in_units(name, result.draws.mean[..., j], unit)
     subjects = result.in_units(name, result.draws.subjects[..., j], unit)
 
+    # With covariates, the group has no single mean: it is shown at the reference of each.
+    reference = " at reference" if result.regressors.columns else ""
     bands = (("new subject", new_subject, BAND), ("group mean", mean, _MEAN_COLOUR))
     for label, values, colour in bands:
         low, _, high = np.quantile(values, MARKED_QUANTILES)
@@ -221,7 +228,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
         zero_line(ax)
     quantity_ticks(ax, name)
 
-    quantiles = np.quantile(subjects, MARKED_QUANTILES, axis=(0, 1))  # shape (3, subjects)
+    quantiles = np.quantile(subjects, MARKED_QUANTILES, axis=(0, 1))  # (3, subjects)
     n_subjects = quantiles.shape[1]
     style: Style = {"label": "subject, median and 95 % interval"}
     if n_subjects > MAX_NAMES_IN_GROUP:

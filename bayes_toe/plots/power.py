@@ -16,6 +16,7 @@ from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.answers.words import Word
 from bayes_toe.design.optimal_pairs import OptimalDesign
 from bayes_toe.design.power import DETECTED, PowerTable
+from bayes_toe.errors import require_kind
 from bayes_toe.plots.style import (
     EQUAL,
     LETTERS,
@@ -23,7 +24,6 @@ from bayes_toe.plots.style import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     Style,
-    checked,
     legend_outside,
     new_figure,
     plain,
@@ -39,7 +39,6 @@ _MARKERS = "Dos^vP"
 _LARGEST_AREA = 160.0
 
 
-@checked
 def power(table: PowerTable) -> Figure:
     """Draw the share of observers with the answer 'yes' or 'probably', by number of trials.
 
@@ -47,6 +46,7 @@ def power(table: PowerTable) -> Figure:
     have the effect of the question. Bars: 95 % of Monte Carlo error. If a design cannot show an
     effect, the panel says so.
     """
+    require_kind("table", table, PowerTable, "PowerTable")
     designs = table.different("design")
     figure = new_figure(PAGE, 2.1 * len(designs) + 0.6)
     axes = figure.subplots(len(designs), len(QUESTIONS), sharey=True, squeeze=False)
@@ -69,19 +69,28 @@ def power(table: PowerTable) -> Figure:
 def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> None:
     """Draw the shares of all kinds of observers in one panel, a line for each kind."""
     trials = [n_trials for name, n_trials in table.different("design", "trials") if name == design]
+    # Each number of trials has a place of width 1 on the axis.
+    ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
+    ax.set_xticks(range(len(trials)), [f"{n_trials:,}" for n_trials in trials])
+    style_axes(ax)
+    # The places of the numbers of trials with which the design can show the effect.
+    places = [i for i, n in enumerate(trials) if not table.is_unknown(design, n, question)]
+    if not places:
+        words = Word.CANNOT_BE_TOLD.value
+        ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", fontsize=LETTERS)
+        return
+
     kinds = table.different("observers")
     styles = zip(kinds, cycle(_COLOURS), cycle(_MARKERS), strict=False)
     for index, (kind, colour, marker) in enumerate(styles):
         points = []
-        # Each number of trials has a place of width 1. The kinds share the middle 0.8 of it.
-        shift = 0.8 * ((index + 0.5) / len(kinds) - 0.5)
-        for position, n_trials in enumerate(trials):
-            if not table.is_unknown(design, n_trials, question):
-                share = table[design, n_trials, kind, question, DETECTED]
-                points.append((position + shift, share.value, share.low, share.high))
-        if not points:
-            continue
-        x, y, low, high = np.array(points).T
+        for place in places:
+            share = table[design, trials[place], kind, question, DETECTED]
+            points.append((share.value, share.low, share.high))
+        y, low, high = np.array(points).T
+        # The kinds stand side by side in the middle 0.8 of a place.
+        x = np.array(places) + 0.8 * ((index + 0.5) / len(kinds) - 0.5)
+
         style: Style = {"fmt": marker, "color": colour, "ms": 3.6, "ls": "-"}
         if not table.has_effect(kind, question):
             style |= {"ls": ":", "mfc": "white"}
@@ -90,29 +99,16 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
             style["label"] = plain(kind)
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
 
-    if not ax.lines:
-        ax.text(
-            0.5,
-            0.5,
-            Word.CANNOT_BE_TOLD.value,
-            transform=ax.transAxes,
-            ha="center",
-            fontsize=LETTERS,
-        )
-    ax.set(xlim=(-0.5, len(trials) - 0.5), ylim=(-0.04, 1.04))
-    ax.set_xticks(range(len(trials)), list(map("{:,}".format, trials)))
-    style_axes(ax)
-
 
 # --- An optimised design --------------------------------------------------------------------------
 
 
-@checked
 def design(optimal: OptimalDesign) -> Figure:
     """Draw the pairs of a design over the information that one more trial of any pair would add.
 
     The area of a mark is in proportion to the trials of its pair.
     """
+    require_kind("optimal", optimal, OptimalDesign, "OptimalDesign")
     figure = new_figure(4.4, 3.5)
     ax = figure.subplots()
     pairs = optimal.design

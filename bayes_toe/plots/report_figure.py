@@ -88,8 +88,8 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
     """
     ranking = [answer for answer in answers if answer.is_interpretable]
     ranking.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
-    # The first subject, and the last MAX_SUBJECTS - 1 subjects. They overlap if there are fewer
-    # than MAX_SUBJECTS.
+    # The least evidence is first. The first subject and the last MAX_SUBJECTS - 1 subjects are
+    # shown, which overlap if there are fewer than MAX_SUBJECTS.
     names = {answer.subject for answer in (*ranking[:1], *ranking[1 - MAX_SUBJECTS :])}
     return [answer.subject for answer in answers if answer.subject in names]
 

@@ -12,13 +12,12 @@ from matplotlib.figure import Figure
 
 from bayes_toe.answers.serial_dependence import SerialDependence, SubjectDependence
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 from bayes_toe.plots.style import (
     EQUAL,
     PAGE,
     POSTERIOR,
     SMALL,
-    checked,
     draw_band,
     explain_curves,
     legend_outside,
@@ -32,7 +31,6 @@ from bayes_toe.plots.style import (
 MOST_ROWS = 6
 
 
-@checked
 def serial(table: SerialDependence, *subjects: str) -> Figure:
     """Draw the serial dependence of the named subjects, one row for each subject.
 
@@ -47,6 +45,7 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     InputError
         If there is no result to show.
     """
+    require_kind("table", table, SerialDependence, "SerialDependence")
     candidates = [table[name] for name in subjects] or list(table.rows)
     rows = [row for row in candidates if row.has_result]
     if not rows:
@@ -81,35 +80,35 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     static_model = table.posterior(row, "static")  # the model without history
     best_model = table.posterior(row, row.best_history)
     static_draws, best_draws = row.draws
-    # P of the counted response in each answered trial, without history.
-    expected = static_model.trial_probabilities(static_draws).mean(axis=0)
-    change = best_model.trial_probabilities(best_draws) - expected  # (draws, answered trials)
     trials = static_model.rows.trials
-    answered = np.flatnonzero(trials.is_answered)
+    answered = np.flatnonzero(trials.is_answered)  # numbers of the answered trials
+
+    # P of the counted response without history, (answered,), and by how much the best model
+    # changes P, (draws, answered).
+    expected = static_model.trial_probabilities(static_draws).mean(axis=0)
+    change = best_model.trial_probabilities(best_draws) - expected
     # 1 for the counted response, whose code is above 0, or 0 for any other response, minus P.
     residual = (trials.answer[answered] > 0.0) - expected
     variance = expected * (1.0 - expected)
 
-    previous = trials.previous[answered]
-    has_previous = previous >= 0  # the first trial of a session has -1
-    previous = previous[has_previous]
     # Both panels show the same trials, each panel in groups of its own.
+    has_previous = trials.previous[answered] >= 0  # the first trial of a session has -1
     panel_data = residual[has_previous], variance[has_previous], change[:, has_previous]
-
-    mean_stimulus = 0.5 * (trials.first[previous] + trials.second[previous])
-    _draw_residuals(left, mean_stimulus, _stimulus_groups(mean_stimulus), *panel_data)
+    previous = trials.previous[answered][has_previous]  # numbers of the trials before
+    mean_stimulus = 0.5 * (trials.first + trials.second)  # of every trial
+    previous_mean = mean_stimulus[previous]
+    _draw_residuals(left, previous_mean, _stimulus_groups(previous_mean), *panel_data)
     # The response in the trial before; 1, the counted response, is at the right.
     previous_response = trials.answer[previous]
     codes = np.unique(previous_response[previous_response != 0.0])  # 0 is a missing response
-    # The groups have the shape (codes, trials).
-    _draw_residuals(right, previous_response, previous_response == codes[:, None], *panel_data)
+    has_code = previous_response == codes[:, None]  # (codes, trials)
+    _draw_residuals(right, previous_response, has_code, *panel_data)
 
+    subject = static_model.subject
+    mean = float(mean_stimulus.mean())
+    stimulus_axis(left, "mean stimulus of the trial before", subject.unit, mean)
     # The last two answers of a task. With three answers, they are 'second' and 'first'.
-    *_, yes, no = static_model.subject.task.answers
-    mean_of_trials = float(np.average(0.5 * (trials.first + trials.second)))
-    stimulus_axis(
-        left, "mean stimulus of the trial before", static_model.subject.unit, mean_of_trials
-    )
+    *_, yes, no = subject.task.answers
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
@@ -129,10 +128,10 @@ def _stimulus_groups(mean: FloatArray) -> BoolArray:
 
     Up to eight different means are a group each; more means are binned into five groups.
     """
-    edges = np.unique(mean)[1:]  # each mean but the lowest begins a group
-    if len(edges) >= 8:  # nine groups or more
-        edges = np.unique(np.quantile(mean, [0.2, 0.4, 0.6, 0.8]))
-    group_of_trial = np.searchsorted(edges, mean, side="right")
+    starts = np.unique(mean)  # the lowest mean of each group
+    if len(starts) > 8:
+        starts = np.unique(np.quantile(mean, [0.0, 0.2, 0.4, 0.6, 0.8]))
+    group_of_trial = np.searchsorted(starts, mean, side="right")  # (trials,)
     return group_of_trial == np.unique(group_of_trial)[:, None]  # without groups without a trial
 
 
@@ -147,13 +146,14 @@ def _draw_residuals(
     """Draw the mean residual of each group of trials with its standard error, and the prediction.
 
     `groups` has the shape (groups, trials). `residual` is the response minus P in the model without
-    history, and `variance` is P (1 - P). `change` is P in the best model minus P without history,
-    shape (draws, trials).
+    history, and `variance` is P (1 - P), shape (trials,) each. `change` is P in the best model
+    minus P without history, shape (draws, trials). A group stands at its mean `position`.
     """
-    n_trials = groups.sum(axis=1)
-    x = groups @ position / n_trials  # the mean of each group, (groups,)
-    ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
-    draw_band(ax, x, change @ groups.T / n_trials, POSTERIOR)
-    mean = groups @ residual / n_trials
+    n_trials = groups.sum(axis=1)  # (groups,)
+    x = groups @ position / n_trials
+    mean_change = change @ groups.T / n_trials  # (draws, groups)
+    mean_residual = groups @ residual / n_trials
     error = np.sqrt(groups @ variance) / n_trials
-    ax.errorbar(x, mean, error, fmt="o", color="black", ms=3.5, lw=0.8, label="responses")
+    ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
+    draw_band(ax, x, mean_change, POSTERIOR)
+    ax.errorbar(x, mean_residual, error, fmt="o", color="black", ms=3.5, lw=0.8, label="responses")

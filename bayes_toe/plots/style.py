@@ -7,11 +7,9 @@ stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import wraps
-from inspect import signature
+from collections.abc import Iterator, Sequence
 from textwrap import fill
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +22,6 @@ from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
-from bayes_toe.errors import require_kind
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
 WEAKER_FIRST = "#D55E00"
@@ -52,8 +49,6 @@ UNNAMED_HEIGHT = 5.6
 MARKED_QUANTILES = (0.025, 0.5, 0.975)
 #: Arguments that several calls of matplotlib share.
 Style = dict[str, Any]
-#: A function that draws.
-Draw = TypeVar("Draw", bound=Callable[..., Any])
 
 
 class Mark(NamedTuple):
@@ -76,7 +71,7 @@ ORDERS = {
 
 
 def plain(name: str | int, limit: int = 32) -> str:
-    r"""A subject's name as matplotlib may draw it, shortened in the middle.
+    r"""A subject's name as matplotlib may draw it, shortened in the middle to `limit` characters.
 
     No dollar sign is read as mathematics. Names of a study begin alike and end with what
     distinguishes them.
@@ -102,30 +97,12 @@ def rounded(low: float, high: float, *values: float) -> list[str]:
     >>> rounded(0.0, 3.4, 1.234), rounded(0.0, 0.034, 0.01234)
     (['1.2'], ['0.012'])
     """
+    decimals = 3
     if high > low:
         # The logarithm of 0.034 is -1.5, and its second digit is in decimal 3.
-        digits = max(0, 1 - int(np.floor(np.log10(high - low))))
-    else:
-        digits = 3
+        decimals = max(0, 1 - int(np.floor(np.log10(high - low))))
     # Adding 0.0 leaves no -0.0.
-    return [f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values]
-
-
-# --- arguments ------------------------------------------------------------------------------------
-
-
-def checked(draw: Draw) -> Draw:
-    """Make a function refuse a first argument that is not of the type in its annotation."""
-    described = signature(draw, eval_str=True)
-    name, parameter = next(iter(described.parameters.items()))
-
-    @wraps(draw)
-    def draw_checked(*args: Any, **options: Any) -> Any:
-        arguments = described.bind(*args, **options).arguments
-        require_kind(name, arguments[name], parameter.annotation, draw.__annotations__[name])
-        return draw(*args, **options)
-
-    return cast(Draw, draw_checked)
+    return [f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−") for value in values]
 
 
 # --- panels ---------------------------------------------------------------------------------------
@@ -134,12 +111,6 @@ def checked(draw: Draw) -> Draw:
 def new_figure(width: float, height: float) -> Figure:
     """A figure that no global state knows of: nothing to close, nothing pops up."""
     return Figure(figsize=(width, height), layout="constrained")
-
-
-def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
-    """State above a figure that its data are synthetic."""
-    if is_synthetic:
-        figure.suptitle("synthetic data", fontsize=LETTERS)
 
 
 def grid_rows(n_panels: int, n_columns: int) -> int:
@@ -172,19 +143,17 @@ def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
     for i, ax in enumerate(panels):
         if i % n_columns:  # not the first panel of its row
             ax.set_ylabel("")
-        has_panel_below = i + n_columns < len(panels)
-        if has_panel_below:
-            label = ""
+        if i + n_columns < len(panels):  # not the last panel of its column
+            ax.set_xlabel("")
         else:
-            label = ax.get_xlabel()
             ax.tick_params(labelbottom=True)  # hidden above a missing panel of shared axes
+
         figure = ax.get_figure(root=True)
         # Panels below 2.3 inches have no room for a label of one line.
         if figure is not None and figure.get_figwidth() < 2.3 * n_columns:
-            # With a space that does not break, no line ends behind a %.
-            unbroken = label.replace("% ", "%\u00a0")
-            label = fill(unbroken, 20).replace("\u00a0", " ")
-        ax.set_xlabel(label)
+            # With a space that does not break, no line ends before a %.
+            unbroken = ax.get_xlabel().replace("% ", "%\u00a0")
+            ax.set_xlabel(fill(unbroken, 20).replace("\u00a0", " "))
         style_axes(ax)
 
 
@@ -216,20 +185,19 @@ class Scale(NamedTuple):
         """
         assert self.unit is not None
         start, end = self.unit.to_stimuli([low, high])
+        # Multiples of powers of ten are tried first, and equal steps last.
         locators: list[Locator] = []
         if not self.unit.is_decibel:
-            # Multiples of powers of ten, and below, as the last resort, equal steps.
             for multiples in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
                 # With fewer ticks allowed, the locator would leave some powers out.
                 locators.append(LogLocator(subs=multiples, numticks=50))
         locators.append(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-        # The numbers of the first locator that gives three numbers or more, else of the last
-        # locator.
         for locator in locators:
             numbers = np.asarray(locator.tick_values(start, end))
             numbers = numbers[(numbers >= start) & (numbers <= end)]
             if len(numbers) >= 3:
                 break
+
         # Twelve digits hide the error of rounding.
         texts = [f"{number:.12g}".replace("-", "−") for number in numbers]
         return self.unit.to_logs(numbers), texts
@@ -246,7 +214,10 @@ class Scale(NamedTuple):
 def stimulus_scale(
     stimulus: str, unit: StimulusUnit, mean: float, limits: Sequence[float]
 ) -> Scale:
-    """An axis of stimuli in their unit; without a unit in per cent of their mean, or as logs."""
+    """An axis of stimuli in their unit; without a unit in per cent of their mean, or as logs.
+
+    `mean` and `limits`, the ends of the axis, are natural logs.
+    """
     if unit.stimulus_unit:
         return Scale(f"{stimulus}, {unit.stimulus_unit}", unit)
     # Logs stand in place of per cents that would be too large.
@@ -256,12 +227,14 @@ def stimulus_scale(
 
 
 def difference_scale(unit: StimulusUnit, limits: Sequence[float]) -> Scale:
-    """An axis of s2 - s1 in decibels, or as the ratio of the stimuli in per cent."""
+    """An axis of s2 - s1 in decibels, as the ratio of the stimuli in per cent, or as logs.
+
+    `limits`, the ends of the axis, are natural logs.
+    """
     if unit.is_decibel:
         return Scale("second minus first stimulus, dB", unit)
-    if (
-        unit.with_logs_if_large(percent(limits)).difference_unit == "ln"
-    ):  # per cents would be too large
+    unit_for_limits = unit.with_logs_if_large(percent(limits))
+    if unit_for_limits.difference_unit == "ln":
         return Scale("second minus first stimulus, ln")
     return Scale("second stimulus, % of the first", UNKNOWN_UNIT.or_percent_of(0.0))
 
@@ -325,7 +298,10 @@ def _band_style(colour: str) -> Style:
 
 
 def draw_band(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
-    """Draw the mean and the central 95 % band of curves over `x`, shape (draws, x)."""
+    """Draw the mean and the central 95 % band of curves over `x`.
+
+    `values` has the curves, shape (draws, x).
+    """
     low, _, high = np.quantile(values, MARKED_QUANTILES, axis=0)
     ax.fill_between(x, low, high, **_band_style(colour))
     ax.plot(x, values.mean(axis=0), color=colour, lw=1.2)
@@ -348,9 +324,10 @@ def draw_intervals(
     line: float = 1.6,
     **marker: Any,
 ) -> None:
-    """Draw rows of medians with intervals, from quantiles of shape (3, rows).
+    """Draw medians with intervals at the heights `y`, shape (rows,).
 
-    `line` is the width of the intervals; `marker` has matplotlib's arguments for the medians.
+    `quantiles` has low ends, medians and high ends, shape (3, rows). `line` is the width of the
+    intervals; `marker` has matplotlib's arguments for the medians.
     """
     low, middle, high = quantiles
     ax.hlines(y, low, high, color=colour, lw=line)
@@ -375,10 +352,10 @@ def legend_outside(figure: Figure | SubFigure, *, columns: int = 3, side: str = 
     Points may be anywhere in the panels. Each label stands once, error bars first, because
     matplotlib itself lists all lines first.
     """
-    handles: dict[str, Any] = {}
+    handles: dict[str, Any] = {}  # what the legend shows, by label
     for ax in figure.axes:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            handles[label] = handle
+        handles_of_panel, labels_of_panel = ax.get_legend_handles_labels()
+        handles |= zip(labels_of_panel, handles_of_panel, strict=True)
     # Sorting keeps the order among equal keys, and False comes before True.
     labels = sorted(handles, key=lambda label: not isinstance(handles[label], ErrorbarContainer))
     loc: Any = f"outside {side} center"

@@ -51,6 +51,8 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     counts = text.count("data:image/png"), text.count("To draw the corner plot")
     assert counts == (2 * len(subjects_with_figures), 3 - len(subjects_with_figures))
     assert note in text
+    badges = re.findall(r'<span class="badge (?:wrong|bad)">([^<]*)', text)
+    assert badges == ["poor fit", "not interpreted"]
     require_sentences_and_small_figures(text)
 
 

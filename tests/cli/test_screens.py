@@ -114,7 +114,7 @@ def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
     # Any study will do that is not synthetic and has no conditions. The answer says nothing else
     # about it.
     study = bt.Study([made_subject("0 0.3 2 5")])
-    print_answer(out, ANSWERS, study, group_lines, closing)
+    print_answer(out, ANSWERS, study, {}, group_lines, closing)
     assert capsys.readouterr().out == SCREEN
 
 
