@@ -192,8 +192,5 @@ def _sizes(value: Any) -> Iterator[int]:
 
 
 def _json_value(value: Any) -> Any:
-    """An array as a list, or the text of a number; a value without a text is words about it."""
-    if isinstance(value, np.ndarray):
-        return list(value)
-    text = value_text(value)
-    return text if isinstance(text, str) else text.problem
+    """An array as a list, or the text of a value."""
+    return list(value) if isinstance(value, np.ndarray) else value_text(value)

@@ -137,12 +137,12 @@ def with_sheets(
 
 
 def read_files(
-    paths: Sequence[Any], read: Callable[[Any], Sequence[Study]], notes: list[str]
-) -> list[Study]:
+    paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]
+) -> tuple[list[Study], list[str]]:
     """The studies in several files, or frames, each of which `read` reads.
 
-    A file without a trial is left out, unless no file has a trial. A note on each file that is left
-    out is added to `notes`.
+    A file without a trial is left out, unless no file has a trial. The second value is a note on
+    each file that is left out.
 
     Raises
     ------
@@ -163,7 +163,6 @@ def read_files(
             studies += [replace(study, source=folder + study.source) for study in read(path)]
         except NoTrialsError as error:
             without_trials.append(error)
-            notes.append(f"left out: {error.problems[0]}")
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
             errors.append(InputError(problems, error.remedies))
@@ -175,7 +174,7 @@ def read_files(
         raise InputError(missing_names[:MAX_LINES])
     if errors or not studies:
         raise _refusal(paths, errors or without_trials)
-    return studies
+    return studies, [f"left out: {error.problems[0]}" for error in without_trials]
 
 
 def _absolute_paths(paths: Iterable[Any]) -> list[Path]:

@@ -31,9 +31,9 @@ from bayes_toe.data.tasks import THREE_ANSWERS, tasks_named
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import (
     CONDITION_SEPARATOR,
-    MISSING_WORDS,
     column_counts,
     empty,
+    is_missing,
     numbers,
     whole_number,
 )
@@ -257,7 +257,7 @@ def without_lone_responses(table: TextTable, options: ReadOptions, answer: str) 
     """
     response = table.columns[options.name(answer)]
     stimuli = map(table.columns.__getitem__, options.stimulus_names)
-    lacks_stimulus = np.any([column.map(_is_missing) for column in stimuli], axis=0)
+    lacks_stimulus = np.any([column.map(is_missing) for column in stimuli], axis=0)
     # Other texts, such as the key of a start screen, are no answers.
     answers = filled_texts(response.only(~lacks_stimulus))
     is_lone = lacks_stimulus & response.matches(answers)
@@ -265,11 +265,6 @@ def without_lone_responses(table: TextTable, options: ReadOptions, answer: str) 
         return table
     reason = " with a response and without both stimuli left out: "
     return _without(table, is_lone, reason, _subjects(table, options))
-
-
-def _is_missing(text: str) -> bool:
-    """Whether a cell of stimuli has no stimulus."""
-    return text.lower() in MISSING_WORDS
 
 
 def dropped_notes(
@@ -308,7 +303,7 @@ def nameless_doubts(subject: Column) -> Iterator[str]:
     """A doubt for each subject with a name such as 'NA', which may say that the name is missing."""
     for code, text in enumerate(subject.texts):
         name, _, _ = text.partition(CONDITION_SEPARATOR)
-        if name and name.lower() in MISSING_WORDS:
+        if name and is_missing(name):
             yield (
                 f"{plural((subject.codes == code).sum(), 'row')} of subject {quoted(text)}, which "
                 f"may mean that the name is missing; if so, --exclude {text}"
