@@ -119,11 +119,13 @@ def _with_columns_of_matrix(variables: Record) -> Record:
     for name, value in variables.items():
         if isinstance(value, dict):
             variables[name] = _with_columns_of_matrix(value)
+
     matrices = [name for name, value in variables.items() if np.ndim(value) == 2]
     if len(matrices) != 1:
         return variables
     columns = variables[matrices[0]].T
     names = list(map(str, range(1, len(columns) + 1)))
+
     other_variables = {}
     for name, value in variables.items():
         if np.shape(value) == (len(columns),) and isinstance(value[0], str):

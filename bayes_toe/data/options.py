@@ -444,10 +444,12 @@ def _units_and_blocks(text: str, study: Study, option: str) -> tuple[list[str], 
             f"{option} {text}: no subject {unknown_name}; the subjects are "
             f"{join_display_names(study.names)}"
         )
+
     name = max(names, key=len)  # 'S:1' before 'S', as names may have colons
     units = units_by_name[name]
     blocks = text[len(name) + 1 :]
     block_names = [block.strip() for block in blocks.split(",")]
+
     for unit in units:
         if unit.answers is not None and blocks in unit.answers.blocks:
             block_names = [blocks]  # a name with a comma in it

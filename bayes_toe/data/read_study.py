@@ -357,12 +357,14 @@ class _Rows:
         for role in ("subject", "condition"):
             if role in self.columns:
                 require_texts(self.table, self.columns[role], rows)
+
         if self.order.column is not None:
             self.table.fault(self.order.column, rows & self.order.is_unknown, ALLOWED_INTERVALS)
         for column, values in zip(self.stimulus_columns, self.stimuli.T, strict=True):
             kind = "a positive finite number" if self.options.has_intensities else "a finite number"
             require_numbers(self.table, column, rows & np.isnan(values), kind)
             self.table.fault(column, rows & out_of_range(values), ALLOWED_STIMULI)
+
         if self.options.unit is None:
             require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
         elif self.options.has_intensities:
@@ -542,6 +544,7 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
             "each row has 100 trials, as in a table of percentages. If there were fewer, write "
             "their number"
         )
+
     doubts += nameless_doubts(rows.subject)
     # The reader has left this note if the table had repeated headers.
     if rows.options.subject_from is not None and "repeated header" in " ".join(rows.table.notes):
@@ -550,6 +553,7 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
             "there are several, add a column subject"
         )
     doubts += taken_out_doubts(rows.table.only(n > 0), rows.options, rows.names_not_read)
+
     response = rows.columns.get("response")
     names_of_solutions = solutions(rows.table.columns.values(), rows.options)
     if response is not None and response.name in names_of_solutions:

@@ -306,6 +306,7 @@ class TextTable:
             index = records[0]
             row = self.rows[index]
             allowed = rule if isinstance(rule, str) else rule(index)
+
             finding = quoted(column.text(index))
             location = str(column)
             if column.name == CELL and PAIR in self.columns:

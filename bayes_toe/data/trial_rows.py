@@ -54,12 +54,14 @@ def with_subjects_below(table: TextTable, name: str) -> TextTable:
     column = table.columns.get(name)
     if column is None or column.texts[1:2] != [""]:  # the text after the first name
         return table
+
     # Codes are in the order of the first rows of their texts, so that 1 is the empty text.
     is_name = column.codes != 1
     n_names = len(column.texts) - 1
     # The table stays unless each name stands once, and most cells are empty.
     if is_name.sum() > n_names or n_names >= 0.5 * len(is_name):
         return table
+
     # As later names have larger codes, the largest code so far is that of the name above, if the
     # code of empty cells becomes 0.
     filled = replace(column, codes=np.maximum.accumulate(column.codes * is_name))

@@ -206,11 +206,13 @@ def require_texts(
     is_checked = np.ones(len(column.codes), bool) if rows is None else rows
     is_error = column.map(lambda text: text.startswith(_ERRORS))
     table.fault(column, is_error & is_checked, "a text, and no error of a spreadsheet")
+
     is_empty = empty(column)
     rule = "a text that is not empty"
     if 2 * is_empty.sum() > len(is_empty):  # most cells, as where cells are merged
         rule += "; repeat the text of merged cells in each row"
     table.fault(column, is_empty & is_checked, rule)
+
     if once:
         _, first_row_of_code = np.unique(column.codes, return_index=True)
         first_row = first_row_of_code[column.codes]  # with the text of each row
