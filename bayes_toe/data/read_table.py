@@ -225,9 +225,9 @@ def _table_of_fields(
     `head` is the place of the names of columns in messages.
     """
     records = []
-    names: dict[str, None] = {}  # in the order in which records have them
+    names: dict[str, object] = {}  # keys, in the order in which records have them
     for record in fields_of_records:
-        names |= dict.fromkeys(record)
+        names.update(record)
         records.append(record)
         require_size(source, len(names), len(names) * len(records))
 
