@@ -338,6 +338,10 @@ READ = {
         **{"day 1": IN_LOGS[:9], "day 2": IN_LOGS[9:], "practice": IN_LOGS}
     ),
     "errors_elsewhere.xlsx": excel_bytes(Trials=WITH_ERRORS, Info=pd.DataFrame(["#REF!"])),
+    "formulas_below.xlsx": excel_bytes(
+        T=pd.concat([IN_LOGS, IN_LOGS[:1].assign(subject="mean", s1="=B2", s2="=C2", response="")])
+    ),
+    "session_by_date.xlsx": excel_bytes(T=IN_LOGS.assign(session=pd.Timestamp("2026-11-30"))),
     # As Excel saves it if all formulas give an empty text.
     "empty_texts.xlsx": workbook_with(
         excel_bytes(T=WITH_FORMULA), rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"'
