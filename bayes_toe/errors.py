@@ -128,11 +128,13 @@ class InputError(BayesToeError, ValueError):
                 remedy = remedy._replace(question=last_question)
             numbered.append(remedy)
         self.remedies = tuple(numbered)
+        super().__init__(self.problems, self.remedies)
 
+    def __str__(self) -> str:
         lines = list(self.problems)
         for chosen, meanings in self.choices:
             lines.append(f"use {python_options(chosen)} {', '.join(meanings)}".rstrip())
-        super().__init__("\n".join(lines))
+        return "\n".join(lines)
 
     @property
     def choices(self) -> list[tuple[list[Remedy], list[str]]]:
@@ -181,11 +183,6 @@ class InputError(BayesToeError, ValueError):
             for remedy in list(chosen):  # a copy, because the list grows
                 chosen += remedy.together
         return choices
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Errors cross process borders when subjects run in parallel. By default, they would carry
-        # the message alone, and lose the remedies.
-        return type(self), (self.problems, self.remedies)
 
 
 class NoTrialsError(InputError):
@@ -260,11 +257,10 @@ class OutputExistsError(OutputError):
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
-        super().__init__(f"{problem}; overwrite=True replaces it")
+        super().__init__(problem)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # By default, a process that reads the error would add to its message a second time.
-        return type(self), (self.problem,)
+    def __str__(self) -> str:
+        return f"{self.problem}; overwrite=True replaces it"
 
 
 class WorkerError(BayesToeError, RuntimeError):

@@ -22,7 +22,7 @@ from bayes_toe.data.column_roles import with_likely_columns
 from bayes_toe.data.layouts import with_known_order
 from bayes_toe.data.messages import display_name
 from bayes_toe.data.options import COLUMNS, changed, parse_columns
-from bayes_toe.data.read_table import LARGEST_STUDY, read_table
+from bayes_toe.data.read_table import read_table
 from bayes_toe.data.study import pooled
 from bayes_toe.data.study_files import with_sheets
 from bayes_toe.data.text_table import TextTable
@@ -46,7 +46,6 @@ def read_job(job: Job) -> Record:
         table = read_table(
             sheets[0],  # The page shows the columns of the first file or sheet.
             set,
-            LARGEST_STUDY,
             sheet=file_options.sheet,
             encoding=file_options.encoding,
         )

@@ -11,14 +11,14 @@ import numpy as np
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_quoted
-from bayes_toe.data.read_table import read_table
 from bayes_toe.data.validation import (
-    MISSING_WORDS,
     bare_names,
+    is_missing,
     number,
     numbers,
     require_numbers,
     require_texts,
+    table_with,
 )
 
 #: By covariate and subject: a finite number where the covariate is numeric, a text where it is not.
@@ -63,16 +63,11 @@ def read_covariates(path: StrPath) -> Covariates:
     ...     read_covariates(file)["age"]
     {'S01': 23.0, 'S03': 31.5}
     """
-    table = read_table(path, choice=set)  # all columns
-    has_unique_names = len(table.names) == len(table.columns) and "" not in table.names
-    if "subject" not in table.names or len(table.names) < 2 or not has_unique_names:
+    table = table_with(path, ["subject"])
+    if len(table.columns) == 1:
         table.require(
-            [
-                f"found columns {join_quoted(table.names)}, allowed: subject and at least one "
-                "covariate, each with a name of its own"
-            ]
+            [f"found columns {join_quoted(table.names)}, allowed: subject and a covariate"]
         )
-    table.require([])  # at least one row, in which all cells have a value
     require_texts(table, table.columns["subject"], once=True)
     subjects = bare_names(table, table.columns["subject"]).map(str, object)
 
@@ -80,7 +75,7 @@ def read_covariates(path: StrPath) -> Covariates:
     for name, column in table.columns.items():
         if name == "subject":
             continue
-        has_value = ~column.map(lambda text: text.lower() in MISSING_WORDS)
+        has_value = ~column.map(is_missing)
         texts = column.only(has_value).texts  # each text once
         values_of_texts = [number(text, table.decimal_comma) for text in texts]  # NaN for a word
         n_words = np.isnan(values_of_texts).sum()

@@ -119,11 +119,13 @@ def _with_columns_of_matrix(variables: Record) -> Record:
     for name, value in variables.items():
         if isinstance(value, dict):
             variables[name] = _with_columns_of_matrix(value)
+
     matrices = [name for name, value in variables.items() if np.ndim(value) == 2]
     if len(matrices) != 1:
         return variables
     columns = variables[matrices[0]].T
     names = list(map(str, range(1, len(columns) + 1)))
+
     other_variables = {}
     for name, value in variables.items():
         if np.shape(value) == (len(columns),) and isinstance(value[0], str):
@@ -192,8 +194,5 @@ def _sizes(value: Any) -> Iterator[int]:
 
 
 def _json_value(value: Any) -> Any:
-    """An array as a list, or the text of a number; a value without a text is words about it."""
-    if isinstance(value, np.ndarray):
-        return list(value)
-    text = value_text(value)
-    return text if isinstance(text, str) else text.problem
+    """An array as a list, or the text of a value."""
+    return list(value) if isinstance(value, np.ndarray) else value_text(value)

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, product
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -419,19 +420,14 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
         ("--swap", swap, Study.swap),
         ("--exclude", exclude, Study.exclude),
     ):
-        # By unit, and whether blocks are named: '--swap A:3 --swap A' swaps all blocks but 3.
-        blocks_by_unit: dict[tuple[str, bool], list[str]] = {}
+        # Units with their blocks. '--swap A:3 --swap A' swaps all blocks but 3.
+        earlier_targets = Counter[tuple[str, str]]()
         for text in texts:
             units, blocks = _units_and_blocks(text, study, option)
-            for unit in units:
-                all_blocks = blocks_by_unit.setdefault((unit, bool(blocks)), [])
-                all_blocks += blocks or [unit]  # the unit itself stands for all its blocks
-                if len(set(all_blocks)) < len(all_blocks):
-                    raise InputError(
-                        f"{option} {text}: named twice; name each subject or block once"
-                    )
-        for (unit, has_blocks), blocks in blocks_by_unit.items():
-            study = change(study, unit, blocks if has_blocks else ())
+            earlier_targets.update(product(units, blocks or [""]))
+            if max(earlier_targets.values()) > 1:
+                raise InputError(f"{option} {text}: named twice; name each subject or block once")
+            study = change(study, units, blocks)
     return study
 
 
@@ -448,10 +444,12 @@ def _units_and_blocks(text: str, study: Study, option: str) -> tuple[list[str], 
             f"{option} {text}: no subject {unknown_name}; the subjects are "
             f"{join_display_names(study.names)}"
         )
+
     name = max(names, key=len)  # 'S:1' before 'S', as names may have colons
     units = units_by_name[name]
     blocks = text[len(name) + 1 :]
     block_names = [block.strip() for block in blocks.split(",")]
+
     for unit in units:
         if unit.answers is not None and blocks in unit.answers.blocks:
             block_names = [blocks]  # a name with a comma in it

@@ -41,7 +41,7 @@ from bayes_toe.data.layouts import (
 )
 from bayes_toe.data.messages import Note, Texts, display_name, join_names, named_counts
 from bayes_toe.data.options import ReadOptions, subject_in
-from bayes_toe.data.read_table import LARGEST_STUDY, read_table
+from bayes_toe.data.read_table import read_table
 from bayes_toe.data.responses import (
     ask_for_third_count,
     blank_missed,
@@ -174,19 +174,20 @@ def read_study(
     rule = "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})"
     require_kind("options", options, ReadOptions, rule)
     paths = list(path) if isinstance(path, list | tuple) else [path]
-    paths, notes_on_files = table_files(paths)
+    paths, notes_on_folders = table_files(paths)
 
     def read(with_options: ReadOptions) -> Study:
         choice = partial(known_names, options=with_options)
         sheets, sheet_options = with_sheets(paths, with_options, choice)
-        studies = read_files(sheets, partial(_read, options=sheet_options), notes_on_files)
-        return study_of_tasks(studies, sheet_options)
+        studies, notes_left_out = read_files(sheets, partial(_read, options=sheet_options))
+        study = study_of_tasks(studies, sheet_options)
+        return replace(study, notes=(*notes_on_folders, *notes_left_out, *study.notes))
 
     try:
         study = read(options)
-        notes = (*notes_on_files, *study.notes, *notes_without_effect(study, options))
     except InputError as error:
         raise with_next_questions(error, options, read) from None
+    notes = (*study.notes, *notes_without_effect(study, options))
     study = with_conditions(replace(study, notes=notes), options)
     # A column that is called condition, and that no option names, may hold no condition.
     is_chosen = options.categorical or options.condition or options.reference
@@ -207,7 +208,7 @@ def read_study(
 def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:
     """The study in a file; a study for each task, where tasks are the condition."""
     choice = partial(known_names, options=options)
-    table = read_table(path, choice, LARGEST_STUDY, encoding=options.encoding, sheet=options.sheet)
+    table = read_table(path, choice, encoding=options.encoding, sheet=options.sheet)
 
     table, options_of_tasks = options_by_task(table, options)
     studies = []
@@ -356,12 +357,14 @@ class _Rows:
         for role in ("subject", "condition"):
             if role in self.columns:
                 require_texts(self.table, self.columns[role], rows)
+
         if self.order.column is not None:
             self.table.fault(self.order.column, rows & self.order.is_unknown, ALLOWED_INTERVALS)
         for column, values in zip(self.stimulus_columns, self.stimuli.T, strict=True):
             kind = "a positive finite number" if self.options.has_intensities else "a finite number"
             require_numbers(self.table, column, rows & np.isnan(values), kind)
             self.table.fault(column, rows & out_of_range(values), ALLOWED_STIMULI)
+
         if self.options.unit is None:
             require_unit(self.table, self.stimulus_columns, self.stimuli, rows, self.options)
         elif self.options.has_intensities:
@@ -541,14 +544,16 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
             "each row has 100 trials, as in a table of percentages. If there were fewer, write "
             "their number"
         )
+
     doubts += nameless_doubts(rows.subject)
-    # `without_headers` has left this note if the table had repeated headers.
+    # The reader has left this note if the table had repeated headers.
     if rows.options.subject_from is not None and "repeated header" in " ".join(rows.table.notes):
         doubts.append(
             "repeated headers may begin other subjects, but all rows are read as one subject. If "
             "there are several, add a column subject"
         )
     doubts += taken_out_doubts(rows.table.only(n > 0), rows.options, rows.names_not_read)
+
     response = rows.columns.get("response")
     names_of_solutions = solutions(rows.table.columns.values(), rows.options)
     if response is not None and response.name in names_of_solutions:
@@ -628,84 +633,77 @@ def _trial_study(rows: _Rows) -> Study:
 def _count_study(rows: _Rows, task: Task) -> Study:
     """The study of a table of counts of one answer, or of all.
 
-    `n` has the trials of each row, and `k` the trials with the answer that the task counts; -1
-    where a cell has no number.
+    `counts` are those of the task's answers, shape (answers, rows), and `n` the trials of each row.
+    Both are invalid where a cell has no number, which is a problem of the table.
     """
-    if "n_trials" not in rows.columns:
-        return _full_count_study(rows, task)
     table = rows.table
-    trials = rows.columns["n_trials"]
-    counts_other = task.count not in rows.columns  # such as n_first in the place of n_second
-    column = rows.columns[f"n_{task.no}" if counts_other else task.count]
-    n = column_counts(table, trials)
-    name = display_name(trials.name)
-    share_notes = []
-    if is_percentage(column.name) or has_shares(table, column):
-        share_notes.append(f"{column} read as shares of {name}")
-        k = counts_of_shares(table, column, n)
+    if "n_trials" in rows.columns:
+        n = column_counts(table, rows.columns["n_trials"])
+        counts, share_notes = _counts_of_trials(rows, n, task)
     else:
-        k = column_counts(table, column)
-    rows.require_pairs(np.ones(len(n), bool))  # in all rows
-    table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
+        counts = _counts_of_answers(rows, task)
+        n = counts.sum(axis=0)
+        share_notes = []
 
-    # Counts of 'comparison' or of right answers become counts of 'second', which is the comparison
-    # where the standard came first, and right where s2 is larger.
-    if counts_other:
-        k = n - k
+    # Counts of 'comparison' or of right answers are those of 'second' where the standard came
+    # first, or where s2 is larger, and those of 'first' in other rows.
     if not {"n_comparison", "n_standard"}.isdisjoint(rows.columns):
-        k = np.where(rows.order.is_first, k, n - k)
+        counts = np.where(rows.order.is_first, counts, counts[::-1])
     elif "n_correct" in rows.columns:
         difference = np.diff(rows.pairs)[:, 0]
-        k = np.where(difference > 0.0, k, n - k)
+        counts = np.where(difference > 0.0, counts, counts[::-1])
         rule = "0 where stimuli are equal, of which no answer is right: remove these rows"
-        table.fault(trials, (difference == 0.0) & (n > 0), rule)
-    _require_counts(rows, n, task)
+        table.fault(rows.columns["n_trials"], (difference == 0.0) & (n > 0), rule)
 
-    answer_note = [k.sum(), " of ", n.sum(), f" trials answered '{task.yes}'"]
+    rows.require_pairs(np.ones(len(n), bool))  # in all rows
+    subject = rows.subject
+    has_trials = np.isin(subject.codes, subject.codes[n != 0])  # in this row or another
+    table.fault(
+        subject, ~has_trials & ~empty(subject), "a subject with at least 1 trial in some row"
+    )
+    table.problems.refuse()
+    require_task(table, task, rows.columns.get("task"))
+
+    answer_note: list[object] = [n.sum(), " trials"]
+    for answer, count in zip(task.answers, counts, strict=True):
+        answer_note += [", ", count.sum(), f" '{answer}'"]
     notes = rows.layout("grouped", answer_note) + share_notes
     n_empty = (n == 0).sum()
     if n_empty:
         notes.append(Note((n_empty, "row"), " with n_trials = 0 left out"))
-    return _study(rows, notes, {"n_yes": k, "n_trials": n}, task)
+    # The task counts its first answer; of three answers, 'second' is the second of them.
+    columns = (counts[0], n, counts[1])
+    return _study(rows, notes, dict(zip(task.counts, columns, strict=False)), task)
 
 
-def _full_count_study(rows: _Rows, task: Task) -> Study:
-    """The study of counts of all answers, which add up to the trials of a row."""
-    counts = np.array(  # shape (answers, rows)
+def _counts_of_trials(rows: _Rows, n: IntArray, task: Task) -> tuple[IntArray, list[str]]:
+    """Counts of two answers from a column that counts one of them, or has its shares, of n trials.
+
+    The second value is a note on shares.
+    """
+    table = rows.table
+    counts_other = task.count not in rows.columns  # such as n_first in the place of n_second
+    column = rows.columns[f"n_{task.no}" if counts_other else task.count]
+    name = display_name(rows.columns["n_trials"].name)
+    notes = []
+    if is_percentage(column.name) or has_shares(table, column):
+        notes.append(f"{column} read as shares of {name}")
+        k = counts_of_shares(table, column, n)
+    else:
+        k = column_counts(table, column)
+    table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {name} = {n[index]}")
+    return np.array([n - k, k] if counts_other else [k, n - k]), notes
+
+
+def _counts_of_answers(rows: _Rows, task: Task) -> IntArray:
+    """Counts of all answers from a column for each, which add up to the trials of a row."""
+    counts = np.array(
         [column_counts(rows.table, rows.columns[f"n_{answer}"]) for answer in task.answers]
     )
-    if "n_comparison" in rows.columns:
-        # The answers are 'comparison' and 'standard'. They are 'second' and 'first' where the
-        # standard came first, and the other way round where it did not.
-        counts = np.where(rows.order.is_first, counts, counts[::-1])
     n = counts.sum(axis=0)
     trials = rows.table.columns.get(rows.options.name("n_trials"))
     if trials is not None:
         is_wrong = column_counts(rows.table, trials) != n
         rows.table.fault(trials, is_wrong, lambda index: f"the sum of its counts, {n[index]}")
     ask_for_third_count(rows.table, n, rows.names_not_read)
-    rows.require_pairs(np.ones(len(n), bool))
-    _require_counts(rows, n, task)
-    answer_note: list[object] = [n.sum(), " trials answered "]
-    for answer, count in zip(task.answers, counts, strict=True):
-        answer_note += [count.sum(), f" '{answer}'", ", "]
-    notes = rows.layout("grouped", answer_note[:-1])  # no comma after the last answer
-    # The task counts its first answer; of three answers, 'second' is the second of them.
-    count_by_name = {"n_yes": counts[0], "n_trials": n}
-    if task.has_three_answers:
-        count_by_name["n_second"] = counts[1]
-    return _study(rows, notes, count_by_name, task)
-
-
-def _require_counts(rows: _Rows, n: IntArray, task: Task) -> None:
-    """Refuse the table if it has problems, if a subject has no trial, or if it names another task.
-
-    `n` has the trials of each row.
-    """
-    subject = rows.subject
-    has_trials = np.isin(subject.codes, subject.codes[n != 0])  # in this row or another
-    rows.table.fault(
-        subject, ~has_trials & ~empty(subject), "a subject with at least 1 trial in some row"
-    )
-    rows.table.problems.refuse()
-    require_task(rows.table, task, rows.columns.get("task"))
+    return counts

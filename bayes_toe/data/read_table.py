@@ -15,9 +15,9 @@ import tomllib
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +26,8 @@ import numpy as np
 from bayes_toe.arrays import Record, StrPath
 from bayes_toe.data.matlab_file import SAVED, matlab_values
 from bayes_toe.data.messages import (
-    Texts,
     display_name,
     join_display_names,
-    join_names,
     join_words,
     one_line,
     quoted,
@@ -41,26 +39,23 @@ from bayes_toe.data.text_table import (
     Choice,
     Column,
     Frame,
-    NoValue,
     Problems,
+    TableRecord,
     TextTable,
     damaged,
     decoded,
     header_place,
     n_chosen,
-    name_places,
-    names_or_numbers,
     read_csv,
+    record_names,
     require_size,
+    table_of_records,
     value_text,
-    without_headers,
 )
 from bayes_toe.errors import InputError, NoTrialsError, Remedy
 
-#: Bytes of the largest files. A study of 10^7 trials has some 300 million, pairs and covariates of
-#: 10^5 subjects have some 5 million.
-LARGEST_STUDY = 2**30
-LARGEST_SMALL_FILE = 2**25
+#: Bytes of the largest file. A study of 10^7 trials has some 300 million.
+LARGEST_FILE = 2**30
 
 #: How a text begins that is JSON, whatever its suffix: a record, or a list of records or lists, as
 #: '[ {'. A byte-order mark may stand in front.
@@ -71,7 +66,7 @@ _TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".xpd", ".lvm", ".iqdat")
 _NOT_COMPUTED = (
     rb"(<c (?![^<>]*\bt=)[^<>]*)>(?:<f[^<>]*/>|<f[^<>]*>[^<>]*</f>)(?:<v ?/>|<v></v>)?</c>"
 )
-_ERROR = rb'\1 t="e"><v>a formula without a value</v></c>'
+_ERROR = rb'\1 t="e"><v>#N/A (a formula without a value)</v></c>'
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 #: Types of the parts of a record that are no single values.
@@ -97,7 +92,6 @@ _NOT_READ = {
 def read_table(
     source: StrPath | Frame,
     choice: Choice,
-    largest: int = LARGEST_SMALL_FILE,
     *,
     encoding: str | None = None,
     sheet: str | None = None,
@@ -109,8 +103,6 @@ def read_table(
     source : path, pandas.DataFrame or polars.DataFrame
     choice : callable
         Which columns are read, of the names in a header.
-    largest : int
-        Bytes beyond which a file is refused.
     encoding : str, optional
         Of a CSV or JSON file; see :func:`~bayes_toe.data.text_table.decoded`.
     sheet : str, optional
@@ -125,7 +117,7 @@ def read_table(
     # A lazy frame of polars has no rows, and warns where it is asked for its columns.
     has_rows = hasattr(source, "iloc") or hasattr(source, "to_series")
     if has_rows and hasattr(source, "columns"):
-        return _table_of_frame(source, choice)
+        return _table_of_frame(source)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
             f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
@@ -135,25 +127,15 @@ def read_table(
     path = Path(source)
     book = path.parent
     if is_excel(book) and book.is_file():
-        table = _read_file(book, choice, largest, encoding, path.name)
+        table = _read_file(book, choice, encoding, path.name)
         table.problems.source = display_name(f"{book.name}/{path.name}")
         return table
-    return _read_file(path, choice, largest, encoding, sheet)
+    return _read_file(path, choice, encoding, sheet)
 
 
-def _read_file(
-    path: Path, choice: Choice, largest: int, encoding: str | None, sheet: str | None
-) -> TextTable:
+def _read_file(path: Path, choice: Choice, encoding: str | None, sheet: str | None) -> TextTable:
     """The columns that are chosen of a file, whose suffix tells its form."""
-    try:
-        data = input_bytes(path, largest)
-    except (OSError, ValueError) as error:  # a ValueError for a path with a NUL character
-        reason = getattr(error, "strerror", error)
-        raise InputError(
-            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
-            "may be read"
-        ) from error
-
+    data = input_bytes(path)
     name = display_name(path.name)
     suffix = path.suffix.lower()
     if suffix in _NOT_READ:
@@ -164,24 +146,38 @@ def _read_file(
     if is_excel(path):
         return _read_excel(name, data, choice, sheet)
     if suffix in _JSON_SUFFIXES or (suffix in _TEXT_SUFFIXES and re.match(_JSON_START, data)):
-        return _read_json(name, data, choice, encoding)
+        return _read_json(name, data, encoding)
     if suffix == ".mat":
-        return _read_matlab(name, data, choice)
+        return _read_matlab(name, data)
     return read_csv(name, data, choice, encoding)
 
 
-def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
-    """The content of a file.
+def input_bytes(
+    path: StrPath,
+    largest: int = LARGEST_FILE,
+    allowed: str = "a CSV file that exists and may be read",
+) -> bytes:
+    """The content of a file; `allowed` says in an error what may be read.
 
-    An OSError if it is larger than `largest` bytes, or a pipe or a device, which may have no end.
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is larger than `largest` bytes, or is a pipe or a device, which
+        may have no end.
     """
-    status = os.stat(path)
-    # The system itself refuses to read a folder.
-    if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
-        raise OSError(errno.EINVAL, "a pipe or device, not a file")
-    if status.st_size > largest:
-        raise OSError(errno.EFBIG, f"{status.st_size} bytes, more than {largest}")
-    return Path(path).read_bytes()
+    try:
+        status = os.stat(path)
+        # The system itself refuses to read a folder.
+        if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+            raise OSError(errno.EINVAL, "a pipe or device, not a file")
+        if status.st_size > largest:
+            raise OSError(errno.EFBIG, f"{status.st_size} bytes, more than {largest}")
+        return Path(path).read_bytes()
+    except (OSError, ValueError) as error:  # a ValueError for a path with a NUL character
+        reason = getattr(error, "strerror", error)
+        raise InputError(
+            f"{visible(str(path))}: cannot be read ({reason}); allowed: {allowed}"
+        ) from error
 
 
 def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
@@ -192,13 +188,9 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
     InputError
         In one line, if the file cannot be read or is not TOML.
     """
+    data = input_bytes(path, 2**16, f"a TOML file with {lines}")  # settings have less than 64 KiB
     try:
-        # Windows' editors put a byte-order mark in front. Settings have less than 64 KiB.
-        return tomllib.loads(input_bytes(path, 2**16).decode("utf-8-sig"))
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror}); allowed: a TOML file with {lines}"
-        ) from error
+        return tomllib.loads(data.decode("utf-8-sig"))  # some editors put a mark in front
     except (ValueError, RecursionError) as error:  # the latter for thousands of brackets
         message = visible(" ".join(str(error).split()))
         raise InputError(
@@ -206,98 +198,73 @@ def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
         ) from error
 
 
-# --- Values as text ------------------------------------------------------------------------------
+# --- Data frames and records ---------------------------------------------------------------------
 
 
-def _table_of_values(
-    source: str,
-    form: str,
-    head: str,
-    names: list[str],
-    values: Mapping[str, Iterable[object]],
-    rows: Sequence[int],
-    choice: Choice,
-    notes: Texts = (),
-) -> TextTable:
-    """The table of values by column, whose numbers of rows are given.
-
-    `head` is the place of the names of columns in messages. The first cell without a text of each
-    chosen column is a problem.
-    """
-    chosen_names = choice(names)
-    problems = Problems(source)
-    columns = {}
-    for name, cells in values.items():
-        texts = []
-        cell_problems = []
-        for row, text in zip(rows, map(value_text, cells), strict=True):
-            if isinstance(text, NoValue):
-                location = f"row {row}, column {display_name(name)}"
-                cell_problems.append((row, f"{location}: {text.problem}"))
-                text = ""
-            texts.append(text)
-        columns[name] = Column.from_texts(name, texts)
-        if name in chosen_names and cell_problems:  # the first stands for all
-            problems.add(cell_problems[:1])
-    row_numbers = np.array(rows, np.int64)
-    return TextTable(form, "", head, names, columns, row_numbers, problems, notes)
-
-
-def _table_of_frame(frame: Frame, choice: Choice) -> TextTable:
+def _table_of_frame(frame: Frame) -> TextTable:
     """The table of a pandas or polars DataFrame, whose rows count from 0, as in `iloc`."""
     library = type(frame).__module__.partition(".")[0]
     source = f"{library} {type(frame).__name__}"
     names = [str(name).strip() for name in frame.columns]
-    values = {}
-    for name, index in name_places(names).items():
+    columns = {}
+    for index, name in enumerate(names):
         series = frame.iloc[:, index] if hasattr(frame, "iloc") else frame.to_series(index)
         # to_list makes doubles: 0.1 in single precision would read 0.10000000149.
         is_single = str(series.dtype).lower() == "float32"
-        values[name] = np.asarray(series, np.float32) if is_single else series.to_list()
-    return _table_of_values(source, source, "columns", names, values, range(len(frame)), choice)
+        values = np.asarray(series, np.float32) if is_single else series.to_list()
+        columns[name] = Column.from_texts(name, map(value_text, values))
+    rows = np.arange(len(frame))
+    return TextTable(source, "", "columns", names, columns, rows, Problems(source))
+
+
+def _table_of_fields(
+    source: str, form: str, head: str, fields_of_records: Iterable[Mapping[str, object]]
+) -> TextTable:
+    """The table with a column for each key of records, and a row for each record, from 1 on.
+
+    `head` is the place of the names of columns in messages.
+    """
+    records = []
+    names: dict[str, object] = {}  # keys, in the order in which records have them
+    for record in fields_of_records:
+        names.update(record)
+        records.append(record)
+        require_size(source, len(names), len(names) * len(records))
+
+    columns = {}
+    for name in names:
+        texts = [value_text(record.get(name)) for record in records]
+        columns[name] = Column.from_texts(name, texts)
+    rows = np.arange(1, len(records) + 1)
+    return TextTable(form, "", head, list(names), columns, rows, Problems(source))
 
 
 # --- Excel ---------------------------------------------------------------------------------------
 
 
-def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> TextTable:
-    """The table in the sheet that is named, or in the sheet with most of our columns.
+def _read_excel(source: str, data: bytes, choice: Choice, title: str | None) -> TextTable:
+    """The table in the sheet with this title, or in the sheet with most of our columns.
 
     Several sheets with most of our columns are refused, with a question.
     """
-    sheets = _excel_sheets(source, data, sheet)
-    if sheet is not None and not sheets:
-        raise _no_such_sheet(source, _excel_sheets(source, data))
-    tables = _tables_of_sheets(source, sheets, choice)
-    title = max(tables, key=lambda title: len(sheets[title]))  # with most rows
-    head_index, header = tables[title]
-    if len(tables) > 1 and n_chosen(header, choice):
+    sheets = _excel_sheets(source, data, title or "*")
+    heads = _heads_of_tables(sheets, choice)
+    title = max(heads, key=lambda other: len(sheets[other]))  # with most rows
+    head_index, header = heads[title]
+    if len(heads) > 1 and n_chosen(header, choice):
         remedies = [
             Remedy("sheet", "*", "if all sheets are of one study"),
             Remedy("sheet", "{}", "if each sheet is a subject"),
         ]
-        remedies += [Remedy("sheet", title) for title in tables]
-        titles = join_words(map(display_name, tables))
+        remedies += [Remedy("sheet", other) for other in heads]
+        titles = join_words(map(display_name, heads))
         raise InputError(f"{source}: the sheets {titles} have tables.", remedies)
 
-    rows = sheets[title]
-    names = names_or_numbers(header, choice)
-    has_header = names == header  # else the names are numbers, and the head is a row of the table
-    first_row = head_index + 1 + has_header  # rows count from 1, as in the sheet
-    filled_rows = [row for row in range(first_row, len(rows) + 1) if _is_filled(rows[row - 1])]
-    values = {}
-    for name, index in name_places(names).items():
-        values[name] = [rows[row - 1][index] for row in filled_rows]
-
-    notes = []
-    other_sheets = [display_name(other) for other in sheets if other != title]
-    if other_sheets:
-        notes.append(f"sheet {display_name(title)} read, not {join_names(other_sheets)}")
-    if any(map(_is_filled, rows[:head_index])):
-        notes.append(f"rows above row {head_index + 1} left out")
-    head = f"row {head_index + 1}"
-    table = _table_of_values(source, EXCEL, head, names, values, filled_rows, choice, notes)
-    return without_headers(table)
+    table = table_of_records(source, EXCEL, "", iter(sheets.pop(title)), head_index, header, choice)
+    if sheets:
+        note = f"sheet {display_name(title)} read, not {join_display_names(sheets)}"
+        table = replace(table, notes=(note, *table.notes))
+    return table
 
 
 def sheet_paths(path: StrPath, pattern: str, choice: Choice) -> list[Path]:
@@ -306,49 +273,32 @@ def sheet_paths(path: StrPath, pattern: str, choice: Choice) -> list[Path]:
     Their titles fit a pattern in which * stands for any text. A sheet of notes has fewer of our
     columns, and is left out.
     """
-    source = display_name(Path(path).name)
-    sheets = _excel_sheets(source, input_bytes(path))
-    fitting = {title: rows for title, rows in sheets.items() if fnmatchcase(title, pattern)}
-    if not fitting:
-        raise _no_such_sheet(source, sheets)
-    return [Path(path, title) for title in _tables_of_sheets(source, fitting, choice)]
+    sheets = _excel_sheets(display_name(Path(path).name), input_bytes(path), pattern)
+    return [Path(path, title) for title in _heads_of_tables(sheets, choice)]
 
 
-def _tables_of_sheets(
-    source: str, sheets: Mapping[str, Sequence[Sequence[Any]]], choice: Choice
+def _heads_of_tables(
+    sheets: Mapping[str, Sequence[TableRecord]], choice: Choice
 ) -> dict[str, tuple[int, list[str]]]:
-    """The sheets with most of our columns: the index of the row with the names, and the names."""
-    if not sheets:
-        raise NoTrialsError(f"{source}: found no table, allowed: a sheet with names and rows")
+    """The sheets with most of our columns: the index of the record of the names, and the names."""
     heads = {}
-    for title, rows in sheets.items():
-        records = []  # the first rows as names
-        for cells in rows[:MOST_RECORDS]:
-            names = []
-            for text in map(value_text, cells):
-                names.append(" ".join(text.split()) if isinstance(text, str) else "")
-            records.append(names)
-        index = header_place(records, choice)
-        heads[title] = index, records[index]
+    for title, records in sheets.items():
+        names = [record_names(cells) for _, cells in records[:MOST_RECORDS]]
+        index = header_place(names, choice)
+        heads[title] = index, names[index]
     counts = {title: n_chosen(names, choice) for title, (_, names) in heads.items()}
     highest_count = max(counts.values())
     return {title: head for title, head in heads.items() if counts[title] == highest_count}
 
 
-def _no_such_sheet(source: str, titles: Iterable[str]) -> InputError:
-    """The refusal of a title that no sheet has; `titles` are those of the sheets."""
-    return InputError(
-        f"{source}: found the sheets {join_display_names(titles)}, allowed: one of them"
-    )
+def _excel_sheets(source: str, data: bytes, pattern: str) -> dict[str, list[TableRecord]]:
+    """The records of every visible sheet that is not empty, and whose title fits a pattern.
 
-
-def _is_filled(cells: Sequence[Any]) -> bool:
-    """Whether a row has a cell that is not blank."""
-    return any(str(cell).strip() for cell in cells if cell is not None)
-
-
-def _excel_sheets(source: str, data: bytes, title: str | None = None) -> dict[str, list[list[Any]]]:
-    """The values of every visible sheet that is not empty, or of the sheet with this title."""
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or no sheet fits.
+    """
     from openpyxl import load_workbook
 
     sheets = {}
@@ -356,16 +306,22 @@ def _excel_sheets(source: str, data: bytes, title: str | None = None) -> dict[st
         with warnings.catch_warnings(action="ignore"):
             book = load_workbook(_without_formats(source, data), read_only=True, data_only=True)
             for sheet in book.worksheets:
-                if title not in (None, sheet.title):
+                if sheet.sheet_state != "visible" or not fnmatchcase(sheet.title, pattern):
                     continue
-                rows = _sheet_rows(source, sheet)
-                if rows and sheet.sheet_state == "visible":
-                    sheets[sheet.title] = rows
+                records = _sheet_records(source, sheet)
+                if records:
+                    sheets[sheet.title] = records
     except InputError:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise damaged(source, "Excel", error, "one that opens in Excel") from None
-    return sheets
+
+    if sheets:
+        return sheets
+    if pattern == "*":
+        raise NoTrialsError(f"{source}: found no table, allowed: a sheet with names and rows")
+    titles = join_display_names(book.sheetnames)
+    raise InputError(f"{source}: found the sheets {titles}, allowed: one of them")
 
 
 def _without_formats(source: str, data: bytes) -> io.BytesIO:
@@ -376,9 +332,9 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
     compact = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as book, zipfile.ZipFile(compact, "w") as saved:
         unpacked = sum(part.file_size for part in book.infolist())
-        if unpacked > LARGEST_STUDY:
+        if unpacked > LARGEST_FILE:
             raise InputError(
-                f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_STUDY}"
+                f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_FILE}"
             )
 
         for name in book.namelist():
@@ -392,72 +348,40 @@ def _without_formats(source: str, data: bytes) -> io.BytesIO:
     return compact
 
 
-def _sheet_rows(source: str, sheet: Any) -> list[list[Any]]:
-    """The values of a sheet, row by row, all of one width."""
+def _sheet_records(source: str, sheet: Any) -> list[TableRecord]:
+    """The texts of each row that is not blank, all of one width, with the number of the row."""
     sheet.reset_dimensions()  # a size that a program left may be smaller than the sheet
-    rows = []
+    records = []
     width = 0
-    for cells in sheet.iter_rows():
-        values = []
-        for cell in cells:
-            value = cell.value
-            if cell.data_type == "e":
-                value = NoValue(
-                    f"found {value}, allowed: a value that Excel has computed and saved"
-                )
-            values.append(value)
-        rows.append(values)
-
-        width = max(width, len(values))
-        require_size(source, width, width * len(rows))
-    return [values + [None] * (width - len(values)) for values in rows]
+    for row, values in enumerate(sheet.iter_rows(values_only=True), 1):
+        cells = list(map(value_text, values))
+        if "".join(cells).strip():
+            records.append((row, cells))
+        width = max(width, len(cells))
+        require_size(source, width, width * len(records))
+    return [(row, cells + [""] * (width - len(cells))) for row, cells in records]
 
 
 # --- JSON ----------------------------------------------------------------------------------------
 
 
-def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -> TextTable:
+def _read_json(source: str, data: bytes, encoding: str | None) -> TextTable:
     """The table in a JSON text, see :func:`_json_records`, or in lines with a trial each.
 
     Row 1 is the first trial; a key that a trial lacks is an empty cell.
     """
     text, label = decoded(source, data, encoding)
-    records = []
-    n_fields = 0
     content = _with_shared_fields(_parse_json(source, text))
-    for record in _json_records(source, content, shared={}):
-        n_fields += len(record)
-        require_size(source, len(record), n_fields)
-        records.append(record)
-    return _table_of_records(source, f"JSON, {label}", "keys", records, choice)
-
-
-def _table_of_records(
-    source: str, form: str, head: str, records: Sequence[Mapping[str, object]], choice: Choice
-) -> TextTable:
-    """The table of records, a column for each key and a row for each record."""
-    names = list(dict.fromkeys(chain.from_iterable(records)))
-    require_size(source, len(names), len(names) * len(records))
-    values = {}
-    for name in names:
-        values[name] = [record.get(name) for record in records]
-    rows = range(1, len(records) + 1)
-    return _table_of_values(source, form, head, names, values, rows, choice)
+    records = _json_records(source, content, shared={})
+    return _table_of_fields(source, f"JSON, {label}", "keys", records)
 
 
 def _parse_json(source: str, text: str) -> object:
     """The content of a file; numbers keep their text."""
 
     def record_of(pairs: Sequence[tuple[str, object]]) -> object:
-        """The record of keys and values, each key once; a list where keys count rows from 0."""
-        record = {}
-        for key, value in pairs:
-            name = key.strip()
-            if name in record:
-                raise InputError(
-                    f"{source}: found the key {quoted(name)} twice in a record, allowed: once"
-                )
-            record[name] = value
+        """The record of keys and values; a list where keys count rows from 0."""
+        record = {key.strip(): value for key, value in pairs}
         # pandas writes a column as {"0": 7, "1": 8}.
         is_list = list(record) == list(map(str, range(len(record))))
         return list(record.values()) if record and is_list else record
@@ -469,8 +393,6 @@ def _parse_json(source: str, text: str) -> object:
             return load(text)
         except json.JSONDecodeError:  # perhaps a trial a line
             return [load(line) for line in re.split("[\r\n]+", text) if line.strip()]
-    except InputError:  # it is a ValueError, too
-        raise
     except (ValueError, RecursionError) as error:
         raise InputError(
             f"{source}: found no JSON ({one_line(error)}), "
@@ -538,7 +460,7 @@ def _has_records(value: object) -> bool:
 # --- MATLAB --------------------------------------------------------------------------------------
 
 
-def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
+def _read_matlab(source: str, data: bytes) -> TextTable:
     """The table of a struct, a struct array, or vectors by name; row 1 is the first trial.
 
     A single value stands in every row.
@@ -552,7 +474,7 @@ def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
             f"{source}: found {join_display_names(unread) or 'nothing'}, no columns of one length, "
             f"allowed: {SAVED}; or, in Python, a pandas data frame that has the columns"
         )
-    return _table_of_records(source, "MATLAB", "variables", records, choice)
+    return _table_of_fields(source, "MATLAB", "variables", records)
 
 
 def is_excel(path: StrPath) -> bool:

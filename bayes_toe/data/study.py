@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, Record, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, Record
 from bayes_toe.data.answers import Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import (
@@ -30,7 +30,7 @@ from bayes_toe.data.messages import (
     name_from_key,
 )
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
-from bayes_toe.data.tables import frame_of
+from bayes_toe.data.tables import frame_of, of_subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, THREE_ANSWERS, WHICH_STRONGER, Task, task_of
 from bayes_toe.data.validation import CONDITION_SEPARATOR
 from bayes_toe.errors import InputError, require_kind
@@ -51,6 +51,8 @@ Names: TypeAlias = Sequence[str | int] | str | int
 class Subject:
     """Response counts of one subject for each ordered pair of stimuli, sorted by (s1, s2).
 
+    Repeated pairs are added up. Pairs that were never answered are left out.
+
     Parameters
     ----------
     name : str
@@ -59,7 +61,7 @@ class Subject:
         Natural-log intensities of the first and the second stimulus.
     n_yes, n_trials : array_like of int, shape (pairs,)
         How often the answer that the task counts was given, 'equal' or 'second', and how often the
-        pair was answered.
+        pair was answered. For single trials, `n_yes` is 1 or 0, and `n_trials` is 1.
     n_second : array_like of int, shape (pairs,), optional
         Of three answers: how often 'second' was given. It may be omitted where every answer is
         'equal'.
@@ -80,8 +82,8 @@ class Subject:
     Raises
     ------
     InputError
-        If shapes differ, a value is not finite, a pair is repeated, or counts are
-        outside 0 <= n_yes <= n_trials, n_trials >= 1. If `n_second` is missing or out of place.
+        If shapes differ, a value is not finite, counts are outside 0 <= n_yes <= n_trials, or all
+        are 0. If `n_second` is missing or out of place.
 
     Examples
     --------
@@ -112,35 +114,23 @@ class Subject:
         object.__setattr__(self, "task", task_of(self.task))
         rows = counted_rows(
             self.name, (self.s1, self.s2), self.n_yes, self.n_trials, self._all_n_second()
-        )
-        s1, s2 = rows.keys.T
-        order = np.lexsort((s2, s1))  # by s1, then by s2: results do not depend on the file's order
+        ).sums
+        if not len(rows.keys):
+            raise InputError(f"subject {self.name!r}: no answered trial")
+        if not np.isfinite(rows.keys).all():
+            raise InputError(f"subject {self.name!r}: s1 and s2 must be finite numbers")
+
+        s1, s2 = rows.keys.T.copy()
         for name, values in {"s1": s1, "s2": s2, **rows.named_counts}.items():
-            sorted_values = values[order]
-            sorted_values.setflags(write=False)
-            object.__setattr__(self, name, sorted_values)
-        problem = self._pair_problem()
-        if problem:
-            raise InputError(f"subject {self.name!r}: {problem}")
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
 
         if self.answers is not None:
             sums = self.answers.sums
-            has_pairs = np.array_equal(sums.keys, rows.keys[order])  # both are sorted
             # A copy with other counts does not keep the answers.
-            if not has_pairs or not np.array_equal(sums.counts, rows.counts[:, order]):
+            has_pairs = np.array_equal(sums.keys, rows.keys)
+            if not has_pairs or not np.array_equal(sums.counts, rows.counts):
                 object.__setattr__(self, "answers", None)
-
-    def _pair_problem(self) -> str:
-        """What is wrong with the sorted pairs; empty if nothing is."""
-        if not self.n_pairs:
-            return "no answered trial"
-        if not np.isfinite(self.stimuli).all():
-            return "s1 and s2 must be finite numbers"
-        if (self.n_trials < 1).any():
-            return "every pair needs n_trials >= 1"
-        if len(run_starts(self.s1, self.s2)) < self.n_pairs:
-            return "a pair of stimuli is repeated; Subject.from_counts adds repeats up"
-        return ""
 
     def _all_n_second(self) -> npt.ArrayLike | None:
         """The numbers of 'second', which only the task with three answers has."""
@@ -155,78 +145,6 @@ class Subject:
         )
 
     @classmethod
-    def from_counts(
-        cls,
-        name: str,
-        s1: npt.ArrayLike,
-        s2: npt.ArrayLike,
-        n_yes: npt.ArrayLike,
-        n_trials: npt.ArrayLike,
-        *,
-        n_second: npt.ArrayLike | None = None,
-        task: Task = SAME_DIFFERENT,
-        unit: StimulusUnit = UNKNOWN_UNIT,
-    ) -> Subject:
-        """A subject from rows of counts.
-
-        Repeated pairs are added up. Pairs that were never answered are left out.
-
-        Examples
-        --------
-        >>> Subject.from_counts("S01", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5]).n_yes.tolist()
-        [3]
-        """
-        sums = counted_rows(name, (s1, s2), n_yes, n_trials, n_second).sums
-        return cls(name, *sums.keys.T, **sums.named_counts, task=task, unit=unit)
-
-    @classmethod
-    def from_trials(
-        cls,
-        name: str,
-        s1: npt.ArrayLike,
-        s2: npt.ArrayLike,
-        yes: npt.ArrayLike,
-        *,
-        task: Task = SAME_DIFFERENT,
-    ) -> Subject:
-        """A subject from single trials.
-
-        `yes` is True where the task counts the answer, which is then 'equal' or 'second'. Of
-        three answers, it is the word 'first', 'equal' or 'second'.
-
-        Examples
-        --------
-        >>> subject = Subject.from_trials("S01", [0, 0, 0], [0.3, 0.3, 0.3], [True, False, True])
-        >>> subject.n_yes.tolist(), subject.n_trials.tolist()
-        ([2], [3])
-        """
-        task = task_of(task)
-        answers = np.asarray(yes).ravel()
-        if task != THREE_ANSWERS:
-            n_second = None
-            is_yes = answers
-        else:
-            if not np.isin(answers, task.answers).all():
-                raise InputError(f"subject {name!r}: allowed answers are {', '.join(task.answers)}")
-            n_second = (answers == "second").astype(np.int64)
-            is_yes = answers == "equal"
-
-        # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
-        # was given.
-        if (
-            is_yes.dtype.kind not in "biuf"
-            or np.ma.is_masked(yes)
-            or not np.isin(is_yes, (0, 1)).all()
-        ):
-            raise InputError(
-                f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), none of them "
-                f"masked, found {is_yes[:3].tolist()}"
-            )
-        n_yes = is_yes.astype(np.int64)
-        n_trials = np.ones_like(n_yes)
-        return cls.from_counts(name, s1, s2, n_yes, n_trials, n_second=n_second, task=task)
-
-    @classmethod
     def from_answers(
         cls,
         name: str,
@@ -235,8 +153,8 @@ class Subject:
         unit: StimulusUnit = UNKNOWN_UNIT,
     ) -> Subject:
         """A subject from rows as they were given, which it keeps."""
-        sums = answers.sums
-        return cls(name, *sums.keys.T, **sums.named_counts, task=task, unit=unit, answers=answers)
+        counts = answers.named_counts
+        return cls(name, *answers.keys.T, **counts, task=task, unit=unit, answers=answers)
 
     @property
     def scales(self) -> StimulusScales:
@@ -299,11 +217,10 @@ class Subject:
         # group are in it, and become its mean.
         group = np.zeros(len(values), np.int64)
         first_of_group = values[0]
-        for i in range(1, len(values)):  # the first value is in group 0
-            is_new_group = values[i] - first_of_group > rounding
-            if is_new_group:
-                first_of_group = values[i]
-            group[i] = group[i - 1] + is_new_group
+        for i, value in enumerate(values):
+            if value - first_of_group > rounding:
+                first_of_group = value
+                group[i:] += 1
         means = np.bincount(group, values) / np.bincount(group)
         return means[group][index]
 
@@ -448,11 +365,7 @@ class Study:
 
     def __getitem__(self, name: str | int) -> Subject:
         """A subject by name, which may be a whole number: 7 means '7'."""
-        subject = self._by_name.get(name_from_key(name))
-        if subject is None:
-            names = join_names(map(repr, self.names))
-            raise InputError(f"no subject {name!r} in {self.source}; there are: {names}")
-        return subject
+        return of_subject(self._by_name, name, self.source)
 
     @cached_property
     def _by_name(self) -> dict[str, Subject]:
@@ -570,11 +483,11 @@ class Study:
         columns: Record = {"subject": subject_names}
         if self.conditions:
             columns["condition"] = levels
-        count_keys = {self.task.count: "n_yes", "n_trials": "n_trials"}
+        counts: Texts = ("n_yes", "n_trials")
         if self.task == THREE_ANSWERS:
-            count_keys = {"n_first": "n_first", "n_equal": "n_yes", "n_second": "n_second"}
-        for name, key in {"s1": "s1", "s2": "s2", **count_keys}.items():
-            columns[name] = np.concatenate([getattr(subject, key) for subject in self])
+            counts = ("n_first", "n_yes", "n_second")
+        for key, values in _joined_columns(self, ("s1", "s2", *counts)).items():
+            columns[self.task.count if key == "n_yes" else key] = values
         if self.synthetic:
             columns["synthetic"] = 1
         return pd.DataFrame(columns)
@@ -594,10 +507,8 @@ class Study:
 def pooled(units: Sequence[Subject]) -> Subject:
     """One subject with the answers of all its units, whatever the condition."""
     first = units[0]
-    columns = {}
-    for key in ("s1", "s2", *first.task.counts):
-        columns[key] = np.concatenate([getattr(unit, key) for unit in units])
-    return Subject.from_counts(first.subject_name, **columns, task=first.task, unit=first.unit)
+    columns = _joined_columns(units, ("s1", "s2", *first.task.counts))
+    return Subject(first.subject_name, **columns, task=first.task, unit=first.unit)
 
 
 def units_by_subject(units: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]:
@@ -626,10 +537,16 @@ def common_scales(*subjects: Subject) -> StimulusScales | None:
     """
     if len(subjects) == 1 and subjects[0].shared_scales is not None:
         return subjects[0].shared_scales
-    columns = []
-    for key in ("s1", "s2", "n_trials"):
-        columns.append(np.concatenate([getattr(subject, key) for subject in subjects]))
-    return StimulusScales.from_pairs(*columns)
+    columns = _joined_columns(subjects, ("s1", "s2", "n_trials"))
+    return StimulusScales.from_pairs(*columns.values())
+
+
+def _joined_columns(units: Iterable[Subject], keys: Texts) -> Record:
+    """Arrays of all units behind each other, by the names of the attributes."""
+    columns: Record = {}
+    for key in keys:
+        columns[key] = np.concatenate([getattr(unit, key) for unit in units])
+    return columns
 
 
 def require_study(study: Any, several_tasks: bool = False) -> None:
@@ -681,11 +598,7 @@ def _rows(subject: Subject) -> Answers:
 
 def _with_rows(subject: Subject, rows: Answers, task: Task) -> Subject:
     """The subject with other rows; the copy keeps them if the subject has answers of its own."""
-    changed = Subject.from_answers(subject.name, rows, task, subject.unit)
+    s1, s2 = rows.keys.T
+    counts = {"n_second": None, **rows.named_counts}
     answers = None if subject.answers is None else rows
-    return replace(
-        changed,
-        condition=subject.condition,
-        answers=answers,
-        shared_scales=subject.shared_scales,
-    )
+    return replace(subject, s1=s1, s2=s2, **counts, task=task, answers=answers)

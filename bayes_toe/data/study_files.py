@@ -137,12 +137,12 @@ def with_sheets(
 
 
 def read_files(
-    paths: Sequence[Any], read: Callable[[Any], Sequence[Study]], notes: list[str]
-) -> list[Study]:
+    paths: Sequence[Any], read: Callable[[Any], Sequence[Study]]
+) -> tuple[list[Study], list[str]]:
     """The studies in several files, or frames, each of which `read` reads.
 
-    A file without a trial is left out, unless no file has a trial. A note on each file that is left
-    out is added to `notes`.
+    A file without a trial is left out, unless no file has a trial. The second value is a note on
+    each file that is left out.
 
     Raises
     ------
@@ -152,18 +152,19 @@ def read_files(
     """
     if not paths:
         raise InputError("files: found none, allowed: some")
+
     absolute_paths = _absolute_paths(paths)
     studies = []
     errors = []
     without_trials = []
     missing_names = []
+
     for path in paths:
         folder = _distinguishing_folder(path, absolute_paths)
         try:
             studies += [replace(study, source=folder + study.source) for study in read(path)]
         except NoTrialsError as error:
             without_trials.append(error)
-            notes.append(f"left out: {error.problems[0]}")
         except InputError as error:
             problems = [folder + problem for problem in error.problems]
             errors.append(InputError(problems, error.remedies))
@@ -171,11 +172,12 @@ def read_files(
                 missing_names.append(
                     f"{problems[0]} Type the names of the other files, or remove this file."
                 )
+
     if 0 < len(missing_names) < len(paths):  # other files have the names that the options say
         raise InputError(missing_names[:MAX_LINES])
     if errors or not studies:
         raise _refusal(paths, errors or without_trials)
-    return studies
+    return studies, [f"left out: {error.problems[0]}" for error in without_trials]
 
 
 def _absolute_paths(paths: Iterable[Any]) -> list[Path]:
@@ -234,11 +236,13 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
     # s.B.data.txt it is 's.{}.*'.
     beginning = re.sub(_COMMON_BEGINNING, r"\1", "\n".join(names))
     patterns = [beginning + ("{}.*" if beginning.endswith(".") else "{}_*")]
+
     patterns += _SUBJECT_IN_SHEET if are_sheets else _SUBJECT_PLACES
     if len(set(names)) < len(names):  # a name in several folders is no subject, so folders go first
         patterns.reverse()
         if not re.search(_SUBJECT_FOLDERS, "\n".join(map(str, paths))):
             patterns.insert(0, "{}/{}.*")  # folders may be groups
+
     for pattern in patterns:
         subjects = tuple(subject_in(path, pattern) or "" for path in paths)
         if all(subjects) and len(set(subjects)) > 1:
@@ -355,6 +359,7 @@ def common_notes(studies: Sequence[Study]) -> Iterator[str]:
     lines = []
     for study in studies:
         lines += [(study, note) for note in study.notes]
+
     for group in _alike(lines):
         first_study, first_note = group[0]
         n_files = len(group)
@@ -398,6 +403,7 @@ def _copies(studies: Sequence[Study]) -> Iterator[str]:
             has_few_ways = log_ways < np.log(50 * n_subjects**2)
             if answers is None or not answers.has_trial_rows or has_few_ways:
                 continue
+
             name = f"{study.source}: subject {display_name(subject.name)}"
             original = name_by_trials.setdefault(
                 answers.keys.tobytes() + answers.counts.tobytes(), name

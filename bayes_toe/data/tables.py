@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from bayes_toe.arrays import StrPath
-from bayes_toe.data.messages import Texts, as_html, join_few, join_names, name_from_key, quoted
+from bayes_toe.data.messages import Texts, as_html, join_few, join_quoted, name_from_key
 from bayes_toe.data.validation import CONDITION_SEPARATOR, is_formula
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
@@ -25,12 +25,12 @@ from bayes_toe.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-_LONGEST_STEM = 60
-_HASH_DIGITS = 8
-_PLAIN = r"[A-Za-z0-9_-](?:[A-Za-z0-9._-]*[A-Za-z0-9_-])?"  # no dot at either end
+#: Names of files that every system takes. Devices under Windows have names such as 'con' and
+#: 'com1.csv'; no dot stands at either end.
+_PLAIN = re.compile(
+    r"(?!(?i:con|prn|aux|nul|com\d|lpt\d)(?:\.|$))(?=.{1,60}$)[\w-]+(?:\.[\w-]+)*", re.ASCII
+)
 _CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f]"  # but no tab and no end of a line
-#: Names of devices under Windows, also with a suffix: 'con', 'com1.csv'.
-_RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 
 
 Row = TypeVar("Row", bound=Any)
@@ -114,16 +114,25 @@ class SubjectTable(Table[Row]):
     """
 
     def __getitem__(self, name: str | int) -> Row:
-        subject_name = name_from_key(name)
-        if subject_name not in self._by_name:
-            names = join_names(quoted(row.subject) for row in self.rows)
-            raise InputError(f"no subject {name!r} in the table; there are: {names}")
-        return self._by_name[subject_name]
+        return of_subject(self._by_name, name, "the table")
 
     @cached_property
     def _by_name(self) -> dict[str, Row]:
-        # Of rows with one name, the first is read last and stays.
-        return {row.subject: row for row in reversed(self.rows)}
+        by_name: dict[str, Row] = {}
+        for row in self.rows:
+            by_name.setdefault(row.subject, row)
+        return by_name
+
+
+def of_subject(by_name: Mapping[str, Row], name: str | int, home: str) -> Row:
+    """The value of a subject by its name, which may be a whole number: 7 means '7'.
+
+    An unknown name is an InputError with the names in the mapping, which is that of `home`.
+    """
+    subject_name = name_from_key(name)
+    if subject_name not in by_name:
+        raise InputError(f"no subject {name!r} in {home}; there are: {join_quoted(by_name)}")
+    return by_name[subject_name]
 
 
 def write_table(
@@ -185,19 +194,10 @@ def file_stems(names: Texts) -> dict[str, str]:
     n_alike = Counter(name.lower() for name in set(names))
     stems = {}
     for name in names:
-        is_short = len(name) <= _LONGEST_STEM
-        is_safe = is_short and re.fullmatch(_PLAIN, name) and not _RESERVED.fullmatch(name)
-        stems[name] = name if is_safe and n_alike[name.lower()] == 1 else _with_hash(name)
-    # A safe name may be the stem of another name, hash included.
-    if len({stem.lower() for stem in stems.values()}) < len(stems):
-        stems = {name: _with_hash(name) for name in names}
+        if _PLAIN.fullmatch(name) and n_alike[name.lower()] == 1:
+            stems[name] = name
+            continue
+        digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()
+        stem = re.sub("[^A-Za-z0-9-]+", "_", name)
+        stems[name] = f"{stem[:51]}-{digest[:8]}"  # 60 characters at most
     return stems
-
-
-def _with_hash(name: str) -> str:
-    """The characters of a name that every system accepts, and its hash."""
-    clean = re.sub(r"[^A-Za-z0-9._-]+", "_", name).lstrip(".")  # a dot in front hides a file
-    stem = f"_{clean}" if clean == "" or _RESERVED.fullmatch(clean) else clean
-    digits = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
-    # The stem is cut, so that it and the hash have the greatest length, with the hyphen between.
-    return f"{stem[: _LONGEST_STEM - _HASH_DIGITS - 1]}-{digits}"

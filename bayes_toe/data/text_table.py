@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from operator import itemgetter
 from sys import intern
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +34,7 @@ Choice: TypeAlias = Callable[[Texts], Collection[str]]
 #: The cells of a record, or why it cannot be split.
 Cells: TypeAlias = list[str] | csv.Error
 #: The first row of a record, and its cells.
-CsvRecord: TypeAlias = tuple[int, Cells]
+TableRecord: TypeAlias = tuple[int, Cells]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
 #: In a table whose columns were pairs: the name of the old column of each cell, and the cell.
@@ -135,10 +135,9 @@ class Column:
     def only(self, rows: BoolArray | IndexArray) -> Column:
         """The column of these rows, without the texts that only others have."""
         codes = self.codes[rows]
-        is_used = np.bincount(codes, minlength=len(self.texts)) > 0
-        # By old code: how many texts before it are used.
-        new_codes = np.cumsum(is_used) - 1
-        return Column(self.name, list(itertools.compress(self.texts, is_used)), new_codes[codes])
+        used_codes = np.flatnonzero(np.bincount(codes))
+        texts = [self.texts[code] for code in used_codes]
+        return Column(self.name, texts, np.searchsorted(used_codes, codes))
 
     def rows_by_text(self, rows: IndexArray) -> dict[str, IndexArray]:
         """The rows with each text, of these rows; texts that no row has are left out."""
@@ -163,44 +162,28 @@ def without_decimals(text: str) -> str:
     return match[1] if match else text
 
 
-class NoValue(NamedTuple):
-    """A cell without a value, such as an error of Excel."""
+def value_text(value: object) -> str:
+    """The text of a value, as pandas writes it into a CSV file.
 
-    problem: str
-
-
-def value_text(value: object) -> str | NoValue:
-    """The text of a value in a CSV file, or why it has none.
+    A missing value is an empty text. A character that no file can hold becomes U+FFFD.
 
     Examples
     --------
     >>> value_text(2.0), value_text(True), value_text(None), value_text(np.float32(0.1))
     ('2', '1', '', '0.1')
     """
-    if isinstance(value, NoValue):
-        return value
-
-    if not isinstance(value, np.generic):
-        plain = value
-    elif isinstance(value, np.float32):
-        plain = float(str(value))  # as it is written, not its nearest neighbour among the doubles
-    else:
-        plain = value.item()
-    if plain is None or type(plain).__name__ in _MISSING:
+    if isinstance(value, np.float32):
+        value = float(str(value))  # as it is written, not its nearest neighbour among the doubles
+    elif isinstance(value, np.generic):
+        value = value.item()
+    if value is None or type(value).__name__ in _MISSING:
         return ""
 
-    if isinstance(plain, str | int | float | Decimal):
-        if plain != plain:  # NaN
-            return ""
-        if isinstance(plain, bool | float) and plain % 1 == 0:
-            plain = int(plain)  # True is '1', and 2.0 is '2'
-        text = str(plain)
-        if not _NO_TEXT.search(text):
-            return text
-    return NoValue(
-        f"found {quoted(str(value))} of type {type(value).__name__}, allowed: text, numbers or "
-        "truth values, each in a column of its own"
-    )
+    if isinstance(value, float | Decimal) and value != value:  # NaN
+        return ""
+    if isinstance(value, bool | float) and value % 1 == 0:
+        value = int(value)  # True is '1', and 2.0 is '2'
+    return _NO_TEXT.sub("\ufffd", str(value))
 
 
 #: In the place of a row, for problems of a whole table, which come first.
@@ -294,18 +277,17 @@ class TextTable:
         return replace(self, rows=self.rows[rows], columns=columns, notes=(*self.notes, *notes))
 
     def require(self, lines: Texts, remedies: Iterable[Remedy] = ()) -> None:
-        """Refuse a table with problems of its head, without rows, or with cells without a value.
+        """Refuse a table with problems of its head, or without rows.
 
         `lines` are the problems of the head, the row of names. `remedies` solve the last of these.
+        Rows that cannot be split are reported later, with the problems of cells.
         """
         for line in lines:
             separator = ", " if line.startswith("column") else ": "
             options = remedies if line == lines[-1] else ()
             self.problems.ask(f"{self.head}{separator}{line}", options)
 
-        # In a CSV file, the problems so far are rows that cannot be split. They are reported with
-        # the problems of its cells. In other sources, they are cells without a value.
-        if lines or not self.delimiter:
+        if lines:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
             raise NoTrialsError(
@@ -324,6 +306,7 @@ class TextTable:
             index = records[0]
             row = self.rows[index]
             allowed = rule if isinstance(rule, str) else rule(index)
+
             finding = quoted(column.text(index))
             location = str(column)
             if column.name == CELL and PAIR in self.columns:
@@ -355,14 +338,6 @@ def repeated_columns(names: Texts, wanted: Iterable[str]) -> list[str]:
     ]
 
 
-def name_places(names: Texts) -> dict[str, int]:
-    """The index of the first column of each name."""
-    places: dict[str, int] = {}
-    for index, name in enumerate(names):
-        places.setdefault(name, index)
-    return places
-
-
 def n_chosen(names: Texts, choice: Choice) -> int:
     """How many distinct names are read, of these, by a choice; numbers are no names."""
     chosen_names = set(names).intersection(choice(names))
@@ -388,14 +363,31 @@ def names_or_numbers(cells: list[str], choice: Choice) -> list[str]:
 
 
 def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = None) -> TextTable:
-    """The table in a text; the delimiter is the one under which most columns are chosen.
-
-    Lines above the names are left out if the names are among the first ten records.
-    """
+    """The table in a text; the delimiter is the one under which most columns are chosen."""
     text, label = decoded(source, data, encoding)
     text, n_remarks = _without_remarks(source, text)
     delimiter, head_index, header = _layout(text, choice)
-    records: Iterator[CsvRecord] = itertools.islice(_records(text, delimiter), head_index, None)
+    records = _records(text, delimiter)
+    table = table_of_records(source, label, delimiter, records, head_index, header, choice)
+    if n_remarks:
+        table = replace(table, notes=(*table.notes, "remarks below rows left out"))
+    return table
+
+
+def table_of_records(
+    source: str,
+    form: str,
+    delimiter: str,
+    records: Iterator[TableRecord],
+    head_index: int,
+    header: list[str],
+    choice: Choice,
+) -> TextTable:
+    """The table in records that are not blank, of which one has the names in `header`.
+
+    The record with the names has the index `head_index`; records above it are left out.
+    """
+    records = itertools.islice(records, head_index, None)
     first_row, head = next(records, (0, []))
     if not head:
         raise NoTrialsError(
@@ -431,15 +423,17 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
         if name in chosen_names or len(column.texts) <= _MOST_TEXTS:
             columns[name] = column
 
-    notes = []
+    notes: list[str] = []
     if head_index:
         notes.append(f"rows above row {first_row} left out")
-    if n_remarks:
-        notes.append("remarks below rows left out")
     if newlines:
         notes.append("columns without names read as further trials of a row")
-    table = TextTable(label, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
-    return without_headers(table)
+    table = TextTable(form, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
+    is_header = np.all([column.matches([name]) for name, column in columns.items()], axis=0)
+    if not is_header.any():
+        return table
+    # Rows that repeat the names, as where files stand below each other.
+    return table.only(~is_header, Note((is_header.sum(), "repeated header"), " left out"))
 
 
 def _without_remarks(source: str, text: str) -> tuple[str, int]:
@@ -460,25 +454,17 @@ def _without_remarks(source: str, text: str) -> tuple[str, int]:
     return re.subn(_REMARKS, "", text)
 
 
-def without_headers(table: TextTable) -> TextTable:
-    """The table without rows that repeat its names, as where files stand below each other."""
-    is_header = np.all([column.matches([name]) for name, column in table.columns.items()], axis=0)
-    if not is_header.any():
-        return table
-    return table.only(~is_header, Note((is_header.sum(), "repeated header"), " left out"))
-
-
 def _texts_by_name(
-    records: Iterable[CsvRecord], names: Texts, newlines: Mapping[str, str], problems: Problems
+    records: Iterable[TableRecord], names: Texts, newlines: Mapping[str, str], problems: Problems
 ) -> tuple[IntArray, dict[str, list[str]]]:
-    """The row of each record, and the texts in the first column of each name.
+    """The row of each record, and the texts by name; of columns with one name, the last is read.
 
     A record has one trial, or several where PsychoPy writes each trial in a column without a name
     behind a name such as 'key.keys_raw'; `newlines` are what :data:`_TRIALS_IN_A_ROW` finds.
     Records that cannot be split into a cell for each name are problems. Empty cells behind these
     cells do not count, since loops write a delimiter behind each cell.
     """
-    index_of_name = name_places(names)
+    index_of_name = {name: index for index, name in enumerate(names)}
     texts = {name: list[str]() for name in index_of_name}
     indices_of_trials = []  # of each trial of a record, the index of the cell by name
     for i in range(min(map(len, newlines.values()), default=1)):
@@ -509,7 +495,7 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
     layouts = []
     for delimiter in DELIMITERS:
         first_records = itertools.islice(_records(text, delimiter), MOST_RECORDS + 1)
-        records = [_names(cells) for _, cells in first_records] or [[]]
+        records = [record_names(cells) for _, cells in first_records] or [[]]
         index = header_place(records[:MOST_RECORDS], choice)
         names = records[index]
         # Spaces in a name make no cells. Numbers have no spaces: those around numbers do.
@@ -527,7 +513,7 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
     return layout
 
 
-def _names(cells: Cells) -> list[str]:
+def record_names(cells: Cells) -> list[str]:
     """The cells of a record as names of columns; none where it cannot be split."""
     return [] if isinstance(cells, csv.Error) else [" ".join(cell.split()) for cell in cells]
 
@@ -604,7 +590,7 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
     return "utf-8", "UTF-8"
 
 
-def _records(text: str, delimiter: str) -> Iterator[CsvRecord]:
+def _records(text: str, delimiter: str) -> Iterator[TableRecord]:
     """First physical row and cells of every record that is not blank.
 
     A record that cannot be split has its error in the place of the cells.

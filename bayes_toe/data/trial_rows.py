@@ -31,9 +31,9 @@ from bayes_toe.data.tasks import THREE_ANSWERS, tasks_named
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import (
     CONDITION_SEPARATOR,
-    MISSING_WORDS,
     column_counts,
     empty,
+    is_missing,
     numbers,
     whole_number,
 )
@@ -54,12 +54,14 @@ def with_subjects_below(table: TextTable, name: str) -> TextTable:
     column = table.columns.get(name)
     if column is None or column.texts[1:2] != [""]:  # the text after the first name
         return table
+
     # Codes are in the order of the first rows of their texts, so that 1 is the empty text.
     is_name = column.codes != 1
     n_names = len(column.texts) - 1
     # The table stays unless each name stands once, and most cells are empty.
     if is_name.sum() > n_names or n_names >= 0.5 * len(is_name):
         return table
+
     # As later names have larger codes, the largest code so far is that of the name above, if the
     # code of empty cells becomes 0.
     filled = replace(column, codes=np.maximum.accumulate(column.codes * is_name))
@@ -257,7 +259,7 @@ def without_lone_responses(table: TextTable, options: ReadOptions, answer: str) 
     """
     response = table.columns[options.name(answer)]
     stimuli = map(table.columns.__getitem__, options.stimulus_names)
-    lacks_stimulus = np.any([column.map(_is_missing) for column in stimuli], axis=0)
+    lacks_stimulus = np.any([column.map(is_missing) for column in stimuli], axis=0)
     # Other texts, such as the key of a start screen, are no answers.
     answers = filled_texts(response.only(~lacks_stimulus))
     is_lone = lacks_stimulus & response.matches(answers)
@@ -265,11 +267,6 @@ def without_lone_responses(table: TextTable, options: ReadOptions, answer: str) 
         return table
     reason = " with a response and without both stimuli left out: "
     return _without(table, is_lone, reason, _subjects(table, options))
-
-
-def _is_missing(text: str) -> bool:
-    """Whether a cell of stimuli has no stimulus."""
-    return text.lower() in MISSING_WORDS
 
 
 def dropped_notes(
@@ -308,7 +305,7 @@ def nameless_doubts(subject: Column) -> Iterator[str]:
     """A doubt for each subject with a name such as 'NA', which may say that the name is missing."""
     for code, text in enumerate(subject.texts):
         name, _, _ = text.partition(CONDITION_SEPARATOR)
-        if name and name.lower() in MISSING_WORDS:
+        if name and is_missing(name):
             yield (
                 f"{plural((subject.codes == code).sum(), 'row')} of subject {quoted(text)}, which "
                 f"may mean that the name is missing; if so, --exclude {text}"

@@ -31,6 +31,8 @@ _COUNT = r"\+?0*([0-9]{1,16})(?:\.(?!000$)0*)?"
 _SPACES = "['\u2019 \u00a0\u2009\u202f]"
 _GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])")
 _ROUNDING = 1e-6  # of a number of trials in double precision
+#: How errors of spreadsheets begin.
+_ERRORS = ("#N/A", "#REF!", "#VALUE!", "#DIV/0!", "#NAME?", "#NUM!", "#NULL!")
 #: A spreadsheet runs a cell that begins so as a formula.
 _FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r")
 
@@ -84,6 +86,11 @@ def whole_number(text: str, decimal_comma: bool = False) -> int:
     return count if count <= LARGEST_COUNT else -1
 
 
+def is_missing(text: str) -> bool:
+    """Whether a cell is empty, or says that it has nothing to say."""
+    return text.lower() in MISSING_WORDS
+
+
 def is_formula(text: str) -> bool:
     """Whether a spreadsheet would run a cell without its apostrophes; '-1' is only a number.
 
@@ -128,7 +135,7 @@ def has_shares(table: TextTable, column: Column) -> bool:
 
 
 def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
-    """The counts that the shares in a column are of n trials, shape (rows,); 0 without a count.
+    """The counts that the shares in a column are of n trials, shape (rows,).
 
     A share of no count is a problem. The shares are percentages if one of them is larger than 1 or
     has a sign of per cent. All shares are rounded to the decimals of the most precise share.
@@ -151,13 +158,12 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     is_near = abs(exact_counts - counts) <= largest_error + _ROUNDING
     is_count = is_precise & is_near & (counts >= 0) & (counts <= n)
 
-    has_trials = n > 0  # a number of trials that cannot be read has a problem of its own
     table.fault(
         column,
-        has_trials & ~is_count,
+        ~is_count & (n > 0),  # a number of trials that cannot be read has a problem of its own
         lambda index: f"a share that makes a whole number of {n[index]} trials",
     )
-    return np.where(has_trials & is_count, counts, 0.0).astype(np.int64)
+    return np.nan_to_num(counts).astype(np.int64)
 
 
 def empty(column: Column) -> BoolArray:
@@ -197,11 +203,16 @@ def require_texts(
 
     If each text may stand only `once`, add a problem for each text that an earlier row has.
     """
+    is_checked = np.ones(len(column.codes), bool) if rows is None else rows
+    is_error = column.map(lambda text: text.startswith(_ERRORS))
+    table.fault(column, is_error & is_checked, "a text, and no error of a spreadsheet")
+
     is_empty = empty(column)
     rule = "a text that is not empty"
     if 2 * is_empty.sum() > len(is_empty):  # most cells, as where cells are merged
         rule += "; repeat the text of merged cells in each row"
-    table.fault(column, is_empty if rows is None else is_empty & rows, rule)
+    table.fault(column, is_empty & is_checked, rule)
+
     if once:
         _, first_row_of_code = np.unique(column.codes, return_index=True)
         first_row = first_row_of_code[column.codes]  # with the text of each row
@@ -234,7 +245,7 @@ def read_numbers(
     InputError has a line per problem of the file, ten at most, with row and column.
     """
     required = names if key is None else (key, *names)
-    table = _with_columns(source, required, optional)
+    table = table_with(source, required, optional)
     # Where all columns but the key are optional, at least one must be there.
     if not names and table.columns.keys() <= {key}:
         table.require(
@@ -269,13 +280,23 @@ def read_numbers(
     return bare_names(table, table.columns[key]).map(str, object).tolist(), columns
 
 
-def _with_columns(source: StrPath | TextTable, required: Texts, optional: Texts) -> TextTable:
+def table_with(
+    source: StrPath | TextTable, required: Texts, optional: Texts | None = None
+) -> TextTable:
     """The table of a path, or a table, with columns of these names alone, each of them once.
 
-    A required column that is missing is refused.
+    A required column that is missing is refused. Without `optional`, all columns with a name stay.
     """
-    names = (*required, *optional)
-    table = source if isinstance(source, TextTable) else read_table(source, lambda _: set(names))
+    if isinstance(source, TextTable):
+        table = source
+    elif optional is None:
+        table = read_table(source, set)
+    else:
+        table = read_table(source, {*required, *optional}.intersection)
+    if optional is None:
+        optional = list(filter(None, table.names))
+
+    names = dict.fromkeys([*required, *optional])
     problems = repeated_columns(table.names, names)
     for name in required:
         if name not in table.names:

@@ -44,7 +44,7 @@ def whole_file(path: StrPath, *, overwrite: bool = False) -> Iterator[Path]:
     with unfinished(target.parent) as new:
         temporary = new / target.name
         # An error names the target, and never the hidden folder.
-        with reporting(target.parent, hidden=new), reporting(target):
+        with reporting(target, hidden=temporary):
             yield temporary
             _flush(temporary)
         _refuse_taken(target, overwrite)  # it may exist by now
@@ -103,8 +103,6 @@ def whole_folder(path: StrPath, names: Texts, *, overwrite: bool = False) -> Ite
         for name in names_produced:
             _refuse_taken(target / name, overwrite)
         for name in names_produced:
-            with reporting(target / name):
-                (target / name).parent.mkdir(parents=True, exist_ok=True)
             _put_in_place(new / name, target / name)
 
         if overwrite:
@@ -159,6 +157,7 @@ def _refuse_taken_folder(target: Path, names: Texts, overwrite: bool) -> None:
 def _put_in_place(new: Path, final: Path) -> None:
     """Give a finished file its name, with the permissions of the file that it replaces."""
     with reporting(final):
+        final.parent.mkdir(parents=True, exist_ok=True)
         if final.is_file():
             os.chmod(new, stat.S_IMODE(final.stat().st_mode))
         os.replace(new, final)

@@ -365,8 +365,24 @@ class Adaptive:
 
     def _make_subject(self, trials: Sequence[Trial]) -> Subject:
         """The subject who has answered these trials."""
-        s1, s2, responses = zip(*trials, strict=True)
-        return Subject.from_trials("adaptive", s1, s2, responses, task=self.pairs.task)
+        s1, s2, responses = np.array(trials, object).T
+        task = self.pairs.task
+        n_yes = responses
+        n_second = None
+        if task.has_three_answers:
+            if not set(task.answers).issuperset(responses):
+                raise InputError(f"allowed answers are {', '.join(task.answers)}")
+            n_yes = responses == task.yes
+            n_second = (responses == "second").astype(np.int64)
+        return Subject(
+            "adaptive",
+            s1.astype(np.float64),
+            s2.astype(np.float64),
+            n_yes.astype(np.int64),
+            np.ones(len(trials), np.int64),
+            n_second=n_second,
+            task=task,
+        )
 
 
 def _design_of_rows(rows: npt.ArrayLike, task: Task) -> StudyDesign:

@@ -67,12 +67,14 @@ class StudyDesign:
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
 
     def __post_init__(self) -> None:
-        # A subject checks its pairs and its numbers of trials; a design has the same rules.
+        # A subject checks its stimuli and its numbers of trials; a design has the same rules.
         no_answers = np.zeros(np.shape(self.s1), np.int64)
         try:
             subject = Subject("design", self.s1, self.s2, no_answers, self.n_trials)
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
+        if subject.n_pairs < np.size(self.s1):
+            raise InputError("design: a pair of stimuli is repeated, or has no trial")
         # The columns become arrays of the types that the subject has. The subject has sorted its
         # rows, and a design keeps their order.
         for name in DESIGN_COLUMNS:

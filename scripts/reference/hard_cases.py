@@ -28,7 +28,7 @@ def hard_cases() -> dict[str, Subject]:
     apart = np.abs(design.s2 - design.s1)
     one_order = _observer()
     kept = one_order.s1 <= one_order.s2
-    columns = (one_order.s1, one_order.s2, one_order.n_yes, one_order.n_trials)
+    columns = np.array([one_order.s1, one_order.s2, one_order.n_yes, one_order.n_trials])
     cases = {
         "all equal": _counts(50),
         "all different": _counts(0),
@@ -46,8 +46,8 @@ def hard_cases() -> dict[str, Subject]:
             mu1=99.5, amplitudes=np.multiply(PAPER_AMPLITUDES, np.exp(100.0))
         ),
         "one batch": _counts([1, 1, 0, 1, 1, 1, 1, 0, 0, 1, 0, 0, 0], n=1),
-        "one order missing": Subject.from_counts("case", *(column[kept] for column in columns)),
-        "single pair": Subject.from_counts("case", [0.0], [0.3], [20], [50]),
+        "one order missing": Subject("case", *columns[:, kept]),
+        "single pair": Subject("case", *np.array([0.0, 0.3, 20, 50])),
         "400 pairs with 3 trials": _many_pairs(),
         "a million trials a pair": _observer(n=10**6),
         "a hundred million trials": _observer(n=10**8 // 13),

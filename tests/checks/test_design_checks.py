@@ -106,7 +106,7 @@ def test_subjects_whose_stimuli_have_another_unit_are_named():
 def test_a_lone_stimulus_far_from_the_others_is_named():
     pairs = [*itertools.product([0.0, 0.1, 0.3], repeat=2), (3.0, 3.0)]
     n_trials = [40] * 9 + [1]  # a single trial of the last pair
-    subject = Subject.from_counts("S01", *np.transpose(pairs), [0] * 10, n_trials)
+    subject = Subject("S01", *np.transpose(pairs), [0] * 10, n_trials)
     sentence = "In 1 trial of 361, a stimulus (3) lies a factor of 15 from all others (0 to 0.3)."
     assert messages(subject)["two_scales"] == f"{sentence} Check its decimal point."
 

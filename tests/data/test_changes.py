@@ -86,7 +86,12 @@ def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
     # As with --swap a:2 --swap 'a: 3' --swap b:1 --exclude b:1:2. A subject may have a colon in its
     # name, and b:1:2 is block 2 of b:1.
     changed_study = changed(study, swap=["a:2", "a: 3", "b:1"], exclude=["b:1:2"])
-    assert changed_study.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
+    assert changed_study.changes == (
+        "--swap a:2",
+        "--swap a:3",
+        "--swap b:1",
+        "--exclude b:1:2",
+    )
     assert answers_by_subject(changed_study) == answers_by_subject(
         study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2)
     )
@@ -127,7 +132,7 @@ REFUSED = """
     --swap x:2 | --swap x:2: no subject 'x'; the subjects are a, b:1
     --exclude a:9 | --exclude a:9: found no block '9', allowed: 1, 2, 3
     --swap a:2 --swap a:2,3 | --swap a:2,3: named twice; name each subject or block once
-    --exclude a --exclude a:1 | no subject 'a' in study.csv; there are: 'b:1'
+    --exclude a --exclude a:1 | --exclude a:1: no subject 'a'; the subjects are b:1
     --swap a --swap a | --swap a: named twice; name each subject or block once
     --exclude a --exclude b:1 | --exclude b:1: no subject is left; exclude fewer
 """

@@ -120,7 +120,7 @@ def test_files_are_read(text, options, expected):
             COUNTS + "a,0,0.3,1,5\nb,0,0,3,3\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4\n",
             "",
             """
-            grouped rows, comma-separated, UTF-8, 6 of 18 trials answered 'equal',
+            grouped rows, comma-separated, UTF-8, 18 trials, 6 'equal', 12 'different',
             stimuli as natural logs
             1 row with n_trials = 0 left out
             2 repeated rows merged: a 2
@@ -130,7 +130,7 @@ def test_files_are_read(text, options, expected):
             "subject,s1,s2,k,n\na,0,0,1,2\na,0,0,1,2\n",
             "--columns n_equal=k,n_trials=n",
             """
-            grouped rows, comma-separated, UTF-8, 2 of 4 trials answered 'equal',
+            grouped rows, comma-separated, UTF-8, 4 trials, 2 'equal', 2 'different',
             stimuli as natural logs
             column k read as n_equal
             column n read as n_trials

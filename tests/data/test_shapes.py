@@ -338,6 +338,10 @@ READ = {
         **{"day 1": IN_LOGS[:9], "day 2": IN_LOGS[9:], "practice": IN_LOGS}
     ),
     "errors_elsewhere.xlsx": excel_bytes(Trials=WITH_ERRORS, Info=pd.DataFrame(["#REF!"])),
+    "formulas_below.xlsx": excel_bytes(
+        T=pd.concat([IN_LOGS, IN_LOGS[:1].assign(subject="mean", s1="=B2", s2="=C2", response="")])
+    ),
+    "session_by_date.xlsx": excel_bytes(T=IN_LOGS.assign(session=pd.Timestamp("2026-11-30"))),
     # As Excel saves it if all formulas give an empty text.
     "empty_texts.xlsx": workbook_with(
         excel_bytes(T=WITH_FORMULA), rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"'
@@ -484,7 +488,7 @@ NOTES = """
     start_screen.csv | 2 rows with a response and without both stimuli left out: P03 1, P12 1
     missed_trials.csv | 9 trials without a response dropped (empty in column key, empty in column rt
     table.xlsx | trial rows, Excel, resp
-    counts_of_both.csv | grouped rows, comma-separated, UTF-8, 80 trials answered 50 'second', 30
+    counts_of_both.csv | grouped rows, comma-separated, UTF-8, 80 trials, 50 'second', 30 'first'
     decibel.csv | column s1_dB read as s1, dB
     grams_by_name.csv | column weight2_g read as i2, intensity in g
     gorilla.csv | remarks below rows left out
@@ -541,14 +545,6 @@ REFUSED = {
     "row_names_of_a_part.csv": (
         IN_LOGS.set_axis(range(3, 83)).to_csv().removeprefix(","),
         "row 2: found 5 cells below 4 names, allowed: a name for each column",
-    ),
-    "a_key_twice.json": (
-        '[{"subject": "a", "s1": 0, "s2": 1, "response": "second", " response": "first"}]',
-        "found the key 'response' twice in a record, allowed: once",
-    ),
-    "half_a_character.json": (
-        [*RECORDS[:2], {**RECORDS[2], "subject": "A\ud800"}],
-        "row 3, column subject: found 'A\\ud800' of type str",
     ),
     "numbers.json": ("[1, 2]", "error: numbers.json: found "),
     "cut.json": ("{", "error: cut.json: found "),
@@ -649,15 +645,15 @@ REFUSED = {
     "a.csv --sheet A": (IN_LOGS, "a.csv: found --sheet A, allowed: with an Excel file\n"),
     "formula.xlsx": (
         excel_bytes(T=IN_LOGS.assign(s1="=1+1")),
-        "row 2, column s1: found a formula without a value",
+        "column s1: found '#N/A (a formula without a value)' in 80 rows, the first is row 2",
     ),
     "error.xlsx": (
         excel_bytes(T=IN_LOGS.assign(s1="#DIV/0!")),
-        "row 2, column s1: found #DIV/0!, allowed: a value that Excel",
+        "column s1: found '#DIV/0!' in 80 rows, the first is row 2, allowed: a finite number",
     ),
-    "errors_alone.xlsx": (
-        excel_bytes(T=with_rows_above(IN_LOGS, [["#REF!"] * 4])),
-        "row 2, column subject: found #REF!, allowed: a value that Excel",
+    "error_for_a_name.xlsx": (
+        excel_bytes(T=with_rows_above(IN_LOGS, [["#REF!", 0.3, 0.0, "first"]])),
+        "column subject: found '#REF!', allowed: a text, and no error of a spreadsheet",
     ),
     "percent_in_cells.csv": (
         "subject,s1,s2,response\na,7.0%,5 %,first\na,5%,7%,second\n",

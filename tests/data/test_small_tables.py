@@ -88,9 +88,9 @@ REFUSED = """
     covariates | subject,age / a,23 / b,2O / c,31 | row 3, column age: found '2O', allowed: a finite
     covariates | subject,age / a,23 / b,inf / c,31 | row 3, column age: found 'inf'
     covariates | subject,100% sure / a,x / b,y / c,3 | row 2, column 100% sure: found 'x', allowed:
-    covariates | name,age / a,23 | row 1: found columns 'name', 'age', allowed: subject and at least
-    covariates | subject / a | row 1: found columns 'subject', allowed: subject and at least one cov
-    covariates | subject,age,age / a,1,2 | row 1: found columns 'subject', 'age', 'age', allowed: su
+    covariates | name,age / a,23 | row 1, column subject: missing, found 'name', 'age', allowed: a
+    covariates | subject / a | row 1: found columns 'subject', allowed: subject and a covariate
+    covariates | subject,age,age / a,1,2 | row 1, column age: found 2 columns of this name, allowed:
 """
 
 

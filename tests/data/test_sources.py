@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 import bayes_toe as bt
 from bayes_toe.data import matlab_file
-from bayes_toe.data.read_table import input_bytes, read_table
+from bayes_toe.data.read_table import input_bytes
 from bayes_toe.data.tables import write_table
 
 TRIALS = pd.DataFrame(
@@ -35,7 +35,6 @@ def as_polars(frame):
     return pytest.importorskip("polars").DataFrame(with_none.to_dict("list"), strict=False)
 
 
-ALLOWED_VALUES = "allowed: text, numbers or truth values, each in a column of its own"
 EACH_SOURCE = pytest.mark.parametrize("as_source", [pd.DataFrame, as_polars])
 
 
@@ -70,10 +69,8 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
         ("s1", [0.0, None, 0.0], "'', allowed: a finite number"),
         ("s2", [1.0, float("inf"), 3.0], "'inf', allowed: a finite number"),
         ("subject", ["1", None, "7"], "'', allowed: a text that is not empty"),
-        ("subject", ["a", "a\0b", "b"], f"'a\\x00b' of type str, {ALLOWED_VALUES}"),
         ("s1", ["0", "0,3", "0"], "'0,3', allowed: a finite number, without thousands separators"),
         ("n_equal", [1, 7, 3], "'7', allowed: 0 to n_trials = 5"),
-        ("s1", [None, b"x", None], f"\"b'x'\" of type bytes, {ALLOWED_VALUES}"),
     ],
 )
 def test_cells_that_cannot_be_used_are_refused_by_row_and_column(
@@ -84,14 +81,14 @@ def test_cells_that_cannot_be_used_are_refused_by_row_and_column(
     assert problem.endswith(f" DataFrame: row 1, column {column}: found {expected}")
 
 
-def test_dates_and_lists_are_no_cells():
-    # All cells of subject are dates, and all cells of s2 are lists. The first row is named.
+def test_dates_and_lists_are_read_as_their_texts():
+    # As a CSV file would have them. A character that no file can hold becomes U+FFFD.
     dates = pd.Series([pd.Timestamp("2024-01-01")] * 3, dtype="datetime64[ns]")
-    frame = COUNTS.assign(subject=dates, s2=[[1.0], [2.0], [3.0]])
-    assert problems(bt.read_study, frame) == [
-        "pandas DataFrame: row 0, column subject: found '2024-01-01 00:00:00' of type Timestamp, "
-        + ALLOWED_VALUES,
-        f"pandas DataFrame: row 0, column s2: found '[1.0]' of type list, {ALLOWED_VALUES}",
+    assert bt.read_study(COUNTS.assign(subject=dates)).names == ("2024-01-01 00:00:00",)
+    assert bt.read_study(COUNTS.assign(subject="a\0\ud800")).names == ("a\ufffd\ufffd",)
+    assert problems(bt.read_study, COUNTS.assign(s2=[[1.0]] * 3)) == [
+        "pandas DataFrame: column s2: found '[1.0]' in 3 rows, the first is row 0, allowed: "
+        "a finite number"
     ]
 
 
@@ -198,7 +195,7 @@ def test_a_table_of_too_many_cells_is_refused_before_they_are_made(
         bt.read_study(tmp_path / name)
 
 
-def test_only_columns_that_are_read_must_hold_texts(tmp_path):
+def test_arrays_in_cells_are_ignored_until_they_are_read(tmp_path):
     # The column frames has an array in each cell. It is ignored until it is called response.
     frames = np.empty(2, object)
     frames[0] = frames[1] = np.arange(3.0)
@@ -208,15 +205,14 @@ def test_only_columns_that_are_read_must_hold_texts(tmp_path):
     assert bt.read_study(path)["M1"].total_trials == 2
     savemat(path, {**columns, "response": frames})
     (problem,) = problems(bt.read_study, path)
-    assert problem.startswith("trials.mat: row 1, column response: found")
-    assert problem.endswith(f"of type list, {ALLOWED_VALUES}")
+    assert problem.startswith("trials.mat: column response: the codes are '[0.0, 1.0, 2.0]' (2)")
 
 
 def test_folders_and_files_that_are_too_large_are_refused(tmp_path):
     # The file has 4 bytes, and is read with a limit of 4 bytes, but not with a limit of 3.
-    with pytest.raises(IsADirectoryError):
+    with refused("Is a directory"):
         input_bytes(tmp_path)
     (tmp_path / "file").write_bytes(b"a\n1\n")
     assert input_bytes(tmp_path / "file", 4) == b"a\n1\n"
     with refused("4 bytes, more than 3"):
-        read_table(tmp_path / "file", {"a"}, 3)
+        input_bytes(tmp_path / "file", 3)

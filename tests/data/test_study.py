@@ -55,8 +55,6 @@ REFUSED_ROWS = r"""
     0.3 0 2 8.5, 0 0.3 7 10 | n_trials must be whole numbers
     0.3 0 -1 8, 0 0.3 7 10 | every n_yes must lie in 0..n_trials
     0.3 0 9 8, 0 0.3 7 10 | every n_yes must lie in 0..n_trials
-    0.3 0 0 0, 0 0.3 7 10 | n_trials >= 1
-    0 0.3 2 8, 0 0.3 7 10 | a pair of stimuli is repeated
 """
 
 
@@ -91,11 +89,11 @@ def test_a_subject_without_trials_is_refused():
 
 def test_counts_are_added_up():
     # Rows of s1, s2, 'equal' and trials. Two rows have the pair (0.3, 0), and (1, 1) has no trials.
-    subject = Subject.from_counts("S01", *columns("0.3 0 1 5, 0 0.3 2 5, 0.3 0 3 6, 1 1 0 0"))
+    subject = Subject("S01", *columns("0.3 0 1 5, 0 0.3 2 5, 0.3 0 3 6, 1 1 0 0"))
     assert s1_s2_yes_trials(subject) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 4, 11)]
     # The stimuli of a pair without trials may be nan, and -0 is the same stimulus as 0.
-    assert Subject.from_counts("S01", *columns("0 0 1 5, nan 0 0 0")).n_pairs == 1
-    assert Subject.from_counts("S01", *columns("0 1 1 1, -0 1 0 1")).n_pairs == 1
+    assert Subject("S01", *columns("0 0 1 5, nan 0 0 0")).n_pairs == 1
+    assert Subject("S01", *columns("0 1 1 1, -0 1 0 1")).n_pairs == 1
 
 
 def test_a_study_is_a_sequence_of_its_subjects():
@@ -141,11 +139,9 @@ def test_counts_that_are_too_large_are_refused(rows):
     # Rows of s1, s2, 'equal' and trials. A pair has at most 10^12 trials. The last case has 3,000
     # rows of one pair, each with so many trials.
     with refused(r"no more than 10\^12"):
-        Subject.from_counts("S01", *columns(rows))
+        Subject("S01", *columns(rows))
 
 
-def test_answers_that_are_no_truth_values_and_stimuli_that_are_no_numbers_are_refused():
-    with refused("True or False"):
-        Subject.from_trials("S01", [0.0, 0.0], [0.3, 0.3], [1.0, np.nan])
+def test_stimuli_that_are_no_numbers_are_refused():
     with refused("must be numbers"):
-        Subject.from_counts("S01", ["a"], [0.3], [0], [1])
+        Subject("S01", ["a"], [0.3], [0], [1])

@@ -62,11 +62,11 @@ STEMS = """
     ../up | _up-
     a/b | a_b-
     ... | _-
-    .hidden | hidden-
-    end. | end.-
-    con | _con-
-    CON.txt | _CON.txt-
-    Lpt9 | _Lpt9-
+    .hidden | _hidden-
+    end. | end_-
+    con | con-
+    CON.txt | CON_txt-
+    Lpt9 | Lpt9-
 """
 
 
@@ -74,7 +74,7 @@ STEMS = """
     "name, start", [*text_table(STEMS), ("a\nb", "a_b-"), ("b" * 61, "b" * 51 + "-")]
 )
 def test_names_that_are_not_plain_carry_their_hash(name, start):
-    # Such as 'con', which is a device on Windows: its files begin with '_con-', and eight digits of
+    # Such as 'con', which is a device on Windows: its files begin with 'con-', and eight digits of
     # a hash follow. A name of 61 characters is too long, and is cut to 51.
     assert re.fullmatch(re.escape(start) + "[0-9a-f]{8}", file_stems([name])[name])
 
