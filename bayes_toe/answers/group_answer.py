@@ -70,6 +70,12 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
     return format_difference(row.interval, result.study.unit, sign)
 
 
+def mean_word(result: PopulationResult, name: str) -> Word:
+    """The word for whether the mean of an effect differs from 0."""
+    _, word = _factor_and_word(result.table.row("mean", name))
+    return word
+
+
 def _factor_and_word(row: PopulationRow) -> tuple[str, Word]:
     """The Bayes factor of a value that is not 0 against the value 0, as text, and its word."""
     log_factor = -cast(float, row.ln_bf_zero)  # the row has the Bayes factor of 0

@@ -38,6 +38,7 @@ from bayes_toe.plots.style import (
     Style,
     difference_axis,
     draw_band,
+    draw_bars,
     explain_curves,
     grid_panels,
     grid_rows,
@@ -278,7 +279,8 @@ def three_answers_panel(
 def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
     """Draw the proportion correct of 'which is stronger' over the middle of the pair, by order.
 
-    Pairs with neighbouring middles are pooled if there are more than MOST_PANELS middles.
+    Pairs with neighbouring middles are pooled if there are more than MOST_PANELS middles. A curve
+    joins them only if all differences are similar: larger differences are easier everywhere.
     """
     middle = 0.5 * (subject.s1 + subject.s2)  # (pairs,), as all arrays of the subject
     order = presentation_order(subject)  # the sign of s1 - s2
@@ -292,10 +294,13 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
     middles = np.unique(middle[order != 0])
     neighbours = np.array_split(middles, MOST_PANELS)
     groups = np.array([np.isin(middle, group) for group in neighbours])  # (groups, pairs)
+    sizes = np.abs(subject.steps[order != 0])
+    is_curve = not sizes.size or sizes.max() < 1.2 * sizes.min()
     for sign in (-1, 1):
         shift = sign * _SHIFT * np.ptp(middle)
         weights = (groups & (order == sign)) * subject.n_trials
-        _draw_pooled(ax, weights, middle, p_correct, n_correct, ORDERS[sign], shift)
+        mark = ORDERS[sign]
+        _draw_pooled(ax, weights, middle, p_correct, n_correct, mark, shift, is_curve=is_curve)
 
     _draw_half(ax, label="chance")
     stimulus_axis(ax, "middle of the pair", subject.unit, subject.mean_first)
@@ -310,8 +315,10 @@ def _draw_pooled(
     n_answers: IntArray,
     mark: Mark,
     shift: float,
+    *,
+    is_curve: bool = True,
 ) -> None:
-    """Draw observed shares of an answer, and the expected band, of groups of pairs.
+    """Draw observed shares of an answer, and the expected band or bars, of groups of pairs.
 
     `weights` has the trials of the pairs of each group, shape (groups, pairs), and 0 for pairs of
     other groups; groups without trials are left out. `x` and `n_answers` have the shape (pairs,),
@@ -325,7 +332,8 @@ def _draw_pooled(
     # The means of x and of P over the trials of each group.
     mean_x = weights @ x / n_trials  # (groups,)
     mean_p = expected @ weights.T / n_trials  # (draws, groups)
-    draw_band(ax, mean_x, mean_p, mark.colour)
+    draw_expected = draw_band if is_curve else draw_bars
+    draw_expected(ax, mean_x, mean_p, mark.colour)
     draw_shares(ax, mean_x + shift, (weights > 0) @ n_answers, n_trials, mark)
 
 

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.answers.group_answer import mean_word
 from bayes_toe.answers.order_effect import SIZE_OF, OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
@@ -133,6 +134,8 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
         words = [answer.words[question.name] for answer in answers]
         sizes, unit = _sizes(answers, group, question)
         _draw_sizes(ax, words, sizes, question)
+        if group is not None and question.name in group.identified:
+            _draw_group(ax, len(answers) + 0.25, sizes[-1], group, question)
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
         start, end = _limits(sizes)
         low, _, high = sizes.T  # A row without a size has NaN, which is not beyond any limit.
@@ -200,7 +203,7 @@ def _sizes(
 def _draw_sizes(
     ax: Axes, words: Sequence[Word], sizes: FloatArray, question: QuestionStyle
 ) -> None:
-    """Draw the sizes of subjects, with markers filled by the word, and that of the group.
+    """Draw the sizes of subjects, with markers filled by the word.
 
     `sizes` are those of :func:`_sizes`. The line of a 'yes' or 'probably' is twice as thick as
     other lines.
@@ -216,10 +219,18 @@ def _draw_sizes(
                 ax, rows, sizes[rows].T, colour=colour, line=width, fillstyle=fill, **style
             )
 
-    group_size = sizes[-1]
-    if not np.isnan(group_size).any():
-        style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6}
-        draw_intervals(ax, len(words) + 0.25, group_size, colour=colour, line=2.2, **style)
+
+def _draw_group(
+    ax: Axes, y: float, size: FloatArray, group: PopulationResult, question: QuestionStyle
+) -> None:
+    """Draw the mean of the group at the height y, with a marker filled by its word.
+
+    `size` has the median between the ends of the 95 % interval.
+    """
+    fill = _FILLS[mean_word(group, question.name)]
+    marker: Style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6, "fillstyle": fill}
+    marker["markerfacecoloralt"] = "white"
+    draw_intervals(ax, y, size, colour=question.colour, line=2.2, **marker)
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:

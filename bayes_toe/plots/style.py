@@ -18,7 +18,7 @@ from matplotlib.container import Container, ErrorbarContainer
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import Locator, LogLocator, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
@@ -186,15 +186,15 @@ class Scale(NamedTuple):
         assert self.unit is not None
         start, end = self.unit.to_stimuli([low, high])
         # Multiples of powers of ten are tried first, and equal steps last.
-        locators: list[Locator] = []
+        choices: list[FloatArray] = []
         if not self.unit.is_decibel:
+            exponents = np.arange(np.floor(np.log10(start)), np.ceil(np.log10(end)) + 1.0)
+            powers = 10.0 ** exponents[:, None]
             for multiples in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
-                # With fewer ticks allowed, the locator would leave some powers out.
-                locators.append(LogLocator(subs=multiples, numticks=50))
-        locators.append(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-        for locator in locators:
-            numbers = np.asarray(locator.tick_values(start, end))
-            numbers = numbers[(numbers >= start) & (numbers <= end)]
+                choices.append((powers * multiples).ravel())
+        choices.append(np.asarray(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(start, end)))
+        for choice in choices:
+            numbers = choice[(choice >= start) & (choice <= end)]
             if len(numbers) >= 3:
                 break
 
@@ -305,6 +305,13 @@ def draw_band(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
     low, _, high = np.quantile(values, MARKED_QUANTILES, axis=0)
     ax.fill_between(x, low, high, **_band_style(colour))
     ax.plot(x, values.mean(axis=0), color=colour, lw=1.2)
+
+
+def draw_bars(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
+    """Draw the mean and the central 95 % interval at each x, not joined; values are (draws, x)."""
+    low, _, high = np.quantile(values, MARKED_QUANTILES, axis=0)
+    ax.vlines(x, low, high, color=colour, lw=5.0, alpha=0.25)
+    ax.plot(x, values.mean(axis=0), "_", color=colour, ms=8.0)
 
 
 def explain_curves(ax: Axes, model: str = "model", colour: str = EQUAL) -> None:
