@@ -409,11 +409,14 @@ def table_of_records(
             f"{source}: {problems.count} rows have another number of cells than row {first_row}, "
             f"which has the names. {_DECIMAL_COMMA}"
         )
-    # R numbers the rows by default. Other texts in front of a row may be a cell too many.
-    if len(names) > len(head) and texts[names[0]] != list(map(str, range(1, len(rows) + 1))):
+    # R numbers the rows from 1, and other programs from 0. Other texts in front of a row may be a
+    # cell too many.
+    row_numbers = [list(map(str, range(start, start + len(rows)))) for start in (0, 1)]
+    if len(names) > len(head) and texts[names[0]] not in row_numbers:
+        advice = f". {_DECIMAL_COMMA}" if delimiter == "," else ""
         raise InputError(
             f"{source}: row {rows[0]}: found {len(names)} cells below {len(head)} names, "
-            f"allowed: a name for each column. {_DECIMAL_COMMA}"
+            f"allowed: a name for each column{advice}"
         )
 
     chosen_names = {*choice(names), ""}  # also the numbers of rows, which have no name
@@ -498,11 +501,15 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
         records = [record_names(cells) for _, cells in first_records] or [[]]
         index = header_place(records[:MOST_RECORDS], choice)
         names = records[index]
-        # Spaces in a name make no cells. Numbers have no spaces: those around numbers do.
-        cells = filter(_NUMBER.fullmatch, names) if delimiter == " " else names
-        fit = n_chosen(names, choice), len(list(cells))
-
         next_cells = [*records, names][index + 1]
+        cells = names
+        # Spaces in a name make no cells. Numbers have no spaces: those around numbers do.
+        if delimiter == " ":
+            cells = list(filter(_NUMBER.fullmatch, names)) or list(
+                filter(_NUMBER.fullmatch, next_cells)
+            )
+        fit = n_chosen(names, choice), len(cells)
+
         width = len(next_cells)
         if width == len(names) + 1 and next_cells[-1]:
             names = ["", *names]

@@ -453,6 +453,10 @@ READ = {
     "forces.csv": labelled(IN_GRAMS, w1="first_N", w2="second_N"),
     "luminances.csv": labelled(IN_GRAMS, w1="lum1_cd_m2", w2="lum2_cd_m2"),
     "row_names.txt": ROW_NAMES.replace(",", " "),
+    "row_names_from_0.csv": IN_LOGS.to_csv().removeprefix(","),
+    "other_names.txt --columns subject=p,s1=w1,s2=w2,response=r": csv_bytes(
+        labelled(IN_LOGS, subject="p", s1="w1", s2="w2", response="r"), sep=" "
+    ),
     "formats.xlsx": workbook_with(
         excel_bytes(T=IN_LOGS), b"</sheetData>", f"{FORMATTED_ROWS}</sheetData>".encode()
     ),
