@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 from bayes_toe.arrays import Record
 from bayes_toe.data.messages import quoted
@@ -61,31 +61,39 @@ class Job:
         return self.folder.name
 
     def record(self) -> Record:
-        """Names of the files, the seed and the options.
+        """The stored record of the study: names of the files, seed, options, date of storing.
 
         Raises
         ------
         InputError
             If the folder holds no study, or the record of the study is damaged.
         """
-        try:
+        # A damaged record may have any content, and raises one of these errors.
+        with suppress(OSError, ValueError, TypeError, LookupError, RecursionError):
             record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
-            is_complete = {"seed", "options", "created"}.issubset(record)
             names = record["files"]
+            is_complete = {"seed", "options", "created"}.issubset(record)
             # `file_name` leaves safe names as they are.
             has_good_names = names and list(map(file_name, names)) == names
             if is_complete and has_good_names and re.fullmatch("[0-9a-f]{16}", self.name):
                 return record
-        except (OSError, ValueError, TypeError, LookupError, RecursionError):
-            pass  # The record is damaged, and is refused below.
         raise InputError(f"The folder {quoted(self.name)} holds no study, or a damaged one")
 
-    def store(self, files: Mapping[str, bytes]) -> None:
-        """Store the files of a study that is not stored yet, or damaged."""
-        with suppress(InputError):
-            self.record()  # raises an InputError if the study is not stored, or damaged
-            return  # The stored study stays, because its options may have been chosen since.
+    def is_stored(self) -> bool:
+        """Whether the folder holds a study that is not damaged."""
+        try:
+            self.record()
+        except InputError:
+            return False
+        return True
 
+    def store(self, files: Mapping[str, bytes]) -> None:
+        """Store the files of a new study, or of a damaged one, with a record without options.
+
+        A stored study stays, because its options may have been chosen since.
+        """
+        if self.is_stored():
+            return
         record = {
             "files": sorted(files),
             "seed": secrets.randbelow(1_000_000),
@@ -124,40 +132,46 @@ class Job:
 
     def run_state(self) -> str:
         """Whether the study is 'new', 'running', 'stopped', 'done', or 'changed' since its run."""
-        running, _ = running_job(self.folder.parent)
-        if running == self.name:
+        run = present_run(self.folder.parent)
+        if run is not None and run.study == self.name:
             return "running"
-        command = self._last_command()  # None before the first run
-        if command != self.command():
-            return "new" if command is None else "changed"
+
+        command = self.command()  # refuses a damaged study
+        command_of_run = self._last_command()
+        if command_of_run is None:
+            return "new"
+        if command_of_run != command:
+            return "changed"
         # The folder of results appears at the end of a run, with all its files.
         return "done" if (self.folder / RESULTS / "report.html").is_file() else "stopped"
 
     def start(self) -> subprocess.Popen[bytes]:
-        """Analyse the study in a process group of its own; finished subjects are not repeated.
+        """Start the run of the study; subjects that an earlier run finished are not repeated.
 
-        Results of the study under other options are removed. The process inherits the open file of
-        the run's lock, and thereby holds the lock until the process ends.
+        Results of the study under other options are removed. The process of the run inherits the
+        open file of the run's lock, and thereby holds the lock until the process ends.
 
         Raises
         ------
         InputError
             If a study is analysed now.
         """
-        words = self.command()
+        command = self.command()
         with _open_lock(self.folder.parent) as lock:
             if not take_lock(lock):
                 raise InputError("Another study is being analysed. Wait for it, or stop it.")
+
             store = self.folder / _STORE
-            if self._last_command() != words:
+            if self._last_command() != command:
                 discard(store)
                 shutil.rmtree(self.folder / RESULTS, ignore_errors=True)
-            self._write(_COMMAND, words)
+            self._write(_COMMAND, command)
             resume = ["--resume"] if stored_files(store) else []
+
             with open(self.folder / _LOG, "wb") as log:
                 process = subprocess.Popen(
                     # With -P, no file of the folder is imported as a module.
-                    [sys.executable, "-P", "-m", "bayes_toe", *words, *resume],
+                    [sys.executable, "-P", "-m", "bayes_toe", *command, *resume],
                     cwd=self.folder,
                     stdin=subprocess.DEVNULL,
                     stdout=log,
@@ -167,7 +181,7 @@ class Job:
                 )
             try:
                 lock.truncate(0)
-                lock.write(f"{self.name} {process.pid}")
+                json.dump(Run(self.name, process.pid, os.getpid()), lock)
                 lock.flush()
             except OSError:  # Without its number in the lock, nobody could stop the process.
                 end_group(process.pid, signal.SIGKILL)
@@ -244,9 +258,9 @@ def file_name(path: str) -> str:
     >>> file_name("../../a b?.csv"), file_name("-x.CSV"), file_name("e\u0301.csv")
     ('a b_.csv', 'x.CSV', 'é.csv')
     """
-    # The part behind the last '/' or '\\'. At its start a '.' would hide the file, and a command
-    # would take a '-' for an option.
+    # The part behind the last '/' or '\\'.
     last_part = unicodedata.normalize("NFC", path).replace("\\", "/").rpartition("/")[2]
+    # At the start a '.' would hide the file, and a command would take a '-' for an option.
     stem, suffix = os.path.splitext(re.sub(r"[^\w .+()@-]", "_", last_part).lstrip(" .-"))
     if suffix.lower() not in TABLE_SUFFIXES:
         raise InputError(
@@ -268,22 +282,23 @@ def list_jobs(home: Path) -> tuple[list[Job], list[str]]:
 
     A study is damaged if its folder has a record that :meth:`Job.record` refuses.
     """
-    dates = {}  # when each study was stored
+    studies = []
     damaged_names = []
     for file in home.glob(f"*/{RECORD}"):
         job = Job(file.parent)
-        try:
-            dates[job] = job.record()["created"]
-        except InputError:
+        if job.is_stored():
+            studies.append(job)
+        else:
             damaged_names.append(job.name)
-    return sorted(dates, key=dates.__getitem__, reverse=True), sorted(damaged_names)
+    studies.sort(key=lambda job: job.record()["created"], reverse=True)
+    return studies, sorted(damaged_names)
 
 
 # --- Options --------------------------------------------------------------------------------------
 
 
 def require_options(content: bytes) -> Record:
-    """The options in a request.
+    """The options by name, from a request with the JSON of such a record.
 
     Raises
     ------
@@ -295,13 +310,12 @@ def require_options(content: bytes) -> Record:
     except (TypeError, ValueError, RecursionError):
         raise InputError("The options are no record") from None
     for name, value in options.items():
+        texts = []  # in the value; a value that is itself a text, or a flag, has none
         if isinstance(value, dict):
-            items = [*value, *value.values()]
+            texts = [*value, *value.values()]
         elif isinstance(value, list):
-            items = value
-        else:  # a text or a flag
-            items = []
-        are_texts = all(isinstance(item, str) for item in items)
+            texts = value
+        are_texts = all(isinstance(text, str) for text in texts)
         if type(value) is not _KINDS.get(name) or not are_texts:
             raise InputError(f"The option {name}, or its value, is unknown")
     return options
@@ -318,42 +332,62 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
     words = []
     for name, value in sorted(options.items()):
         option = f"--{name.replace('_', '-')}"
-        if isinstance(value, dict):  # `columns`, or `where`, which has a text for each column
-            value = [f"{ours}={theirs}" for ours, theirs in sorted(value.items())]
-        if name == "columns":  # All columns are one value; the option is typed once.
-            value = ",".join(value)
+        if isinstance(value, bool):  # a flag, which has no value when it is typed
+            if value:
+                words.append(option)
+            continue
 
-        if value is True:
-            words.append(option)
-        elif isinstance(value, str):
-            words += [option, value]
-        elif value is not False:  # a list, whose option is repeated
-            for text in value:
-                words += [option, text]
+        if isinstance(value, str):
+            texts = [value]
+        elif isinstance(value, list):
+            texts = value
+        else:  # `columns`, a column for each role, or `where`, a text for each column
+            texts = [f"{key}={text}" for key, text in sorted(value.items())]
+        if name == "columns":  # All columns are one text, so that the option is typed once.
+            texts = [",".join(texts)]
+        for text in texts:
+            words += [option, text]
     return words
 
 
 # --- The run --------------------------------------------------------------------------------------
 
 
-def running_job(home: Path) -> tuple[str, int]:
-    """The study that is analysed now and its process group; '' and 0 if no study is analysed.
+class Run(NamedTuple):
+    """The run that goes on: its study, its process group, and the process of its server.
 
-    The lock of the run has them as text, '0123456789abcdef 4711'.
+    The lock of the run has them as JSON.
     """
+
+    study: str
+    group: int
+    server: int
+
+
+def present_run(home: Path) -> Run | None:
+    """The run that goes on in a home folder; None if no study is analysed."""
     with _open_lock(home) as lock:
         if take_lock(lock):
-            return "", 0
+            return None
         lock.seek(0)
-        name, _, group = lock.read().partition(" ")
-    return name, int(group or 0)  # no number yet while the process starts
+        # The lock is empty while the process starts.
+        return Run(*json.loads(lock.read() or '["", 0, 0]'))
 
 
 def end_group(group: int, number: signal.Signals) -> None:
-    """Send a signal to the processes of a run; `group` is 0 if there is no run."""
+    """Send a signal to the processes of a run; `group` is 0 while the run starts."""
     if group:  # 0 would mean the group of this process
         with suppress(ProcessLookupError):
             os.killpg(group, number)
+
+
+def is_alive(process: int) -> bool:
+    """Whether this user has a process with this number."""
+    try:
+        os.kill(process, 0)  # no signal; it only asks whether one could be sent
+    except OSError:
+        return False
+    return True
 
 
 def _open_lock(home: Path) -> IO[str]:

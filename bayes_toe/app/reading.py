@@ -29,30 +29,24 @@ from bayes_toe.data.text_table import TextTable
 
 
 def read_job(job: Job) -> Record:
-    """What the page shows of the files: the columns and the study, or problems and remedies.
+    """What the page shows of the files: columns, study, problems and remedies.
 
-    What cannot be read is None.
+    `table` or `study` is None if it cannot be read.
     """
     record = job.record()
     paths = [job.folder / name for name in record["files"]]
     options = dict(record["options"])
     swap = options.pop("swap", ())
     exclude = options.pop("exclude", ())
+
     reading: Record = {"table": None, "problems": [], "remedies": [], "study": None}
     try:
-        file_options = bt.ReadOptions(sheet=options.get("sheet"), encoding=options.get("encoding"))
-        # `set` chooses all columns.
-        sheets, file_options = with_sheets(paths, file_options, set)
-        table = read_table(
-            sheets[0],  # The page shows the columns of the first file or sheet.
-            set,
-            sheet=file_options.sheet,
-            encoding=file_options.encoding,
-        )
-        # Automatic roles stay on the page if the options are refused.
+        table = _first_table(paths, options)
+        # The roles without options stay on the page if the options are refused.
         reading["table"] = {**describe_table(table), **describe_roles(table, bt.ReadOptions())}
         read_options = _read_options(options)
         reading["table"] |= describe_roles(table, read_options)
+
         study = bt.read_study(paths, read_options)
         findings = bt.check(study)  # before the decisions, which answer some of them
         reading["study"] = describe_study(changed(study, swap, exclude), findings)
@@ -60,6 +54,19 @@ def read_job(job: Job) -> Record:
         reading["problems"] = error.problems
         reading["remedies"] = [remedy._asdict() for remedy in error.remedies]
     return reading
+
+
+def _first_table(paths: Sequence[Path], options: Record) -> TextTable:
+    """All columns of the first file, or of its first sheet, whose columns the page shows."""
+    file_options = bt.ReadOptions(sheet=options.get("sheet"), encoding=options.get("encoding"))
+    all_columns = set  # of the names in a header, the set has all
+    sheets, file_options = with_sheets(paths, file_options, all_columns)
+    return read_table(
+        sheets[0],
+        all_columns,
+        sheet=file_options.sheet,
+        encoding=file_options.encoding,
+    )
 
 
 def _read_options(options: Record) -> bt.ReadOptions:
@@ -111,12 +118,13 @@ def describe_roles(table: TextTable, options: bt.ReadOptions) -> Record:
     came first.
     """
     _, options = with_known_order(table, options)
-    order = {
-        "standard_interval": options.standard_interval,
-        "comparison_interval": options.comparison_interval,
-    }
-    if options.interval_column not in table.names:  # the onsets of both stimuli say the order
-        order = {}
+    order = {}
+    # The file has no such column if the onsets of both stimuli say the order.
+    if options.interval_column in table.names:
+        order = {
+            "standard_interval": options.standard_interval,
+            "comparison_interval": options.comparison_interval,
+        }
     # Without the unit of the options, `with_likely_columns` finds the unit in the names.
     options_without_unit = replace(options, unit=None, intensity=None)
     return {
@@ -137,10 +145,10 @@ def _roles(names: Sequence[str], options: bt.ReadOptions) -> dict[str, str]:
 
 def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
     """The pairs with their counts, notes of reading, and findings with what to do about them."""
-    all_trials = pooled(tuple(study))
-    pairs = all_trials.pairs
+    all_trials = pooled(tuple(study))  # the counts of each pair, over all subjects
     n_yes = all_trials.n_yes.tolist()
     n_trials = all_trials.n_trials.tolist()
+
     described_findings = []
     for finding in findings:
         if finding.option.startswith(("--swap ", "--exclude ")):
@@ -153,8 +161,8 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
         "subjects": len({subject.subject_name for subject in study}),
         "units": len(study),  # subjects in conditions
         "trials": all_trials.total_trials,
-        "pairs": list(zip(pairs, n_yes, n_trials, strict=True)),
-        "stimuli": [list(map(study.unit.describe, pair)) for pair in pairs],
+        "pairs": list(zip(all_trials.pairs, n_yes, n_trials, strict=True)),
+        "stimuli": [list(map(study.unit.describe, pair)) for pair in all_trials.pairs],
         "unit": study.unit.stimulus_unit,
         "notes": study.notes,
         "findings": described_findings,

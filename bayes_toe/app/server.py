@@ -29,12 +29,13 @@ from bayes_toe.app.job import (
     RESULTS,
     Job,
     end_group,
+    is_alive,
     job_of,
     list_jobs,
     named_files,
     prepare_home,
+    present_run,
     require_options,
-    running_job,
 )
 from bayes_toe.arrays import Record, Texts
 from bayes_toe.data.messages import format_path
@@ -89,10 +90,10 @@ class Site:
         return f"bayes_toe_{self.port}"
 
     async def read(self, job: Job, options: Record | None = None) -> Record:
-        """Return what the page shows of the files of a study; new options are saved first.
+        """Return the record of the files of a study, which :func:`read_in_process` describes.
 
-        The files are read only if no earlier reading under the same options is stored, or if
-        options are given, which the user may do after a change of the files.
+        New options are saved first, and then the files are read anew. Without new options, the
+        record of an earlier reading under the same options is returned, if there is one.
         """
         async with self.reading_lock:
             if options is not None:
@@ -103,19 +104,34 @@ class Site:
         return self.readings[key]
 
     async def stop(self) -> None:
-        """End the run: ask it to end, and kill it if it goes on for :data:`ENDING_TIME`."""
-        _, group = running_job(self.home)
+        """End the run: ask it to end, and kill it if it goes on for :data:`ENDING_TIME`.
+
+        A run that outlived its server is ended, too.
+
+        Raises
+        ------
+        InputError
+            If the run belongs to another server, which is still there.
+        """
+        run = present_run(self.home)
+        if run is None:
+            return
+        if run.server != os.getpid() and is_alive(run.server):
+            raise InputError("Another server of this folder has started the run. Stop it there.")
+
         for number in (signal.SIGTERM, signal.SIGKILL):
-            end_group(group, number)
+            end_group(run.group, number)
             for _ in range(ENDING_TIME * 10):  # ten times a second
-                name, _ = running_job(self.home)
-                if not name:
+                if present_run(self.home) is None:
                     return
                 await asyncio.sleep(0.1)
 
 
 async def read_in_process(job: Job) -> Record:
-    """The record that :mod:`~bayes_toe.app.reading` prints, or one with the problem if it fails."""
+    """The record of :func:`~bayes_toe.app.reading.read_job`, which another process makes.
+
+    If the process fails, the record has only the problem.
+    """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "bayes_toe.app.reading", str(job.folder)),
         cwd=job.folder,
@@ -157,18 +173,20 @@ class Handler(RequestHandler):
         origin = self.request.headers.get("Origin")
         if host != self.site.host or origin not in (None, f"http://{self.site.host}"):
             raise HTTPError(403, reason="Another site may not use this page")
+
         token = self.token() or ""
         if not hmac.compare_digest(token.encode(), self.site.token.encode()):
             raise HTTPError(403, reason="Open the address that bayes-toe app has printed")
+
         if self.request.method == "POST" and HEADER not in self.request.headers:
             raise HTTPError(403, reason=f"The header {HEADER} is missing")
 
     def token(self) -> str | None:
-        """The token of the cookie."""
+        """The token that the request has, here that of the cookie; None without one."""
         return self.get_cookie(self.site.cookie)
 
     def job(self, name: str) -> Job:
-        """The study that is asked for."""
+        """The study with this name, which the address has."""
         job = Job(self.site.home / name)
         if not job.folder.is_dir():
             raise HTTPError(404, reason="There is no such study")
@@ -177,7 +195,7 @@ class Handler(RequestHandler):
     async def send_state(self, job: Job) -> None:
         """Send all that the page shows of a study."""
         reading = await self.site.read(job)
-        results = f"results/{self.site.key}/{job.name}/"
+        results = f"results/{self.site.key}/{job.name}/"  # the address of the results
         self.finish({**job.state(), "reading": reading, "results": results})
 
     def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
@@ -188,10 +206,11 @@ class Handler(RequestHandler):
     def send_error(self, status_code: int = 500, **details: Any) -> None:
         """Answer with the problem of a bad input (400), of a folder (507), or of an HTTPError.
 
-        Tornado calls it with the exception in `details`.
+        Tornado calls it with the class, the exception and its traceback in `details`.
         """
         _, error, _ = details["exc_info"]
         self.clear()  # headers and content of the answer so far
+
         if isinstance(error, InputError):
             self.set_status(400)
             problem = str(error)
@@ -279,7 +298,7 @@ class Results(Handler, StaticFileHandler):
     """Files of a results folder; :data:`_REPORT_POLICY` gives them an origin of their own."""
 
     def token(self) -> str | None:
-        """The token of this server if the address has the key."""
+        """The token of this server, if the address has the key of results, 'KEY/STUDY/FILE'."""
         key, _, _ = self.path_args[0].partition("/")
         if hmac.compare_digest(key, self.site.key):
             return self.site.token
@@ -339,15 +358,15 @@ def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
     """
     if os.name != "posix":
         raise InputError("app needs Linux or macOS; on Windows use WSL")
-    expanded = Path(os.path.expanduser(home))
+    expanded_home = Path(os.path.expanduser(home))
     # An empty HOME makes '/x' of '~/x', and an unknown user's '~name/x' stays as it is.
-    has_home = os.environ.get("HOME") != "" and expanded.is_absolute()
-    if str(home).startswith("~") and not has_home:
+    is_expanded = os.environ.get("HOME") != "" and expanded_home.is_absolute()
+    if str(home).startswith("~") and not is_expanded:
         raise InputError(
             f"{format_path(home)}: there is no such home folder; name a folder with --folder"
         )
-    prepare_home(expanded)
-    return asyncio.run(_serve(expanded.resolve(), port, ready))
+    prepare_home(expanded_home)
+    return asyncio.run(_serve(expanded_home.resolve(), port, ready))
 
 
 async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
@@ -370,8 +389,9 @@ async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
         asyncio.get_running_loop().add_signal_handler(number, signals.put_nowait, number)
     ready(f"http://{site.host}/?token={site.token}")
     first_signal = await signals.get()
+
     server.stop()
-    # Another server of the folder may have started the present run, which then goes on.
+    # A run of another server of the folder goes on.
     if site.process is not None and site.process.poll() is None:
         await site.stop()
     return first_signal

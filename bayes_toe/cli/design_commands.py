@@ -167,7 +167,10 @@ def _count_simulated(designs: Iterable[StudyDesign], observers: str | None, n_ea
 
 
 def _whole_numbers(option: str, text: str, least: int = 1) -> list[int]:
-    """Parse whole numbers, ascending and each once: '480,240' -> [240, 480]."""
+    """Parse whole numbers, ascending and each once: '480,240' -> [240, 480].
+
+    Other texts, and numbers below `least`, are refused; the error names the option.
+    """
     try:
         numbers = sorted(set(map(int, text.split(","))))
     except ValueError:
@@ -478,11 +481,11 @@ def simulate(
     from bayes_toe.design.study_design import PAPER_BATCHES
     from bayes_toe.seeds import root_seed
 
-    context.require_files(*filter(None, (output, truth_output)))
+    context.require_files(*filter(None, (output, truth_output)))  # None without --truth
     if study.subjects and study.kind not in POPULATIONS:
         raise bt.InputError("--subjects: allowed with a kind of --observers, not with a file.")
-    seed = root_seed(context.seed)
 
+    seed = root_seed(context.seed)
     design = make_design(study.design, PAPER_BATCHES, study.trials, study.unit)
     simulated, truth = bt.simulate(
         study.subjects or 16,

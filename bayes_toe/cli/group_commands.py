@@ -108,8 +108,10 @@ def contrast(
     context.require_files(output, figure_file)
     store = context.partial_folder(output)
     study, prior = context.read_and_describe(file, several_tasks=True)
+
     # A study has an entry for each subject in a condition: 'S01@left', 'S01@right'.
     n_subjects = len({subject.subject_name for subject in study})
+    # With several tasks, a third file has the answers of one observer who does all of them.
     answers_file = output.with_name(f"{output.stem}_one_observer{output.suffix}")
     has_several_tasks = len(study.by_task) > 1
     if has_several_tasks:

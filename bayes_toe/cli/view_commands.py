@@ -55,9 +55,11 @@ def explore(
 
     require_bokeh()
     context.require_files(output)
+
     loaded = list(map(load_draws, posteriors))
     names = subject or list(chain.from_iterable(draws.names for draws in loaded))
     page_entries = entries(loaded, subject, read_truth(truth, loaded, names))
+
     with context.out.progress("packing", len(page_entries)) as tick:
         explorer = page(page_entries, tick)
     explorer.save(output, overwrite=context.overwrite)
@@ -75,10 +77,11 @@ def read_truth(path: Path | None, draws: Sequence[bt.Draws], subjects: Sequence[
 
     if path is None:
         return {}
+
     # All subjects of a file have the same quantities.
     quantities = chain.from_iterable(part.posterior(part.names[0]).names.all for part in draws)
     # Each quantity once, because several files of draws may have the same quantities.
-    truth = read_parameters(path, tuple(dict.fromkeys(quantities)), gaps=True)
+    truth = read_parameters(path, tuple(dict.fromkeys(quantities)), gaps=True)  # by subject
     if not any(truth.get(name) for name in subjects):
         raise bt.InputError(
             f"{display_name(path.name)}: there are no true values of "

@@ -26,7 +26,7 @@ from commands import run_command, run_ok
 from conftest import each_row, refused
 
 pytest.importorskip("tornado")
-from bayes_toe.app.job import end_group, job_of, list_jobs, named_files, prepare_home, running_job
+from bayes_toe.app.job import end_group, job_of, list_jobs, named_files, prepare_home, present_run
 from bayes_toe.app.server import read_in_process
 from bayes_toe.errors import OutputError
 
@@ -443,7 +443,7 @@ def finished(tmp_path_factory, study_file):
         study_id = first.add_trials(study_file)
         first.state(study_id, "/run", "")
         first.wait(study_id, lambda state: state["done"] > 0)
-        _, group = running_job(home_folder)
+        group = present_run(home_folder).group
         end_group(group, signal.SIGSTOP)  # the run waits until the next server is there
         first.process.kill()
         assert first.process.communicate()[1] == ""
@@ -498,9 +498,11 @@ def test_a_run_is_the_only_one_and_ends_with_its_server_alone(tmp_path, study_fi
         assert server.study(study_id, "/options", "{}").code == 400
         with serving(tmp_path) as second_server:  # whose end leaves the run of the first server
             assert second_server.state(study_id)["run"] == "running"
+            for action in ("/stop", "/delete"):
+                assert second_server.study(study_id, action, "").code == 400
             assert second_server.end() == (128 + signal.SIGINT, "")
         assert server.state(study_id)["run"] == "running"
-        _, group = running_job(tmp_path)  # the process group of the run
+        group = present_run(tmp_path).group
         assert server.end() == (128 + signal.SIGINT, "")
     with pytest.raises(ProcessLookupError):
         os.killpg(group, 0)  # a signal that only asks whether somebody is there
