@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
@@ -27,7 +28,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
-from bayes_toe.inference.draws import Draws, require_fitting
+from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import subjects_tree
 from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, unchecked_evidence
@@ -47,7 +48,7 @@ from bayes_toe.model.models import OrderModel, model_posterior, require_model
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
-from bayes_toe.result_store import resumed_seed, run_stored
+from bayes_toe.result_store import load_result, resumed_seed, run_stored
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers, try_each, without_failed
 
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Result = TypeVar("Result")
+Sampled = TypeVar("Sampled", bound=SubjectDraws)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,30 +140,26 @@ def run(
     progress : callable, optional
         Called with a subject's name when that subject is done.
     keep : path, optional
-        A folder in which finished subjects are stored. A stopped call that is repeated with the
+        A folder in which finished subjects are stored. The draws of the result are read from there
+        when they are used, so that they need no memory. A stopped call that is repeated with the
         same folder continues there, to the same bits, if all that decides the numbers is the same.
         Without a seed, that of the stored subjects is used.
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
-    require_fitting(study, settings)
-    # Faults of all subjects, also of those that fail below: limits of alarms depend on the number
-    # of subjects.
-    faults = not_interpreted(study)
-
     results = _analyse_study(
         study, settings, _sample_h1, folder=keep, workers=workers, progress=progress
     )
-    study, analyses, failed = _survivors(study, results)
-    table = _table([analysis.evidence for analysis in analyses], settings, failed, study.task)
-    all_draws = [analysis.draws for analysis in analyses]
-    tree = subjects_tree(study, all_draws, settings, failed, faults)
+    study, analyses, all_draws = _finished(study, results, settings)
 
+    rows = []
     summary: list[SummaryRow] = []
     curves = []
-    for subject, analysis in zip(study, analyses, strict=True):
-        summary += analysis.draws.summary
+    for subject, analysis in zip(study, map(load_result, analyses), strict=True):
+        rows.append(analysis.evidence)
+        summary += analysis.summary
         posterior = OrderModel("both").posterior(subject, settings.prior.observer)
         curves.append(Predictor(posterior, analysis.curve_draws))
+    table = _table(rows, settings, all_draws.failed, study.task)
 
     differences = None
     if study.conditions is not None:
@@ -170,7 +168,7 @@ def run(
         )
     return Analysis(
         study,
-        Draws(tree),
+        all_draws,
         table,
         settings,
         curves=tuple(curves),
@@ -248,11 +246,6 @@ def sample(
     name = require_model(model)
 
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
-    require_fitting(study, settings)
-    # Faults of all subjects, also of those that fail below: limits of alarms depend on the number
-    # of subjects.
-    faults = not_interpreted(study)
-
     results = run_stored(
         partial(try_each, partial(_sample_subject, settings=settings)),
         study.subjects,
@@ -262,8 +255,7 @@ def sample(
         workers=workers,
         progress=progress,
     )
-    study, finished, failed = _survivors(study, results)
-    all_draws = Draws(subjects_tree(study, finished, settings, failed, faults))
+    _, _, all_draws = _finished(study, results, settings)
 
     # The words of a warning between a subject and the reason, and the reasons by subject.
     for problem, reasons in (
@@ -313,19 +305,18 @@ def evidence(
         progress=progress,
     )
     rows, failed = without_failed(study.names, results)
-    return _table(rows, settings, failed, study.task)
+    return _table(list(map(load_result, rows)), settings, failed, study.task)
 
 
 @dataclass(frozen=True, eq=False)
-class _SampledSubject:
-    """What :func:`run` computes for one subject.
+class _AnalysedSubject(SubjectDraws):
+    """What :func:`run` computes for one subject: draws of the paper's model, and more.
 
-    `draws` are those of the paper's model. `curve_draws`, shape (draws, k), are those of the four
-    models together, each model by its posterior probability.
+    `curve_draws`, shape (draws, k), are those of the four models together, each model by its
+    posterior probability.
     """
 
     evidence: SubjectEvidence
-    draws: SubjectDraws
     curve_draws: FloatArray
 
 
@@ -376,7 +367,7 @@ def _compute_evidence(
     return row
 
 
-def _sample_h1(flagged_evidence: _FlaggedEvidence, settings: Settings) -> _SampledSubject:
+def _sample_h1(flagged_evidence: _FlaggedEvidence, settings: Settings) -> _AnalysedSubject:
     """The row of one subject in the evidence table, and draws of the paper's model (H1)."""
     fitted, row = _fit_h1(flagged_evidence, settings, EVIDENCE_DRAWS, has_chains=True)
     draws = subject_draws(fitted, settings.sampler, settings.seed, summarised=True)
@@ -384,7 +375,8 @@ def _sample_h1(flagged_evidence: _FlaggedEvidence, settings: Settings) -> _Sampl
     # 400 draws suffice for the bands of curves in figures.
     rng = generator(settings.seed, evidence.subject.name, "shown")
     curve_draws = evidence.averaged().resampled(rng, size=400)
-    return _SampledSubject(replace(row, fit=draws.fit), draws, curve_draws)
+    row = replace(row, fit=draws.fit)
+    return _AnalysedSubject(**vars(draws), evidence=row, curve_draws=curve_draws)
 
 
 def _settings(
@@ -411,7 +403,7 @@ def _table(
 
 def _analyse_study(
     study: Study, settings: Settings, analyse: Callable[..., Result], **options: Any
-) -> list[Result | NumericalError]:
+) -> Sequence[Result | Path | NumericalError]:
     """What `analyse` gives for every subject, or its error, by batches of subjects in parallel.
 
     The options are those of :func:`bayes_toe.result_store.run_stored`.
@@ -426,15 +418,18 @@ def _analyse_study(
     )
 
 
-def _survivors(
-    study: Study, results: Sequence[Result | NumericalError]
-) -> tuple[Study, list[Result], dict[str, str]]:
-    """The subjects that did not fail, their results, and why other subjects failed, by name.
+def _finished(
+    study: Study, results: Sequence[Sampled | Path | NumericalError], settings: Settings
+) -> tuple[Study, list[Sampled | Path], Draws]:
+    """The subjects that did not fail, their results, and the draws of these results.
 
     A WorkerError is raised if all subjects failed.
     """
     finished, failed = without_failed(study.names, results)
+    # Faults of all subjects, also of those that failed: limits of alarms depend on the number of
+    # subjects.
+    faults = not_interpreted(study)
     if failed:
         subjects = tuple(subject for subject in study if subject.name not in failed)
         study = replace(study, subjects=subjects)
-    return study, finished, failed
+    return study, finished, Draws(subjects_tree(study, finished, settings, failed, faults))

@@ -25,6 +25,7 @@ import joblib
 from threadpoolctl import threadpool_info
 
 from bayes_toe.arrays import Record, StrPath, Texts
+from bayes_toe.data.messages import format_path
 from bayes_toe.data.whole_files import (
     HIDDEN,
     Standing,
@@ -73,7 +74,7 @@ def run_stored(
     workers: Workers,
     progress: Progress | None,
     batch: int = 1,
-) -> list[Result | NumericalError]:
+) -> list[Result | Path | NumericalError]:
     """Do the jobs whose results are not in the folder, and store each result.
 
     Parameters
@@ -96,14 +97,15 @@ def run_stored(
     Returns
     -------
     list
-        The results in the order of the jobs. An error is not stored.
+        The results in the order of the jobs. In the place of a result that is stored stands its
+        file, for :func:`load_result`. An error is not stored.
 
     Raises
     ------
     OutputError
         If the folder cannot be written to.
     """
-    results = {}  # by the index of the job
+    results: dict[int, Result | Path | NumericalError] = {}  # by the index of the job
     files = {}  # by the index of the job; empty without a folder
     if folder is not None:
         path = Path(folder)
@@ -111,9 +113,8 @@ def run_stored(
         for index, job in enumerate(jobs):
             job_hash = joblib.hash((versions(), work, job))
             files[index] = path / f"{job_hash}{SUFFIX}"
-            stored = _read(files[index])
-            if stored is not None:
-                results[index] = stored["result"]
+            if _read(files[index]) is not None:
+                results[index] = files[index]
                 report_progress(progress, [names[index]])
         # If the command is stopped, its message says how many results the folder has.
         under_way[path] = Standing(files.values(), len(results))
@@ -127,12 +128,24 @@ def run_stored(
     with closing(run_jobs(batch_jobs, workers)) as outcomes:
         for position, batch_results in outcomes:
             for index, result in zip(batches[position], batch_results, strict=True):
-                results[index] = result
                 is_error = isinstance(result, NumericalError)  # an error is tried again next time
                 if index in files and not is_error:
                     _write(files[index], seed, result)
+                    results[index] = files[index]
+                else:
+                    results[index] = result
                 report_progress(progress, [names[index]])
     return [results[index] for index in sorted(results)]
+
+
+def load_result(result: Result | Path) -> Result:
+    """A result of :func:`run_stored`, which is read if it stands in a file."""
+    if not isinstance(result, Path):
+        return result
+    stored = _read(result)
+    if stored is None:
+        raise InputError(f"{format_path(result)}: this result is missing or damaged by now")
+    return stored["result"]
 
 
 def _write(file: Path, seed: int, result: object) -> None:

@@ -15,6 +15,7 @@ from contextlib import closing, contextmanager
 from math import ceil
 from multiprocessing import resource_tracker
 from numbers import Integral
+from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -148,8 +149,8 @@ def try_each(
 
 
 def without_failed(
-    names: Iterable[str], results: Iterable[Result | NumericalError]
-) -> tuple[list[Result], dict[str, str]]:
+    names: Iterable[str], results: Iterable[Result | Path | NumericalError]
+) -> tuple[list[Result | Path], dict[str, str]]:
     """Split results into results of jobs that did not fail, and the errors of the other jobs.
 
     A job that failed has its error in `results`. The second value has the text of this error by the

@@ -12,7 +12,7 @@ import bayes_toe as bt
 from bayes_toe import result_store
 from bayes_toe.data.whole_files import unfinished
 from bayes_toe.errors import NumericalError, OutputError
-from bayes_toe.result_store import discard, run_stored, stored_files
+from bayes_toe.result_store import discard, load_result, run_stored, stored_files
 from bayes_toe.seeds import generator
 from bayes_toe.workers import run_jobs
 
@@ -112,7 +112,8 @@ def cube_numbers(numbers):
 def stored_cubes(numbers, folder, **options):
     """The cubes of the numbers, each a job; cubes that the folder has are not computed again."""
     settings = {"seed": 1, "folder": folder, "workers": 1, "progress": None}
-    return run_stored(cube_numbers, numbers, list(map(str, numbers)), **settings | options)
+    names = list(map(str, numbers))
+    return list(map(load_result, run_stored(cube_numbers, numbers, names, **settings | options)))
 
 
 def test_a_damaged_or_foreign_file_is_computed_again(tmp_path):
@@ -139,6 +140,15 @@ def test_each_result_of_a_batch_is_stored_but_that_of_a_failed_job(tmp_path):
     assert len(stored_files(tmp_path)) == 1
     assert stored_cubes([3, 2, 9], tmp_path, batch=2) == [27, 8, ERROR_OF_9]
     assert len(stored_files(tmp_path)) == 2
+
+
+def test_a_stored_result_is_read_when_it_is_used(tmp_path):
+    # The draws of an analysis are not in memory: they are gone with their folder.
+    draws = bt.sample(quick_study("A"), seed=3, keep=tmp_path / "kept", draws=100)
+    assert draws.values("A", "mu1").shape == (4, 2560)
+    discard(tmp_path / "kept")
+    with refused("this result is missing or damaged by now"):
+        draws.values("A", "mu1")
 
 
 def test_files_of_others_stay_and_links_are_refused(tmp_path):

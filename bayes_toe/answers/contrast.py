@@ -65,7 +65,7 @@ from bayes_toe.model.parameters import (
 from bayes_toe.model.posterior_array import PosteriorArray
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
-from bayes_toe.result_store import resumed_seed, run_stored
+from bayes_toe.result_store import load_result, resumed_seed, run_stored
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers, try_each, without_failed
 
@@ -303,7 +303,7 @@ def contrast(
     contrasts, failed = without_failed(compared, results)
     rows = []
     answers = []
-    for differences, answer in contrasts:
+    for differences, answer in map(load_result, contrasts):
         rows += differences
         if answer is not None:
             answers.append(answer.in_study(len(compared)))

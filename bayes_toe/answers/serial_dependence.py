@@ -40,7 +40,7 @@ from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior, require_order
-from bayes_toe.result_store import resumed_seed, run_stored
+from bayes_toe.result_store import load_result, resumed_seed, run_stored
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers, try_each
 
@@ -243,7 +243,7 @@ def serial_dependence(
         if isinstance(result, NumericalError):
             rows.append(SubjectDependence(name, note=str(result)))
         else:
-            rows.append(result)
+            rows.append(load_result(result))
     return SerialDependence(tuple(rows), study, root, study_prior)
 
 

@@ -6,7 +6,7 @@ has as well, and `stored_study` reads them. `save_tree` writes a tree and `read_
 A tree has the draws in the group posterior, what is known of each subject in sample_stats, and the
 counts in long form over `obs`, one entry per subject and pair. Everything else follows from these;
 see :class:`bayes_toe.inference.draws.Draws`. The attributes of the root say which run it was: seed,
-time, versions, and a hash of the counts. Numbers have checksums of HDF5 (Fletcher-32).
+time and versions. Numbers have checksums of HDF5 (Fletcher-32).
 """
 
 from __future__ import annotations
@@ -17,17 +17,23 @@ import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import h5netcdf
 import h5py
 import numpy as np
 import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core.indexing import (
+    IndexingSupport,
+    LazilyIndexedArray,
+    explicit_indexing_adapter,
+)
 
-from bayes_toe.arrays import Record, StrPath, Texts, run_starts
+from bayes_toe.arrays import FloatArray, Record, StrPath, Texts, run_starts
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, StimulusScales
 from bayes_toe.data.messages import format_path, quoted
@@ -40,6 +46,7 @@ from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.libraries import library_versions
 from bayes_toe.model.models import describe_prior, model_posterior
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
+from bayes_toe.result_store import load_result
 
 #: The format of the files. A file of another format is refused.
 FORMAT = 2
@@ -55,20 +62,21 @@ _RUN_AGAIN = "run `bayes-toe sample` again, or `bayes-toe population` for a grou
 
 def subjects_tree(
     study: Study,
-    subject_draws: Sequence[SubjectDraws],
+    subject_draws: Sequence[SubjectDraws | Path],
     settings: Settings,
     failed: Mapping[str, str],
     not_interpreted: Mapping[str, str],
 ) -> xr.DataTree:
-    """The tree of the draws of all subjects of the study, which move there from their records.
+    """The tree of the draws of all subjects of the study, which stay in their records.
 
     `failed` and `not_interpreted` have the reason for each subject that they name.
     """
-    n_chains, n_draws = subject_draws[0].quantities["lp"].shape
+    quantities = load_result(subject_draws[0]).quantities
+    n_chains, n_draws = quantities["lp"].shape
+    shape = (n_chains, n_draws, len(study))
     variables = {}
-    for quantity in list(subject_draws[0].quantities):
-        # The records lose their arrays here. The allocator may keep that memory until the end.
-        values = np.stack([record.quantities.pop(quantity) for record in subject_draws], axis=-1)
+    for quantity in quantities:
+        values = LazilyIndexedArray(_DrawsOfSubjects(subject_draws, quantity, shape))
         variables[quantity] = (BY_SUBJECT, values)
     n_walkers = settings.sampler.walkers
     # Draws are walker-major: the draws of the first walker come first.
@@ -84,15 +92,18 @@ def subjects_tree(
     for name, variable in posterior.items():
         variable.attrs["units"] = QUANTITY_BY_NAME[str(name)].unit
 
-    statistics = [record.statistics for record in subject_draws]
+    statistics = []
+    acceptance = []
+    for record in map(load_result, subject_draws):
+        statistics.append(record.statistics)
+        acceptance.append(record.acceptance)
     # NetCDF has no Boolean values, and a text of any length is an object.
     types: Record = {"converged": np.int8, "shortfall": object, "imprecise": object}
     sample_stats = xr.Dataset(coords=posterior.drop_vars("walker").coords)
     for name in statistics[0]:
         column = [row[name] for row in statistics]
         sample_stats[name] = ("subject", np.array(column, types.get(name)))
-    acceptance = np.stack([record.acceptance for record in subject_draws], axis=-1)
-    sample_stats["acceptance_rate"] = (("chain", "subject"), acceptance)
+    sample_stats["acceptance_rate"] = (("chain", "subject"), np.stack(acceptance, axis=-1))
     target = model_posterior(settings.model, study.subjects[0], settings.prior)
     coordinate_names = ", ".join(target.coordinates)
     density = f"log density of the unconstrained coordinates ({coordinate_names}), unnormalised"
@@ -113,6 +124,32 @@ def subjects_tree(
     return tree
 
 
+@dataclass
+class _DrawsOfSubjects(BackendArray):
+    """The draws of a quantity in records of subjects, which xarray reads when it has to.
+
+    The shape is (chains, draws, subjects).
+    """
+
+    records: Sequence[SubjectDraws | Path]
+    quantity: str
+    shape: tuple[int, int, int]
+    dtype = np.dtype(np.float64)
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        """The draws at an index, which has any form that xarray allows."""
+        return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> FloatArray:
+        """The draws at an index with a number or a slice for each axis."""
+        chains, draws, subjects = key
+        if isinstance(subjects, slice):
+            indices = range(len(self.records))[subjects]
+            return np.stack([self._read((chains, draws, i)) for i in indices], axis=-1)
+        record = load_result(self.records[subjects])
+        return record.quantities[self.quantity][chains, draws]
+
+
 def study_tree(
     study: Study, seed: int, settings: Record, groups: Mapping[str, xr.Dataset]
 ) -> xr.DataTree:
@@ -130,22 +167,11 @@ def study_tree(
         "format": FORMAT,
         "seed": seed,
         "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        "counts_hash": _counts_hash(study),
         "versions": json.dumps(library_versions("xarray") | {"python": platform.python_version()}),
         "study": json.dumps(_study_record(study)),
         "settings": json.dumps(settings, default=np.generic.item),
     }
     return tree
-
-
-def _counts_hash(study: Study) -> str:
-    """A hash of the names and counts of all subjects."""
-    digest = sha256()
-    for subject in study:
-        digest.update(subject.name.encode("utf-8", "surrogatepass"))
-        for name in ("s1", "s2", *subject.task.counts):
-            digest.update(getattr(subject, name).tobytes())
-    return digest.hexdigest()
 
 
 def _counts_by_pair(study: Study) -> xr.Dataset:
@@ -220,30 +246,70 @@ def stored_study(tree: xr.DataTree) -> Study:
 
 
 def save_tree(tree: xr.DataTree, path: StrPath, *, overwrite: bool = False) -> Path:
-    """Write a NetCDF file, whole or not at all.
+    """Write a NetCDF file, whole or not at all. The draws of one subject at a time are in memory.
 
     Raises
     ------
     OutputError
         If the file exists and may not be replaced, is a folder, or cannot be written.
     """
-    # HDF5 has checksums of arrays of numbers, not of texts, empty arrays and single values.
+    groups = tree.to_dict()
+    large = {}  # the draws of subjects by their names in the file, such as /posterior/mu1
     encoding: Record = {}
-    for group, node in tree.children.items():
-        options = encoding[f"/{group}"] = {}
-        for name, variable in node.to_dataset().variables.items():
-            is_text = variable.dtype.kind in "UOT"
-            if not is_text and variable.size > 0 and variable.ndim > 0:
-                options[str(name)] = {"fletcher32": True}
+    for path_of_group, group in tree.to_dict().items():
+        encoding[path_of_group] = {}
+        for name, variable in group.variables.items():
+            if variable.dims == BY_SUBJECT:
+                large[f"{path_of_group}/{name}"] = group[name]
+                del groups[path_of_group][name]
+            # HDF5 has checksums of arrays of numbers, not of texts, empty arrays, single values.
+            elif variable.dtype.kind not in "UOT" and variable.size > 0 and variable.ndim > 0:
+                encoding[path_of_group][name] = {"fletcher32": True}
 
-    # HDF5 would end the process at an error of writing, as on a full disk. So HDF5 writes to
-    # memory, and Python writes the file.
     content = io.BytesIO()
+    with without_cluster():  # xarray would ask a cluster for a lock
+        xr.DataTree.from_dict(groups).to_netcdf(content, engine="h5netcdf", encoding=encoding)
     with whole_file(path, overwrite=overwrite) as target:
-        with without_cluster():  # xarray would ask a cluster for a lock
-            tree.to_netcdf(content, engine="h5netcdf", encoding=encoding)
         target.write_bytes(content.getvalue())
+        with _DrawsFile(target, "r+") as file, h5netcdf.File(file, "r+") as netcdf:
+            for name, draws in large.items():
+                *shape, n_subjects = draws.shape
+                variable = netcdf.create_variable(
+                    name, BY_SUBJECT, draws.dtype, chunks=(*shape, 1), fletcher32=True
+                )
+                variable.attrs.update(draws.attrs)
+                for i in range(n_subjects):
+                    variable[..., i] = draws[..., i].values
     return Path(path)
+
+
+class _DrawsFile(io.FileIO):
+    """A file to which HDF5 writes draws. If the disk cannot take all, closing it is an error.
+
+    HDF5 would end the process at an error such as a full disk. So HDF5 does not learn of the error.
+    """
+
+    error: OSError | None = None
+
+    def write(self, content: memoryview) -> int:  # type: ignore[override]
+        """Write all bytes. If the disk takes only a part of them, the second call fails."""
+        try:
+            super().write(content[super().write(content) :])
+        except OSError as error:
+            self.error = error
+        return len(content)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the size of the file, if all could be written."""
+        if self.error is None:
+            super().truncate(size)
+        return self.tell()
+
+    def close(self) -> None:
+        """Close the file, and raise the error of writing."""
+        super().close()
+        if self.error is not None:
+            raise self.error
 
 
 def read_tree(path: StrPath) -> xr.DataTree:
