@@ -89,13 +89,13 @@ class SubjectRows(LinearLikelihood):
         shared_names = [parameter.name for parameter in group_parameters(task)]
         unshared_names = [name for name in names if name not in shared_names]
 
-        ones = np.ones((len(units), 1))
+        unit_column = np.ones((len(units), 1))
         loading = loading_of(
             names,
             [
-                *((name, ones) for name in shared_names),
+                *((name, unit_column) for name in shared_names),
                 *differences.items(),
-                *((name, ones) for name in unshared_names),
+                *((name, unit_column) for name in unshared_names),
             ],
         )
         return cls(

@@ -79,8 +79,8 @@ def _regression(draws: GroupDraws, x: FloatArray, column: int, j: int) -> ArrayP
     """
     design = np.column_stack([np.ones(len(x)), x])  # (subjects, columns)
     weights = np.concatenate([draws.mean[..., None, j], draws.effects[..., j]], axis=-1)
-    others = np.delete(np.arange(design.shape[1]), column)
-    residual = draws.subjects[..., j] - weights[..., others] @ design[:, others].T
+    other_columns = np.delete(np.arange(design.shape[1]), column)
+    residual = draws.subjects[..., j] - weights[..., other_columns] @ design[:, other_columns].T
 
     z = design[:, column]
     return residual @ z / (z @ z), np.square(draws.sd[..., j]) / (z @ z)

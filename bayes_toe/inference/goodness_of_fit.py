@@ -165,20 +165,20 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     """
     # The maximum comes first; 2000 draws are enough for a mean.
     points = np.vstack([maximum, thinned(x, 2000)])
-    asked, n_yes, n_trials, log_yes, log_no = _asked_questions(posterior, points)
+    asked_index, n_yes, n_trials, log_yes, log_no = _asked_questions(posterior, points)
     deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)  # (1 + draws, questions)
     deviance = float(deviances[0].sum())
     n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance  # p_D
 
-    freedom = len(asked) - len(posterior.coordinates)
+    freedom = len(asked_index) - len(posterior.coordinates)
     if freedom > 0:
-        effective_freedom = len(asked) - n_determined
+        effective_freedom = len(asked_index) - n_determined
         fit_p = deviance_p_value(deviance, effective_freedom, n_trials, log_yes[0], log_no[0])
     else:
         fit_p = float("nan")
 
     shares = np.stack([n_yes / n_trials, np.exp(log_yes[0])])
-    worst = _worst_pairs(posterior.subject, asked, np.sqrt(deviances[0]), shares)
+    worst = _worst_pairs(posterior.subject, asked_index, np.sqrt(deviances[0]), shares)
     return GoodnessOfFit(deviance, freedom, fit_p, worst)
 
 
@@ -187,13 +187,13 @@ class _Questions(NamedTuple):
 
     Attributes
     ----------
-    asked : ndarray of int, shape (questions,)
+    asked_index : ndarray of int, shape (questions,)
         The pair of the first question, and the number of pairs more for the second question.
     n_yes, n_trials : ndarray, shape (questions,)
     log_yes, log_no : ndarray, shape (points, questions)
     """
 
-    asked: IndexArray
+    asked_index: IndexArray
     n_yes: FloatArray
     n_trials: FloatArray
     log_yes: FloatArray
@@ -210,12 +210,18 @@ def _asked_questions(posterior: SubjectPosterior, points: FloatArray) -> _Questi
     n_yes = counts[:-1].ravel()
     n_trials = np.concatenate([counts[i:].sum(axis=0) for i in range(len(questions))])
     # With three answers, the second question to a pair has no trial if all answers are 'equal'.
-    asked = np.flatnonzero(n_trials)
-    return _Questions(asked, n_yes[asked], n_trials[asked], log_yes[:, asked], log_no[:, asked])
+    asked_index = np.flatnonzero(n_trials)
+    return _Questions(
+        asked_index,
+        n_yes[asked_index],
+        n_trials[asked_index],
+        log_yes[:, asked_index],
+        log_no[:, asked_index],
+    )
 
 
 def _worst_pairs(
-    subject: Subject, asked: IndexArray, residuals: FloatArray, shares: FloatArray
+    subject: Subject, asked_index: IndexArray, residuals: FloatArray, shares: FloatArray
 ) -> tuple[PairResidual, ...]:
     """The pairs with the largest residuals, see :class:`GoodnessOfFit` and :class:`_Questions`.
 
@@ -226,7 +232,7 @@ def _worst_pairs(
     for i in largest_first[:3]:
         if worst and residuals[i] < 2.0:  # all but the first need a residual of 2
             break
-        question, pair = divmod(int(asked[i]), subject.n_pairs)
+        question, pair = divmod(int(asked_index[i]), subject.n_pairs)
         observed_and_expected = shares[:, i]
         if question == 1:  # asked where the answer to question 0, of index `pair`, was no
             observed_and_expected = observed_and_expected * (1.0 - shares[:, pair])

@@ -135,8 +135,8 @@ class ConditionModels:
 
         u are the k coordinates of the observer, and w the d coordinates of a posterior.
         """
-        ones = np.ones((len(self.design), 1))
-        columns = [(parameter.name, ones) for parameter in self.parameters]  # shared
+        unit_column = np.ones((len(self.design), 1))
+        columns = [(parameter.name, unit_column) for parameter in self.parameters]  # shared
         for parameter in self.differing_parameters:
             sd = DIFFERENCE_SDS[parameter]
             if parameter == NOISE:

@@ -46,7 +46,9 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
     """
     gammas = np.asarray(gamma, np.float64)
     if np.any((gammas < 0.0) | (gammas > 1e306)):  # 4 gamma must be a float
-        raise NumericalError("sigma_l / sigma_p must be below 1e153, and gamma not negative")
+        raise NumericalError(
+            "sigma_l / sigma_p must be below 1e153, and gamma must be finite and not negative"
+        )
     return 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * gammas))
 
 
@@ -77,11 +79,7 @@ def pull(gamma: npt.ArrayLike) -> FloatArray:
     >>> float(pull(2.0)), float(pull(1e-300))
     (0.5, 1e-300)
     """
-    gammas = np.asarray(gamma, np.float64)
-    if np.any(gammas < 0.0):
-        raise NumericalError("gamma must be finite and not negative")
-    # G^2 = (1 + 2 gamma + (1 + 4 gamma)^(1/2)) / 2
-    return 2.0 * gammas / (1.0 + 2.0 * gammas + np.sqrt(1.0 + 4.0 * gammas))
+    return np.divide(gamma, variance_ratio(gamma) ** 2)
 
 
 def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:

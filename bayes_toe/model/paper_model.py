@@ -124,9 +124,8 @@ class PaperRows(AnswerRows):
 
     def log_pull(self, u: FloatArray) -> FloatArray:
         """Log of p, finite however small gamma is, (rows, points)."""
-        gamma = ndtr(u[..., 2])
-        log_divisor = np.log(1.0 + 2.0 * gamma + np.sqrt(1.0 + 4.0 * gamma))
-        return LN2 + log_ndtr(u[..., 2]) - log_divisor
+        v = u[..., 2]  # p = gamma / G^2, gamma = Phi(v)
+        return log_ndtr(v) - 2.0 * np.log(variance_ratio(ndtr(v)))
 
     def _log_spread_share(self, pull: FloatArray) -> FloatArray:
         """Log of the spread over the width w, of the shape of the pull p.
