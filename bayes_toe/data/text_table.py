@@ -55,9 +55,8 @@ _NO_TABLES = {
     "a log of Presentation, allowed: its trials as CSV, such as those that a scenario prints to an "
     "output_file, since the rows of a log are events": "Scenario - [^\0]{0,2000}\tEvent Type\t",
 }
-#: Records among which the names are looked for, and the characters that have them.
+#: Records among which the names are looked for.
 MOST_RECORDS = 10
-_MOST_CHARACTERS = 2**22
 #: A column that is not chosen and has more texts marks no rows, and is left out.
 _MOST_TEXTS = 2**14
 
@@ -508,7 +507,7 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
     loop that writes a delimiter behind each name makes a last name that is empty, and has no cells
     below.
     """
-    beginning = text[:_MOST_CHARACTERS]
+    beginning = text[: 2**22]  # a large text is not copied for each delimiter
     layouts = []
     for delimiter in DELIMITERS:
         first_records = itertools.islice(_records(beginning, delimiter), MOST_RECORDS + 1)
