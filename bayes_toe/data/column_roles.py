@@ -363,8 +363,9 @@ _NUMBER_OF_TRIAL = (
 )
 #: Numbers in names, and initials in capitals, but no name that is a number.
 _NUMBERED = re.compile(r"[\W_]*(\d+(?=\D)|(?<=\D)\d+|(?<![^\W_])[A-Z]{1,2}(?![^\W_]))")
-#: A number of a pair of stimuli. In '[440,460]' the comma stands between two numbers.
-_NUMBER_OF_PAIR = r"\d+(?:\.\d+|,\d+(?![\d.]*[\])]))?"
+#: A number of a pair of stimuli. In '[440,460]' the comma stands between two numbers, and in
+#: 'X200.240.1', which R writes for '200-240-1', so does each point.
+_NUMBER_OF_PAIR = r"(?<!\d\.)\d+\.\d+(?!\.?\d)|\d+(?:,\d+(?![\d.]*[\])]))?"
 #: Shapes of names with two numbers, neither of which belongs to a question, trial or subject, as in
 #: 'Q{}_{}', to the name of a value, as in 'F{}={}', to a hexadecimal number, as in '{}c{}', or to
 #: times and counts of PsychoPy.
@@ -561,7 +562,7 @@ def columns_to_read(
     """
     # Options solve the last problem: what is checked after it waits until it is solved.
     roles_read = _roles_read(names, options)
-    problems = [*_role_problems(roles_read, options), *_ignore_problems(names, options)]
+    problems = list(_role_problems(roles_read, options))
     first_name = options.stimulus_names[0]
     third_name = re.sub(r"(?<=\D)1(?=\D*$)", "3", first_name)  # 's3_ms' of 's1_ms'
     if first_name != third_name in names:
@@ -664,13 +665,6 @@ def _missing_columns(names: Texts, missing: Texts, columns: Collection[Column]) 
     return problem
 
 
-def _ignore_problems(names: Texts, options: ReadOptions) -> Iterator[str]:
-    """Problems of columns that options ignore, although the file has none of the kind."""
-    for role in ("isi", *HISTORY_COLUMNS):
-        if role in options.ignore and not names_like(names, role):
-            yield f"--ignore {role}: found no such column, allowed: a column of the file"
-
-
 def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
     """Problems of two columns for the subject or the answers, and of a column with two meanings."""
     # Two columns are allowed: a count and n_trials, or responses and n_trials, which are
@@ -692,8 +686,6 @@ def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
 
     if options.comparison_code is not None and not options.has_standard:
         yield "--comparison-code: found alone, allowed: with --standard-interval COLUMN"
-    if options.subject_from is not None and "subject" in options.columns:
-        yield "--columns subject: found together with --subject-from, allowed: one of them"
 
 
 def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
@@ -835,12 +827,11 @@ def says_interval(column: Column) -> bool:
     >>> [says_interval(Column.from_texts(name, "1221")) for name in names]
     [True, False, False]
     """
-    cells = named_places(" ".join(sorted(filled_texts(column))))
     return (
-        cells == ([], ["first", "second"], set())
-        and not named_places(column.name).places  # as in 'pos_1', beside 'pos_2'
-        and has_word(column.name, "of_interval")
+        has_word(column.name, "of_interval")
         and not has_word(column.name, "of_responses")
+        and not named_places(column.name).places  # as in 'pos_1', beside 'pos_2'
+        and named_places(" ".join(sorted(filled_texts(column)))) == ([], ["first", "second"], set())
     )
 
 
@@ -1056,17 +1047,11 @@ def _remedies(
     for pair in pairs:
         # By role a tuple with its name, {'s1': ('c1',), 's2': ('c2',)}; empty for the pair ().
         stimuli = dict(zip(options.stimuli, zip(pair, strict=True), strict=False))
-        names_to_skip = (*pair, *solutions(columns, options, pair))
-        # Solutions in many rows are skipped above. What looks like a solution in few rows may be
-        # the responses: it only comes last. Of columns that are as full, ratings come last.
-        perhaps_solutions = list(solutions(columns, options, pair, fewest_rows=2))
+        names_to_skip = [*pair, *solutions(columns, options, pair)]
         other_columns = sorted(
             filter(lambda column: column.name not in names_to_skip, unread),
-            key=lambda column: (
-                column.name in perhaps_solutions,
-                empty(column).sum(),
-                len(column.texts) > 3,
-            ),
+            # Of columns that are as full, ratings come last.
+            key=lambda column: (empty(column).sum(), len(column.texts) > 3),
         )
         yield from _count_remedies(missing, options, columns, pair)
         yield from _columns_remedies(required, stimuli, other_columns)
@@ -1152,8 +1137,8 @@ def _pair_pattern(texts: Texts) -> tuple[str, int]:
     (('', 0), ('[{first},{second}]', 2))
     >>> _pair_pattern([f"W{pair}_{i}" for pair in ("50_60", "60_50") for i in range(9)])
     ('W{first}_{second}_*', 18)
-    >>> _pair_pattern(["01-02-2026", "02-01-2026"])
-    ('', 0)
+    >>> _pair_pattern(["X200.240.1", "X240.200.1"]), _pair_pattern(["01.02.2026", "02.01.2026"])
+    (('X{first}.{second}.*', 2), ('', 0))
     """
     # The shape of '440 Hz vs 460 Hz' is '{} Hz vs {} Hz'.
     shape_of_text = {text: re.sub(_NUMBER_OF_PAIR, "{}", text) for text in texts}
@@ -1217,7 +1202,7 @@ def _columns_remedies(
     for names in product(*names_by_role.values()):
         meaning = (
             "with the names in your file; if it has no such column, add one: each row needs one "
-            "subject, both stimuli, and a response or counts n_second and n_trials"
+            "subject, both stimuli, and a response, or n_second (a count or a share) and n_trials"
             if "NAME" in names
             else ""
         )
@@ -1242,20 +1227,11 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     >>> _likely_names([codes, blocks], "response"), _likely_names([codes, blocks], "subject")
     (['second_was'], ['Rat'])
     """
-    if role == "subject":
-        # What numbers the rows, or is a flag, comes last.
-        columns = sorted(
-            columns,
-            key=lambda column: (len(column.texts) == len(column.codes), is_flag(column.texts)),
-        )
-    names_by_cells = [column.name for column in columns if role_by_cells(column) == role]
-    # A name such as 'second_longer' says more than the cells, and 'responded_longer' even more.
-    for kind in ("of_answers", "of_responses"):
-        names_by_cells.sort(key=lambda name: not has_word(name, kind))
     names = [column.name for column in columns]
-    likely_names = (
-        names_like(names, role) + names_like(names, _PROPOSED.get(role, role)) + names_by_cells
-    )
+    likely_names = names_like(names, role) + names_like(names, _PROPOSED.get(role, role))
+    # Beside a column that is named as the subjects, thresholds of subjects are no names of theirs.
+    if role != "subject" or not likely_names:
+        likely_names += _names_by_cells(columns, role)
     # A column with one code in all rows, as that of a key that starts a trial, comes last.
     if role == "response":
         constant_names = {column.name for column in columns if len(filled_texts(column)) < 2}
@@ -1265,6 +1241,22 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
         if likely_names[:1] == [column.name] and are_alike(column, other_column):
             return ["NAME"]
     return list(dict.fromkeys(likely_names))[:3] or ["NAME"]
+
+
+def _names_by_cells(columns: Iterable[Column], role: str) -> list[str]:
+    """The names of columns that may have a role by their cells, the likeliest first."""
+    columns_with_role = [column for column in columns if role_by_cells(column) == role]
+    columns_with_role.sort(
+        key=lambda column: (
+            # A name such as 'responded_longer' says more than the cells, as does 'second_longer'.
+            not has_word(column.name, "of_responses"),
+            not has_word(column.name, "of_answers"),
+            # What numbers the rows, or is a flag, is hardly the subject.
+            len(column.texts) == len(column.codes),
+            role == "subject" and is_flag(column.texts),
+        )
+    )
+    return [column.name for column in columns_with_role]
 
 
 def are_alike(column: Column, other: Column) -> bool:
@@ -1304,30 +1296,27 @@ def role_by_cells(column: Column) -> str:
     n_texts = len(column.texts)
     n_rows = len(column.codes)
     n_runs = len(run_starts(column.codes))
+    # The name says so, or each text stands in one block, of more than two rows on average.
+    is_named = has_word(column.name, "of_subjects") and not has_word(column.name, "of_answers")
+    is_subject = is_named or n_texts == n_runs < 0.5 * n_rows
+    # Three codes and an empty cell are four texts. A code stands in less than five rows on average
+    # before another code follows.
+    is_response = n_texts < 5 and n_runs > 0.2 * n_rows
     # A name without words of its own, such as 'target' or 'comparison', is that of a stimulus, but
     # a number is what a column without a name has.
     if (
-        n_texts < 2
+        not (is_subject or is_response)
+        or n_texts < 2
         or not (words or column.name.isdigit())
         or not words.isdisjoint(VOCABULARY["words"]["of_others"])
+        or is_percentage(column.name)
         or _pair_pattern(column.texts)[1] > 0.5 * n_texts  # '17/20' counts, or is a pair
     ):
         return ""
-    # The name says so, or each text stands in one block, of more than two rows on average.
-    is_named = has_word(column.name, "of_subjects") and not has_word(column.name, "of_answers")
-    if n_texts == n_runs < 0.5 * n_rows or is_named:
-        return "subject"
-    # Three codes and an empty cell are four texts. A code stands in less than five rows on average
-    # before another code follows.
-    return "response" if n_texts < 5 and n_runs > 0.2 * n_rows else ""
+    return "subject" if is_subject else "response"
 
 
-def solutions(
-    columns: Collection[Column],
-    options: ReadOptions,
-    pair: Texts = (),
-    fewest_rows: int = _MANY,
-) -> Iterator[str]:
+def solutions(columns: Collection[Column], options: ReadOptions, pair: Texts = ()) -> list[str]:
     """The names of columns that seem to have correct answers, and not answers of participants.
 
     Correct answers follow, in all of many rows, from which stimulus is the larger, and from the
@@ -1338,14 +1327,14 @@ def solutions(
     --------
     >>> texts = {"s1": "1203" * 9, "s2": "2103" * 9, "answer": "jfff" * 9, "key": "jffj" * 9}
     >>> columns = [Column.from_texts(name, cells) for name, cells in texts.items()]
-    >>> [*solutions(columns, ReadOptions())]
+    >>> solutions(columns, ReadOptions())
     ['answer']
     """
     stimuli = (*pair, *options.stimulus_names)
     values = [column.map(number, float) for column in columns if column.name in stimuli]
     # In few rows, answers may follow by chance.
-    if len(values) != 2 or len(values[0]) < fewest_rows:
-        return
+    if len(values) != 2 or len(values[0]) < _MANY:
+        return []
     difference = np.subtract(*values)
     rows = ~np.isnan(difference)
     # A side is the larger stimulus; of a standard and a comparison, also their order.
@@ -1353,10 +1342,12 @@ def solutions(
     sides += [column.codes[rows] for column in columns if column.name == options.interval_column]
     n_sides = len(combination_counts(*sides))
     if n_sides < 2:  # or no cell holds a number
-        return
-    for column in columns:
-        if not 1 < len(column.texts) < 5:  # three answers and an empty cell at most
-            continue
-        # If each side has one text, the texts make no more combinations.
-        if len(combination_counts(*sides, column.codes[rows])) == n_sides:
-            yield column.name
+        return []
+    # Three answers and an empty cell at most. If each side has one text, the texts make no more
+    # combinations.
+    return [
+        column.name
+        for column in columns
+        if 1 < len(column.texts) < 5
+        and len(combination_counts(*sides, column.codes[rows])) == n_sides
+    ]

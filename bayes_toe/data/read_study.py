@@ -53,7 +53,12 @@ from bayes_toe.data.responses import (
     with_joined_codes,
     without_missed,
 )
-from bayes_toe.data.stimulus_unit import ALLOWED_STIMULI, merge_rounded, out_of_range
+from bayes_toe.data.stimulus_unit import (
+    ALLOWED_STIMULI,
+    log_doubts,
+    merge_rounded,
+    out_of_range,
+)
 from bayes_toe.data.study import Study, Subject, units_by_subject
 from bayes_toe.data.study_files import read_files, table_files, with_sheets
 from bayes_toe.data.tasks import (
@@ -389,9 +394,6 @@ class _Rows:
             parts.append("decimal comma")
         unit = self.options.unit_in_words
         scale = "" if unit else ", stimuli as natural logs"
-        low, high = np.nanmin(self.stimuli), np.nanmax(self.stimuli)
-        if scale and low > 0.0:  # they may be intensities
-            scale += f", up to a factor of {np.exp(high - low):.3g} apart; else add --unit"
         notes = [Note(f"{', '.join(parts)}, ", *answers, scale), *self.order.notes, *table.notes]
         for name, text in self.options.where.items():
             notes.append(f"only rows with {display_name(text)} in {table.columns[name]}")
@@ -537,6 +539,8 @@ def _doubts(rows: _Rows, task: Task, counts: Counts) -> list[str]:
     """What is probably wrong with the rows, a sentence each."""
     n = counts["n_trials"]
     doubts = list(rows.rounding)
+    if not rows.options.unit_in_words:
+        doubts += log_doubts(rows.stimuli)
     if task == THREE_ANSWERS:
         doubts += rare_answer_doubts(counts)
     if len(n) >= 4 and (n == 100).all():  # in fewer rows it may be a chance

@@ -68,11 +68,12 @@ _TEXT_ALLOWED = (
     "euc_kr, cp1251, cp1254 or mac_roman"
 )
 #: Lines below the last row, also those that saveAsText of PsychoPy writes there, and lines between
-#: rows such as '# session 2'; '#2,' may begin a row.
+#: rows such as '# session 2'; '#2,' may begin a row. The group is the end of the line above, which
+#: stays; a pattern that began with a lookbehind would be tried at each character of the file.
 _REMARKS = (
-    r"(?i)(?:(?<=[\r\n])(?:#[^\r\n]*|\W*(?:end of|eof)\b[^,;\t\r\n]*|"
+    r"(?i)([\r\n])(?:(?:(?<=[\r\n])(?:#[^\r\n]*|\W*(?:end of|eof)\b[^,;\t\r\n]*|"
     r"extraInfo[,;\t]*[\r\n][^\0]*)\s*)+\Z|"
-    r"(?<=[\r\n])#(?:[ #][^\r\n]*)?(?=[\r\n])"
+    r"#(?:[ #][^\r\n]*)?(?=[\r\n]))"
 )
 #: Finds, among names in lines, a name that two or more columns without names follow, and then
 #: another name. Each of these columns has a trial of the row, as saveAsText of PsychoPy writes it.
@@ -454,7 +455,7 @@ def _without_remarks(source: str, text: str) -> tuple[str, int]:
     # begins with '#' may have the names.
     text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
     # Remarks below or between rows, such as 'END OF FILE' of Gorilla.
-    return re.subn(_REMARKS, "", text)
+    return re.subn(_REMARKS, r"\1", text)
 
 
 def _texts_by_name(
@@ -495,9 +496,10 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
     loop that writes a delimiter behind each name makes a last name that is empty, and has no cells
     below.
     """
+    beginning = text[: 2**22]  # a large text is not copied for each delimiter
     layouts = []
     for delimiter in DELIMITERS:
-        first_records = itertools.islice(_records(text, delimiter), MOST_RECORDS + 1)
+        first_records = itertools.islice(_records(beginning, delimiter), MOST_RECORDS + 1)
         records = [record_names(cells) for _, cells in first_records] or [[]]
         index = header_place(records[:MOST_RECORDS], choice)
         names = records[index]

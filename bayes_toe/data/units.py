@@ -254,11 +254,13 @@ def pooled_conditions(
         )
         row_levels = column.codes[answered]
         n_levels = len(combination_counts(row_levels))
+        has_levels = 1 < n_levels <= min(6, len(answered) / _REPEATED)  # a condition has few
+        if has_other_meaning or not has_levels:
+            continue
         n_cells = len(combination_counts(subjects)) * n_levels  # each subject at each level
         # A level of a subject is rare with less than half of its share of the rows.
         is_rare = combination_counts(subjects, row_levels) < 0.5 * len(answered) / n_cells
-        has_levels = 1 < n_levels <= min(6, len(answered) / _REPEATED)  # a condition has few
-        if has_other_meaning or not has_levels or np.count_nonzero(~is_rare) < 0.8 * n_cells:
+        if np.count_nonzero(~is_rare) < 0.8 * n_cells:
             continue
         follows_from_stimuli = False
         # An order or an outcome follows from the direction, the name of a pair from the pair.

@@ -822,7 +822,7 @@ REFUSED = {
     "columns_of_subjects.csv": (
         "w1_s1,w2_s1,resp_s1,w1_s2,w2_s2,resp_s2\n5,6,x,6,7,x\n6,5,y,7,6,y\n",
         "type:  --columns subject=NAME,s1=NAME,s2=NAME,response=NAME  with the names in your file",
-        "each row needs one subject, both stimuli, and a response or counts n_second and n_trials",
+        "both stimuli, and a response, or n_second (a count or a share) and n_trials",
     ),
     "proportions_by_another_name.csv --columns p_second=cell": (
         "",
@@ -1082,6 +1082,9 @@ ADVISED = {
 
 #: Parts of warnings of `check`, and the table that each warns of.
 WARNED = {
+    "--unit with the name of their unit, such as --unit s;": (
+        "subject,s1,s2,response\na,0.4,0.525,second\na,0.525,0.4,first\n" * 9
+    ),
     "--condition task": (
         "subject,task,s1,s2,response\na,time,0,0.3,first\na,time,0.3,0,second\n"
         "a,force,5,5.3,second\na,force,5.3,5,first\n" * 5

@@ -96,7 +96,6 @@ REFUSED = f"""
     {RIGHT} a,0,1,1 | --correct hit | there is no column hit. The columns are subject, s1, s2, acc.
     {RIGHT} a,0,1,1 | --correct acc --second-code 1 | --second-code, --correct: found together
     subject,i1,i2,response a,0,1,second | --intensity 1 | row 2, column i1: found '0', allowed: a po
-    {TRIALS} a,0,1,second | --ignore block | --ignore block: found no such column, allowed: a column
     subject,att1_dB,att2_dB,response a,1,2,first |  | column att1_dB: found attenuation, whose
     subject,s1,s2,n_correct,n_trials a,0,1,2,9 a,1,0,9,9 a,1,2,3,9 a,2,1,8,9 |  | n_correct=n_
     {TRIALS} a,0,1,second | --task same/different | --task is 'same/different', but the responses in
