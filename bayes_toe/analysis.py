@@ -28,7 +28,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError
 from bayes_toe.groups.population import PopulationResult, population
-from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws import Draws, require_fitting
 from bayes_toe.inference.draws_file import subjects_tree
 from bayes_toe.inference.fitted import Fitted
 from bayes_toe.inference.order_evidence import BATCH, OrderEvidence, unchecked_evidence
@@ -146,6 +146,7 @@ def run(
         Without a seed, that of the stored subjects is used.
     """
     settings = _settings(study, draws, resumed_seed(seed, keep), prior)
+    require_fitting(study, settings)
     results = _analyse_study(
         study, settings, _sample_h1, folder=keep, workers=workers, progress=progress
     )
@@ -246,6 +247,7 @@ def sample(
     name = require_model(model)
 
     settings = _settings(study, draws, resumed_seed(seed, keep), prior, name)
+    require_fitting(study, settings)
     results = run_stored(
         partial(try_each, partial(_sample_subject, settings=settings)),
         study.subjects,

@@ -380,8 +380,15 @@ def _parse_json(source: str, text: str) -> object:
     """The content of a file; numbers keep their text."""
 
     def record_of(pairs: Sequence[tuple[str, object]]) -> object:
-        """The record of keys and values; a list where keys count rows from 0."""
-        record = {key.strip(): value for key, value in pairs}
+        """The record of keys and values, each key once; a list where keys count rows from 0."""
+        record: Record = {}
+        for key, value in pairs:
+            name = key.strip()
+            if name in record:
+                raise InputError(
+                    f"{source}: found the key {quoted(name)} twice in a record, allowed: once"
+                )
+            record[name] = value
         # pandas writes a column as {"0": 7, "1": 8}.
         is_list = list(record) == list(map(str, range(len(record))))
         return list(record.values()) if record and is_list else record
@@ -393,6 +400,8 @@ def _parse_json(source: str, text: str) -> object:
             return load(text)
         except json.JSONDecodeError:  # perhaps a trial a line
             return [load(line) for line in re.split("[\r\n]+", text) if line.strip()]
+    except InputError:  # it is a ValueError, too
+        raise
     except (ValueError, RecursionError) as error:
         raise InputError(
             f"{source}: found no JSON ({one_line(error)}), "

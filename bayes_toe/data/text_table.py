@@ -410,10 +410,7 @@ def table_of_records(
             f"{source}: {problems.count} rows have another number of cells than row {first_row}, "
             f"which has the names. {_DECIMAL_COMMA}"
         )
-    # R numbers the rows from 1, and other programs from 0. Other texts in front of a row may be a
-    # cell too many.
-    row_numbers = [list(map(str, range(start, start + len(rows)))) for start in (0, 1)]
-    if len(names) > len(head) and texts[names[0]] not in row_numbers:
+    if len(names) > len(head) and not _are_row_numbers(texts[names[0]]):
         advice = f". {_DECIMAL_COMMA}" if delimiter == "," else ""
         raise InputError(
             f"{source}: row {rows[0]}: found {len(names)} cells below {len(head)} names, "
@@ -433,11 +430,23 @@ def table_of_records(
     if newlines:
         notes.append("columns without names read as further trials of a row")
     table = TextTable(form, delimiter, f"row {first_row}", names, columns, rows, problems, notes)
-    is_header = np.all([column.matches([name]) for name, column in columns.items()], axis=0)
+    return _without_headers(table)
+
+
+def _without_headers(table: TextTable) -> TextTable:
+    """The table without rows that repeat its names, as where files stand below each other."""
+    is_header = np.all([column.matches([name]) for name, column in table.columns.items()], axis=0)
     if not is_header.any():
         return table
-    # Rows that repeat the names, as where files stand below each other.
     return table.only(~is_header, Note((is_header.sum(), "repeated header"), " left out"))
+
+
+def _are_row_numbers(texts: list[str]) -> bool:
+    """Whether texts in front of rows number them from 1, as R does, or from 0.
+
+    Other texts may be a cell too many.
+    """
+    return any(texts == list(map(str, range(start, start + len(texts)))) for start in (0, 1))
 
 
 def _without_remarks(source: str, text: str) -> tuple[str, int]:

@@ -55,6 +55,9 @@ from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
 
+#: Bytes of draws in one file. Who reads the file has them in memory together.
+LARGEST = 2**33
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Draws:
@@ -365,3 +368,17 @@ def draws_from(tree: xr.DataTree, path: StrPath) -> Draws:
         require_numbers(draws.group("posterior"), dict.fromkeys(natural, BY_SUBJECT))
         _ = draws.settings, draws.failed, draws.not_interpreted
     return draws
+
+
+def require_fitting(study: Study, settings: Settings) -> None:
+    """Refuse, before the work, more draws than the memory of many computers holds."""
+    sampler = settings.sampler
+    n_draws = sampler.ensembles * sampler.walkers * sampler.kept_steps  # of a subject
+    natural = model_posterior(settings.model, study.subjects[0], settings.prior).names.natural
+    n_stored = len(natural) + 1  # and the log density
+    n_bytes = 8 * n_stored * n_draws * len(study)  # a number has 8 bytes
+    if n_bytes > LARGEST:
+        raise InputError(
+            f"about {n_bytes / 1e9:.3g} GB of draws, allowed in a file: {LARGEST / 1e9:.3g} GB; "
+            "fewer --draws, or files of some subjects each"
+        )

@@ -6,7 +6,7 @@ has as well, and `stored_study` reads them. `save_tree` writes a tree and `read_
 A tree has the draws in the group posterior, what is known of each subject in sample_stats, and the
 counts in long form over `obs`, one entry per subject and pair. Everything else follows from these;
 see :class:`bayes_toe.inference.draws.Draws`. The attributes of the root say which run it was: seed,
-time and versions. Numbers have checksums of HDF5 (Fletcher-32).
+time, versions, and a hash of the counts. Numbers have checksums of HDF5 (Fletcher-32).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -167,11 +168,22 @@ def study_tree(
         "format": FORMAT,
         "seed": seed,
         "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        "counts_hash": _counts_hash(study),
         "versions": json.dumps(library_versions("xarray") | {"python": platform.python_version()}),
         "study": json.dumps(_study_record(study)),
         "settings": json.dumps(settings, default=np.generic.item),
     }
     return tree
+
+
+def _counts_hash(study: Study) -> str:
+    """A hash of the names and counts of all subjects."""
+    digest = sha256()
+    for subject in study:
+        digest.update(subject.name.encode("utf-8", "surrogatepass"))
+        for name in ("s1", "s2", *subject.task.counts):
+            digest.update(getattr(subject, name).tobytes())
+    return digest.hexdigest()
 
 
 def _counts_by_pair(study: Study) -> xr.Dataset:

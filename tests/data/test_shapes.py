@@ -551,6 +551,10 @@ REFUSED = {
         "row 2: found 5 cells below 4 names, allowed: a name for each column",
     ),
     "numbers.json": ("[1, 2]", "error: numbers.json: found "),
+    "a_key_twice.json": (
+        '[{"subject": "a", "s1": 0, "s2": 1, "response": "second", " response": "first"}]',
+        "found the key 'response' twice in a record, allowed: once",
+    ),
     "cut.json": ("{", "error: cut.json: found "),
     "deep.json": ("[" * 100_000, "error: deep.json: found "),
     "a.csv --encoding klingon": (IN_LOGS, "--encoding: found 'klingon', allowed: a name such"),

@@ -18,6 +18,7 @@ from processes import errors_on_a_full_disk
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
+from bayes_toe.inference.draws_file import study_tree
 
 RUN_AGAIN = "; run `bayes-toe sample` again, or `bayes-toe population` for a group"
 
@@ -124,6 +125,16 @@ def test_a_file_has_the_time_and_the_seed_of_its_run(analysis):
     age = datetime.now(UTC) - datetime.fromisoformat(attributes["created_at"])
     assert timedelta(0) <= age < timedelta(days=1)  # a session of tests may take hours
     assert attributes["seed"] == analysis.settings.seed
+
+
+def test_a_file_has_a_hash_of_its_counts_alone(analysis):
+    def hash_of_counts(study):
+        """The hash in a file without draws, and with another seed than that of the analysis."""
+        return study_tree(study, seed=1, settings={}, groups={}).attrs["counts_hash"]
+
+    file_hash = analysis.draws.tree.attrs["counts_hash"]
+    assert hash_of_counts(analysis.study) == file_hash
+    assert hash_of_counts(analysis.study.swap("A")) != file_hash
 
 
 # --- What is refused ------------------------------------------------------------------------------
@@ -240,3 +251,14 @@ def test_a_full_disk_is_an_error_and_leaves_nothing(saved, tmp_path):
     error = f"{target}: cannot be written (File too large), choose another place"
     assert errors == [error, error]
     assert os.listdir(tmp_path) == []
+
+
+def test_more_draws_than_a_file_holds_are_refused_with_the_way_out(
+    study_csv, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("bayes_toe.inference.draws.LARGEST", 10**6)  # bytes
+    monkeypatch.setattr("bayes_toe.analysis.run_stored", None)  # the work must not begin
+    message = "allowed in a file: 0.001 GB; fewer --draws, or files of some subjects each"
+    assert message in refusal_of(
+        "sample", study_csv, "-o", "posterior.nc", cwd=tmp_path, silent=False
+    )
