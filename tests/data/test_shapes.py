@@ -1087,7 +1087,7 @@ ADVISED = {
 #: Parts of warnings of `check`, and the table that each warns of.
 WARNED = {
     "--unit with the name of their unit, such as --unit s;": (
-        "subject,s1,s2,response\na,0.4,0.525,second\na,0.525,0.4,first\n" * 9
+        "subject,s1,s2,response\na,0.4,0.525,second\na,0.525,0.4,first\n"
     ),
     "--condition task": (
         "subject,task,s1,s2,response\na,time,0,0.3,first\na,time,0.3,0,second\n"
