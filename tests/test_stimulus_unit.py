@@ -155,7 +155,7 @@ def test_stimuli_that_differ_by_rounding_are_merged_and_said(pairs, options, end
     study = bt.read_study(table_of_trials(pairs), typed_options(options))
     assert len(np.unique(study["A"].stimuli)) == 2
     assert study["A"].n_pairs == 3  # One of the pairs has equal stimuli.
-    (doubt,) = study.reading.doubts
+    doubt = study.reading.doubts[0]
     assert "stimuli in 2 rows differ by rounding only, and are read as one: " in doubt
     assert doubt.endswith(end)
 

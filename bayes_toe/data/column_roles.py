@@ -592,10 +592,7 @@ def columns_to_read(
             f"columns {unordered} do not say which stimulus came first, without which no order "
             "effect can be seen. If both were shown at once, there is no order."
         )
-        remedies = list(_order_remedies(_interval_names(columns) or ["NAME"]))
-        if "left" not in unordered.lower():  # sides are no order
-            remedies.append(Remedy("standard_first", "", "if the standard was always first"))
-        return roles_read, problems, remedies
+        return roles_read, problems, list(_unordered_remedies(unordered, names, options, columns))
 
     # The names that must be there once: those of --where, those of roles in the order of `COLUMNS`,
     # and those that options give and the file lacks.
@@ -616,6 +613,20 @@ def columns_to_read(
     return roles_read, problems, list(dict.fromkeys(_remedies(roles_read, options, columns)))
 
 
+def _unordered_remedies(
+    unordered: str, names: Texts, options: ReadOptions, columns: Iterable[Column]
+) -> Iterator[Remedy]:
+    """Options that say which of the `unordered` stimuli came first."""
+    interval_names = _interval_names(columns)
+    yield from _order_remedies(interval_names or ["NAME"])
+    if "left" not in unordered.lower():  # sides are no order
+        yield Remedy("standard_first", "", "if the standard was always first")
+    pair = names_like(names, "comparison")[:1] + names_like(names, "standard")[:1]
+    if len(pair) == 2 and not interval_names and "standard" not in options.columns:
+        places = tuple(zip(options.stimuli, pair, strict=True))
+        yield Remedy("columns", places, "if the comparison was always first")
+
+
 def _missing_columns(names: Texts, missing: Texts, columns: Collection[Column]) -> str:
     """What is missing, what the file has instead, and what may help."""
     names_shown = join_names(map(display_name, filter(None, names)), max_items=30)
@@ -633,10 +644,12 @@ def _missing_columns(names: Texts, missing: Texts, columns: Collection[Column]) 
         problem += " In the place of NAME, type one of them."
     if {"standard", "comparison", *_STIMULI}.isdisjoint(missing):
         return problem
-    if names_like(names, "difference"):
+    difference = next(filter(_is_difference, names), None)
+    if difference is not None:
         problem += (
-            " If these are a base and a difference, add their sum (with a ratio, their product) as "
-            "a column: s2, or the comparison."
+            f" If {display_name(difference)} is a difference from a standard, or a ratio to it,"
+            " add columns standard and comparison with the stimuli. With a difference in per cent, "
+            "the comparison is standard * (1 + difference / 100)."
         )
     series = _series(names)
     if series:
@@ -663,6 +676,11 @@ def _missing_columns(names: Texts, missing: Texts, columns: Collection[Column]) 
             "--standard-first if it always came first."
         )
     return problem
+
+
+def _is_difference(name: str) -> bool:
+    """Whether a name says how much one stimulus differs from the other."""
+    return looks_like(name, "difference") or has_word(name, "of_differences")
 
 
 def _role_problems(roles_read: Texts, options: ReadOptions) -> Iterator[str]:
@@ -694,7 +712,10 @@ def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
     if options.interval_column is not None:
         roles_read.append("standard_interval")
     roles_read += _answer_roles(names, options)
-    if options.condition or options.name("condition") in names:
+    # A column called 'condition' may be what an option takes it for, such as the order.
+    condition = options.name("condition")
+    is_free = condition not in map(options.name, roles_read)
+    if options.condition or (condition in names and is_free):
         roles_read.append("condition")
 
     # Counts need no column of the history, such as block: it is ignored if there are two of its
@@ -772,18 +793,30 @@ def unordered_stimuli(names: Texts, options: ReadOptions, columns: Iterable[Colu
         candidates = names
     standards = names_like(candidates, "standard")
     comparisons = names_like(candidates, "comparison")
-    if standards and comparisons:
+    interval_names = _interval_names(columns)
+    # Without a column of their order, the user may name them as the first and the second stimulus.
+    if standards and comparisons and (are_unknown or interval_names):
         return f"{display_name(standards[0])} and {display_name(comparisons[0])}"
     pair = _stimulus_pair(candidates, _NUMBERS)
-    interval_names = _interval_names(columns)
-    if pair:  # 1 and 2 are places, unless a column says another order
-        interval_names = [name for name in interval_names if _are_labels(pair, name, columns)]
+    interval_names = _orders_of_labels(pair, interval_names, columns)
     if standards and interval_names:
         return f"{display_name(standards[0])} and NAME"
     pair = pair or _stimulus_pair(candidates, _LETTERS)
     # Sides are no order, but the user may say that the left one was always first.
     are_sides = are_unknown and "left" in str(pair).lower()
     return " and ".join(map(display_name, pair)) if interval_names or are_sides else ""
+
+
+def _orders_of_labels(
+    pair: Texts, interval_names: list[str], columns: Iterable[Column]
+) -> list[str]:
+    """The columns of order without which nobody knows which of two stimuli came first.
+
+    `pair` has stimuli 1 and 2, which are places unless a column says another order.
+    """
+    if not pair:
+        return interval_names
+    return [name for name in interval_names if _are_labels(pair, name, columns)]
 
 
 def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
@@ -814,8 +847,24 @@ def _interval_names(columns: Iterable[Column]) -> list[str]:
         column.name
         for column in columns
         if len(filled_texts(column)) <= 2
-        and (looks_like(column.name, "standard_interval") or says_interval(column))
+        and (
+            looks_like(column.name, "standard_interval")
+            or says_interval(column)
+            or _has_both_orders(column)
+        )
     ]
+
+
+def _has_both_orders(column: Column) -> bool:
+    """Whether the cells of a column name a standard and a comparison in both orders.
+
+    Examples
+    --------
+    >>> _has_both_orders(Column.from_texts("condition", ["<sc>", "<cs>", "<cs>"]))
+    True
+    """
+    orders = {tuple(named_places(text).stimuli) for text in filled_texts(column)}
+    return orders == {("standard", "comparison"), ("comparison", "standard")}
 
 
 def says_interval(column: Column) -> bool:
@@ -830,6 +879,7 @@ def says_interval(column: Column) -> bool:
     return (
         has_word(column.name, "of_interval")
         and not has_word(column.name, "of_responses")
+        and not looks_like(column.name, "key")  # 'longer_interval' is a response
         and not named_places(column.name).places  # as in 'pos_1', beside 'pos_2'
         and named_places(" ".join(sorted(filled_texts(column)))) == ([], ["first", "second"], set())
     )
@@ -988,7 +1038,8 @@ def _likely_pairs(columns: Sequence[Column], *, are_positive: bool = False) -> l
     texts = {}
     for column in columns:
         is_no_intensity = are_positive and (column.map(number, float) <= 0.0).any()
-        if not (is_no_intensity or has_word(column.name, "of_times")):
+        name = re.sub(r"(?i)^trials?[\W_]+(?=[si][12]$)", "", column.name)  # 'trial.s1' is s1
+        if not (is_no_intensity or has_word(name, "of_times")):
             texts[column.name] = set(column.texts)
 
     def agreement(pair: Texts) -> float:
@@ -1232,15 +1283,22 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     # Beside a column that is named as the subjects, thresholds of subjects are no names of theirs.
     if role != "subject" or not likely_names:
         likely_names += _names_by_cells(columns, role)
-    # A column with one code in all rows, as that of a key that starts a trial, comes last.
-    if role == "response":
-        constant_names = {column.name for column in columns if len(filled_texts(column)) < 2}
-        likely_names.sort(key=constant_names.__contains__)
+    column_by_name = {column.name: column for column in columns}
+    likely_names.sort(key=lambda name: _is_unlikely(column_by_name[name], role))
     # Columns that are alike may each have another subject, so that no single one is proposed.
     for column, other_column in combinations(columns, 2):
         if likely_names[:1] == [column.name] and are_alike(column, other_column):
             return ["NAME"]
     return list(dict.fromkeys(likely_names))[:3] or ["NAME"]
+
+
+def _is_unlikely(column: Column, role: str) -> bool:
+    """Whether a column hardly has a role, whatever its name, by its cells."""
+    if role == "response":  # with one code in all rows, as that of a key that starts a trial
+        return len(filled_texts(column)) < 2
+    if role in ("standard", "comparison"):  # a word is its side or its order
+        return bool(np.isnan(column.map(number, float)).all())
+    return False
 
 
 def _names_by_cells(columns: Iterable[Column], role: str) -> list[str]:

@@ -442,11 +442,12 @@ def _without_headers(table: TextTable) -> TextTable:
 
 
 def _are_row_numbers(texts: list[str]) -> bool:
-    """Whether texts in front of rows number them from 1, as R does, or from 0.
+    """Whether texts in front of several rows number them from 1, as R does, or from 0.
 
     Other texts may be a cell too many.
     """
-    return any(texts == list(map(str, range(start, start + len(texts)))) for start in (0, 1))
+    from_0 = list(map(str, range(len(texts) + 1)))
+    return texts == from_0[1:] or (len(texts) > 1 and texts == from_0[:-1])
 
 
 def _without_remarks(source: str, text: str) -> tuple[str, int]:

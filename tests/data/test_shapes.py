@@ -678,7 +678,7 @@ REFUSED = {
     ),
     "base_and_delta.csv": (
         "subject,base,delta_ms,response\na,500,50,second\na,500,-50,first\n",
-        "If these are a base and a difference, add their sum (with a ratio, their product) as",
+        "If delta_ms is a difference from a standard, or a ratio to it, add columns standard and",
     ),
     "contrasts.csv --columns standard=logStd,comparison=logComp --standard-first": (
         "subject,logStd,logComp,response\na,-1,-0.8,second\na,-1,-1.2,first\n",

@@ -79,12 +79,20 @@ def test_curves_over_the_middle_of_the_pair_are_proportions_correct():
     # All nine draws have P('second') = .5 + s2 - .9 s1, which is linear so that it can be checked.
     correct_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - 0.9 * s1, (9, 1)))
     assert ax.get_ylabel() == "proportion correct"
-    weaker_first, stronger_first, *_ = marks_of(ax, "None")
+    weaker_first, stronger_first = marks_of(ax, "_")  # no curve joins different differences
     # The stronger stimulus is twice the middle of the pair, because the weaker stimulus is 0.
     middle, share = weaker_first.get_data()
     assert share == pytest.approx(0.5 + 2.0 * middle)  # P('second'), with s2 = 2 middle
     middle, share = stronger_first.get_data()
     assert share == pytest.approx(0.5 + 0.9 * 2.0 * middle)  # 1 - P('second'), with s1 = 2 middle
+
+
+def test_a_curve_joins_pairs_with_the_same_difference():
+    subject = made_subject("0 0.2 30 40, 0.2 0 9 40, 0.2 0.4 25 40", task=WHICH_STRONGER)
+    ax = new_figure(4.0, 3.0).subplots()
+    correct_panel(ax, subject, lambda s1, s2: np.tile(0.5 + s2 - s1, (9, 1)))
+    (middle, share), *_ = [line.get_data() for line in marks_of(ax, "None")]
+    assert (middle, share) == (pytest.approx([0.1, 0.3]), pytest.approx([0.7, 0.7]))
 
 
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
