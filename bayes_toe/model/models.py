@@ -38,7 +38,7 @@ from bayes_toe.model.parameters import (
     lapse_score,
     task_parameters,
 )
-from bayes_toe.model.posterior import Determined, Names, SubjectPosterior
+from bayes_toe.model.posterior import Names, SubjectPosterior
 from bayes_toe.model.prior import DEFAULT, Prior
 
 
@@ -136,11 +136,6 @@ class ObserverPosterior(SubjectPosterior):
             derived=derived,
             same_ranks={"jnd": "noise"},
         )
-
-    @property
-    def monotone_in(self) -> Determined:
-        """The quantities that one coordinate alone determines, see :data:`Determined`."""
-        return {name: (name, 1) for name in self.coordinates} | {"jnd": ("noise", 1)}
 
     def quantities(self, x: FloatArray) -> NamedArrays:
         """Every named quantity, each with the shape of x without its last axis.

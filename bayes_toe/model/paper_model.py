@@ -55,7 +55,7 @@ from bayes_toe.model.paper_equations import (
     pull,
     variance_ratio,
 )
-from bayes_toe.model.posterior import Determined, Names, SubjectPosterior
+from bayes_toe.model.posterior import Names, SubjectPosterior
 from bayes_toe.model.posterior_array import PosteriorArray
 from bayes_toe.model.prior import DEFAULT, Prior
 
@@ -362,15 +362,6 @@ class PaperPosterior(SubjectPosterior):
             derived=("pse_shift", "jnd", "gamma", "sigma1", "gain", "width"),
             same_ranks={"pse_shift": "offset", "jnd": "width", "gain": "gamma", "pull": "gamma"},
         )
-
-    @property
-    def monotone_in(self) -> Determined:
-        """The quantities that one coordinate alone determines, see :data:`Determined`."""
-        by_quantity = {name: (name, 1) for name in self.coordinates}
-        by_quantity |= {"pull": ("gamma", 1), "gain": ("gamma", -1)}
-        if self.prior.spread == "width":
-            by_quantity["jnd"] = ("width", 1)
-        return by_quantity
 
     def quantities(self, x: FloatArray) -> NamedArrays:
         """Every named quantity, each with the shape of x without its last axis.

@@ -56,11 +56,6 @@ def _in_table_order(names: set[str]) -> Texts:
     return tuple(filter(names.__contains__, QUANTITY_BY_NAME))
 
 
-#: By the name of a quantity: the coordinate that alone determines it, and 1 if the quantity rises
-#: with the coordinate, else -1.
-Determined = Mapping[str, tuple[str, int]]
-
-
 class SubjectPosterior(ABC):
     """The posterior of one subject under one model.
 
@@ -88,11 +83,6 @@ class SubjectPosterior(ABC):
     @abstractmethod
     def names(self) -> Names:
         """The names of the quantities."""
-
-    @property
-    @abstractmethod
-    def monotone_in(self) -> Determined:
-        """The quantities that one coordinate alone determines, see :data:`Determined`."""
 
     @abstractmethod
     def for_subject(self, subject: Subject) -> Self:
@@ -180,18 +170,17 @@ class SubjectPosterior(ABC):
         """
         if name not in self.names.all:
             raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
-        if name not in self.monotone_in:
+        coordinate = self.names.same_ranks.get(name, name)
+        if coordinate not in self.coordinates:
             return float(np.quantile(self._prior_quantities[name], probability))
 
-        # The quantity has its quantile where its coordinate has the same quantile. If the quantity
-        # falls where the coordinate rises, the probability counts from above.
-        coordinate, direction = self.monotone_in[name]
-        # All other coordinates, which do not matter, are at their medians.
-        probabilities = np.full((1, len(self.array.names)), 0.5)  # (points, coordinates)
-        coordinate_probability = probability if direction > 0 else 1.0 - probability
-        probabilities[0, self.array.names.index(coordinate)] = coordinate_probability
-        (value,) = self.quantities(self._prior_points(probabilities))[name]  # at the one point
-        return float(value)
+        # The quantity has its quantile where its coordinate has the same quantile, or where the
+        # coordinate has that from above, if the quantity falls where the coordinate rises. All
+        # other coordinates, which do not matter, are at their medians.
+        probabilities = np.full((2, len(self.array.names)), 0.5)  # (points, coordinates)
+        probabilities[:, self.array.names.index(coordinate)] = probability, 1.0 - probability
+        low, high = sorted(self.quantities(self._prior_points(probabilities))[name].tolist())
+        return float(low if probability < 0.5 else high)
 
     @cached_property
     def _prior_quantities(self) -> NamedArrays:
