@@ -454,6 +454,7 @@ READ = {
     "luminances.csv": labelled(IN_GRAMS, w1="lum1_cd_m2", w2="lum2_cd_m2"),
     "row_names.txt": ROW_NAMES.replace(",", " "),
     "row_names_from_0.csv": IN_LOGS.to_csv().removeprefix(","),
+    "sample.csv --columns s1=sample,s2=probe": labelled(IN_LOGS, s1="sample", s2="probe"),
     "other_names.txt --columns subject=p,s1=w1,s2=w2,response=r": csv_bytes(
         labelled(IN_LOGS, subject="p", s1="w1", s2="w2", response="r"), sep=" "
     ),
@@ -551,6 +552,10 @@ REFUSED = {
         "row 2: found 5 cells below 4 names, allowed: a name for each column",
     ),
     "numbers.json": ("[1, 2]", "error: numbers.json: found "),
+    "trial.csv": (
+        labelled(IN_LOGS, s1="trial.s1", s2="trial.s2"),
+        "type:  --columns s1=trial.s1,s2=trial.s2",
+    ),
     "a_key_twice.json": (
         '[{"subject": "a", "s1": 0, "s2": 1, "response": "second", " response": "first"}]',
         "found the key 'response' twice in a record, allowed: once",
