@@ -105,7 +105,7 @@ def test_counts_that_do_not_add_up_are_refused(counts, message):
     "command, message",
     [
         ("run --example ternary -o out", "'three answers', which has no example"),
-        ("simulate -o s.csv --task ternary", "of which it predicts only 'equal'"),
+        ("simulate -o s.csv --task ternary --observers paper", "of which it predicts only 'equal'"),
     ],
 )
 def test_commands_for_two_answers_refuse_three(command, message, tmp_path):

@@ -439,9 +439,14 @@ class SimulatedStudy:
     subjects: Annotated[
         int | None, option("--subjects", NUMBER, "Number of observers (default: 16).", min=1)
     ] = None
-    kind: Annotated[str, option("--observers", "NAME", "Observers: paper, both, or a file.")] = (
-        "paper"
-    )
+    kind: Annotated[
+        str,
+        option(
+            "--observers",
+            "NAME",
+            "Observers: paper (default), both (default of ternary), or a file.",
+        ),
+    ] = ""
     carry_over: Annotated[
         float, rare("--carry-over", NUMBER, "Carry-over from trial to trial, 0 to 1.")
     ] = 0.0
@@ -482,7 +487,7 @@ def simulate(
     from bayes_toe.seeds import root_seed
 
     context.require_files(*filter(None, (output, truth_output)))  # None without --truth
-    if study.subjects and study.kind not in POPULATIONS:
+    if study.subjects and study.kind not in ("", *POPULATIONS):
         raise bt.InputError("--subjects: allowed with a kind of --observers, not with a file.")
 
     seed = root_seed(context.seed)

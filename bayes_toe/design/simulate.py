@@ -300,7 +300,7 @@ class Simulated(NamedTuple):
 def simulate(  # each is a choice of its own, and has a default
     observers: int | Truth = 16,
     *,
-    population: str = PAPER,
+    population: str = "",
     design: str | StudyDesign = "reference",
     batches: int = PAPER_BATCHES,
     seed: int | None = None,
@@ -321,7 +321,7 @@ def simulate(  # each is a choice of its own, and has a default
     population : str
         "paper", of the paper's model; "none", "small constant error", "large constant error",
         "contraction", "repulsion" or "both", of the four models; or a CSV file of
-        parameters.
+        parameters. By default "paper", or "both" with three answers.
     design : {"reference", "full"} or StudyDesign
         The paper's pairs, all ordered pairs of its stimuli, or pairs of your own.
     batches : int
@@ -329,7 +329,7 @@ def simulate(  # each is a choice of its own, and has a default
     seed : int, optional
         Root seed; without one, fresh entropy.
     task : Task or str
-        "same/different", or "2afc": which of the two is stronger.
+        "same/different", "2afc" (which of the two is stronger), or "ternary" (three answers).
     carry_over : float
         Share of what is expected after a trial that is carried over to the next.
     conditions : sequence of str
@@ -361,6 +361,8 @@ def simulate(  # each is a choice of its own, and has a default
         simulated_observers = _stated_observers(observers, task)
     else:
         require_number("observers", observers)
+        if not population:  # the paper's model does not predict three answers
+            population = "both" if task.has_three_answers else PAPER
         simulated_observers = draw_population(population, observers, root, study_design, task)
 
     subjects = []

@@ -157,6 +157,10 @@ def test_the_command_writes_conditions_and_the_truth(tmp_path):
     assert (study.task, study.conditions.levels) == (WHICH_STRONGER, ("2", "6"))
 
 
+def test_observers_of_three_answers_are_those_of_the_model_that_predicts_them():
+    assert "contraction" in bt.simulate(1, task="ternary", seed=1).truth["S01"]
+
+
 def test_a_difference_is_given_once():
     with refused("--differ: found contraction twice, allowed: once"):
         read_differences("contraction=0.2,contraction=0.5")
