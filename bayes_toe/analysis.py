@@ -340,8 +340,8 @@ def _analyse_subjects(
 ) -> list[Result | NumericalError]:
     """What `analyse` gives for each subject, or the error that it raises.
 
-    The evidences of all subjects are computed together, which is faster. Each subject comes with
-    the findings on its responses, as :func:`run_stored` gives a job one argument.
+    The evidences of all subjects are computed together, which is faster. `analyse` takes the pair
+    of the evidences of a subject and the findings on its responses, and the settings.
     """
     subjects, findings = zip(*flagged_subjects, strict=True)
     evidences = unchecked_evidence(subjects, settings.seed, settings.prior.observer)

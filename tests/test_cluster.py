@@ -82,10 +82,10 @@ def test_an_interrupt_cancels_all_jobs(client, delay):
             interrupt_later.start()
 
     jobs = [partial(return_slowly, k, 0.05) for k in range(500)]
-    # The traceback refers to the jobs under way, as in a session, where they must end, too.
     with pytest.raises(KeyboardInterrupt) as error:
         run_in_order(jobs, client, progress, names=[("",)] * 500)
     wait_until(lambda: n_tasks_on(client) == 0)
+    # The traceback keeps the jobs alive up to here, as in a session. They ended all the same.
     assert error.tb is not None
 
 

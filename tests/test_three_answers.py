@@ -57,6 +57,7 @@ def csv(*lines):
     ],
 )
 def test_trials_codes_and_counts_say_the_same(text, options):
+    # COUNTS has n_first, n_equal and n_second; the pair (1, 1) has no response and is left out.
     # Of four responses to (0, 1), two are 'equal', one is 'second' and one is 'first'. The only
     # response to (1, 0) is 'second'.
     (subject,) = read(text, options)

@@ -120,6 +120,7 @@ def test_workers_of_a_script_run_no_file_of_the_data_folder_and_take_no_settings
     data.mkdir()
     put_modules(data)
     (data / "matplotlibrc").touch()
+    # The script prints the results of its jobs: None of exec, and 2 and 4 of pow.
     # The variable would keep the working directory out of Python's path by itself.
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
     assert output_of(run_python(str(script), cwd=data, env=environment)) == "[None, 2, 4]\n"

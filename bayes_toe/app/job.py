@@ -231,8 +231,8 @@ def named_files(files: Sequence[tuple[str, bytes]]) -> dict[str, bytes]:
     Raises
     ------
     InputError
-        If there is no file, if two files get the same name, or if files with the suffix of a name
-        are not read.
+        If there is no file, if two files get the same name, or if the program reads no files with
+        the suffix of one.
     """
     contents = {}
     paths: dict[str, str] = {}

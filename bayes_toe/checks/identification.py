@@ -115,8 +115,8 @@ def _why_no_contraction(subject: Subject) -> str:
     if smallest <= ROUNDING * largest:
         return ONE_LINE
 
-    # Missed trials change no design, so that each number of trials is rounded to a power of two
-    # times the largest number. The largest number becomes 1e6, so that small numbers stay whole.
+    # A few missed trials must not change the verdict, so that numbers of trials are rounded to a
+    # power of two times the largest number. Only ratios count: the largest number becomes 1e6.
     shares = subject.n_trials / subject.n_trials.max()
     n_trials = np.ceil(1e6 * 2.0 ** np.rint(np.log2(shares)))
     # A subject needs counts of answers, which do not change the expected information.

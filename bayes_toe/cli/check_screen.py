@@ -92,9 +92,9 @@ def _print_problems(
         problem = _first_problem(findings)
         # The problem is shortened so that the row is one line.
         short_problem = textwrap.shorten(problem, 52, placeholder="...")
-        # A first problem that is cut in its row stands below the table too, as all further problems
-        # do.
-        findings_below += findings if short_problem != problem else findings[1:]
+        # All problems but the first stand below the table. The first does too, if its row cuts it.
+        n_in_row = int(short_problem == problem)
+        findings_below += findings[n_in_row:]
         share = f"{100.0 * subject.fraction_yes:.0f} %"
         rows.append([name, str(subject.total_trials), share, short_problem])
 

@@ -718,13 +718,13 @@ def _roles_read(names: Texts, options: ReadOptions) -> list[str]:
     if options.condition or (condition in names and is_free):
         roles_read.append("condition")
 
-    # Counts need no column of the history, such as block: it is ignored if there are two of its
-    # name, or if an option takes it for something else.
-    other_names = [options.name(role) for role in COLUMNS if role not in HISTORY_COLUMNS]
-    other_names.append(options.name("standard_interval"))
+    # A column of the history, such as block, is optional. It is not read if its name is there
+    # twice, or if an option gives that name another role.
+    names_taken = [options.name(role) for role in COLUMNS if role not in HISTORY_COLUMNS]
+    names_taken.append(options.name("standard_interval"))
     for role in HISTORY_COLUMNS:
         name = options.name(role)
-        if name not in other_names and names.count(name) == 1:
+        if name not in names_taken and names.count(name) == 1:
             roles_read.append(role)
     return [role for role in roles_read if role not in options.ignore]
 
@@ -1309,8 +1309,9 @@ def _names_by_cells(columns: Iterable[Column], role: str) -> list[str]:
             # A name such as 'responded_longer' says more than the cells, as does 'second_longer'.
             not has_word(column.name, "of_responses"),
             not has_word(column.name, "of_answers"),
-            # What numbers the rows, or is a flag, is hardly the subject.
+            # A column with another text in each row numbers the rows.
             len(column.texts) == len(column.codes),
+            # A flag is no subject.
             role == "subject" and is_flag(column.texts),
         )
     )

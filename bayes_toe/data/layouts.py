@@ -244,25 +244,25 @@ def _certain_order(column: Column) -> OrderByText:
     # '1' and '2' in a column `std_interval` are intervals of one stimulus. But in a column
     # `std_stim` they may be two stimuli, and '1' alone may be a level.
     has_interval = not other_words.isdisjoint(VOCABULARY["words"]["of_interval"])
-    owner = ""
+    placed_stimulus = ""
     if has_interval and not places and len(stimuli) == 1 and len(column.texts) > 1:
-        owner = stimuli[0]
-    order_by_text = _order_by_text(column, owner)
+        placed_stimulus = stimuli[0]
+    order_by_text = _order_by_text(column, placed_stimulus)
     return {} if None in order_by_text.values() else order_by_text
 
 
-def _order_by_text(column: Column, owner: str) -> OrderByText:
+def _order_by_text(column: Column, placed_stimulus: str) -> OrderByText:
     """Whether the standard came first, by the texts of a column; None for an unclear text.
 
     A column such as `standard_first` has words for true and false. All other texts must say the
-    order themselves, such as 'SC', or '1', which is the interval of `owner`.
+    order themselves, such as 'SC', or '1', which is the interval of `placed_stimulus`.
     """
     texts = filled_texts(column)
     stimuli, places, _ = named_places(column.name)
     if stimuli and places and is_flag(texts):
         is_first_if_true = (stimuli[0] == "standard") == (places[0] == "first")
         return {text: (text.lower() in TRUE_WORDS) == is_first_if_true for text in texts}
-    return {text: _is_standard_first(text, owner, places) for text in texts}
+    return {text: _is_standard_first(text, placed_stimulus, places) for text in texts}
 
 
 def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptions) -> OrderByText:
@@ -271,8 +271,8 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     The code that the options give decides first. One or two codes whose meaning is not certain are
     refused, and so is a column of another stimulus.
     """
-    owner = "comparison" if options.comparison_interval else "standard"
-    order_by_text = _order_by_text(column, owner)
+    placed_stimulus = "comparison" if options.comparison_interval else "standard"
+    order_by_text = _order_by_text(column, placed_stimulus)
     code = options.standard_first_code
     # A single text that is not the code means that the comparison was always first. Several texts
     # without the code are read by their words, as if there were no code.
@@ -295,21 +295,26 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     first_intervals = [text for text in order_by_text if named_places(text)[:2] == ([], ["first"])]
     stimuli, places, _ = named_places(column.name)
     is_true_or_false = places and is_flag(order_by_text)  # '1' in 'test_first' is no interval
-    if first_intervals and len(stimuli) == 1 and owner not in stimuli and not is_true_or_false:
-        problem = f"found as the interval of the {owner}, but named as that of the {stimuli[0]}."
-        _ask_order(table, column, problem, first_intervals[:1], owner=stimuli[0])
+    if (
+        first_intervals
+        and len(stimuli) == 1
+        and placed_stimulus not in stimuli
+        and not is_true_or_false
+    ):
+        problem = f"found as the interval of the {placed_stimulus}, but named as that of the {stimuli[0]}."
+        _ask_order(table, column, problem, first_intervals[:1], named_stimulus=stimuli[0])
     return order_by_text
 
 
 def _ask_order(
-    table: TextTable, column: Column, problem: str, texts: Texts, owner: str = ""
+    table: TextTable, column: Column, problem: str, texts: Texts, named_stimulus: str = ""
 ) -> None:
     """Refuse a column, and ask which of these texts means that the standard was first.
 
-    `owner` is the stimulus whose interval the name of the column says.
+    `named_stimulus` is "standard" or "comparison" if the name of the column has this word.
     """
     remedies = []
-    if owner == "comparison":
+    if named_stimulus == "comparison":
         meaning = "if it says the interval of the comparison"
         remedies.append(Remedy("comparison_interval", column.name, meaning))
     for text in texts:
@@ -342,10 +347,10 @@ def _likeliest_first(texts: Texts, table: TextTable, column: Column, options: Re
     return texts
 
 
-def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | None:
+def _is_standard_first(text: str, placed_stimulus: str, places_of_name: Texts) -> bool | None:
     """Whether a cell says that the standard came first; None where its meaning is not certain.
 
-    '1' is the interval of `owner`; without one, a cell or the name must say stimulus and interval,
+    '1' is the interval of `placed_stimulus`; without one, a cell or the name must say stimulus and interval,
     or both stimuli. Else 'standard' stands in the first interval, or in the interval that the
     name of the column says. 'SC' and 'standard, comparison' are both stimuli in their order.
     """
@@ -355,10 +360,10 @@ def _is_standard_first(text: str, owner: str, places_of_name: Texts) -> bool | N
 
     if len(stimuli) == 1:
         places = places or list(places_of_name)
-    # Without an owner, '1' alone or 'standard' alone has no certain meaning.
-    if not owner and (not stimuli or len(stimuli) + len(places) < 2):
+    # Without a placed stimulus, '1' alone or 'standard' alone has no certain meaning.
+    if not placed_stimulus and (not stimuli or len(stimuli) + len(places) < 2):
         return None
-    stimulus = (stimuli or [owner])[0]
+    stimulus = (stimuli or [placed_stimulus])[0]
     interval = (places or ["first"])[0]
     return (stimulus == "standard") == (interval == "first")
 

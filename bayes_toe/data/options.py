@@ -293,7 +293,7 @@ class ReadOptions:
         return replace(self, condition=None, ignore=(*self.ignore, "condition"))
 
     def of_task(self, task: Task, where: Mapping[str, str]) -> ReadOptions:
-        """The options for the rows of one task, which have these texts by column.
+        """The options for the rows of one task: those that have the texts of `where` by column.
 
         The options have no codes of other tasks, and no condition.
         """

@@ -457,7 +457,8 @@ def _columns(
     """The columns that are read by our names, and those that say something of the whole file."""
     columns = {role: table.columns[options.name(role)] for role in roles_read}
     columns |= columns_of_file(table)
-    # `_count_study` turns the counts of these columns into counts of 'second' and 'first'.
+    # These counts stand under the names of others until `_count_study` knows the order of each row,
+    # and so which of them are counts of 'second'.
     for role in ("n_comparison", "n_correct", "n_standard"):
         if role in columns:
             columns["n_first" if role == "n_standard" else "n_second"] = columns[role]

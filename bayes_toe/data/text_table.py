@@ -451,12 +451,12 @@ def _are_row_numbers(texts: list[str]) -> bool:
 
 
 def _without_remarks(source: str, text: str) -> tuple[str, int]:
-    """The text without lines that are no part of a table, and in how many places below names.
+    """The text without lines that are no part of a table, and how many remarks below names it had.
 
     Logs and web pages, whose lines are no trials, are refused.
     """
-    for finding, start in _NO_TABLES.items():
-        if re.match(start, text):
+    for finding, pattern in _NO_TABLES.items():
+        if re.match(pattern, text):
             raise InputError(f"{source}: found {finding}")
     # Spreadsheets name the delimiter in a first line, such as 'sep=;'. It becomes an empty line, so
     # that rows keep their numbers.
@@ -464,7 +464,7 @@ def _without_remarks(source: str, text: str) -> tuple[str, int]:
     # The same with remarks above the names, as of Expyriment: '#e Experiment'. A single line that
     # begins with '#' may have the names.
     text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
-    # Remarks below or between rows, such as 'END OF FILE' of Gorilla.
+    # Remarks below or between rows, such as 'END OF FILE' of Gorilla. The line end before them stays.
     return re.subn(_REMARKS, r"\1", text)
 
 

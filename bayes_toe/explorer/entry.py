@@ -527,10 +527,10 @@ def _packed_scale(scale: Scale, unit: StimulusUnit, ends: Sequence[float]) -> Re
 
 
 def slice_and_position(subject: Subject) -> ArrayPair:
-    """The stimulus of the slice of each pair, and the position of the pair there, (pairs,) each.
+    """The slice of each pair, and the position of the pair in its slice, (pairs,) each.
 
-    These are the weaker and the stronger stimulus, or the first stimulus and s2 - s1 in 'which is
-    stronger'.
+    A slice is all pairs with one stimulus: the weaker stimulus, and the position is the stronger
+    one. In 'which is stronger' it is the first stimulus, and the position is s2 - s1.
     """
     if subject.task == WHICH_STRONGER:
         return subject.s1, subject.s2 - subject.s1

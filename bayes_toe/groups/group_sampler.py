@@ -348,9 +348,10 @@ def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraw
     sampler.warm_up()
 
     n_each = math.ceil(n_draws / N_CHAINS)  # of each chain
+    # The fields of GroupDraws, each with the shape (chains, draws, ...).
     arrays, n_divergent = sampler.advance(n_each, posterior.points)
     draws = GroupDraws(*arrays, n_divergent=n_divergent)
-    if not draws.shortfall:
+    if not draws.shortfall:  # a trajectory that diverged is a shortfall, too
         return draws
 
     if n_divergent:

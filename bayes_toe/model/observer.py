@@ -120,6 +120,7 @@ class ObserverRows(AnswerRows):
             **pairs,
             task=subjects[0].task,
             prior=prior,
+            # Priors of slopes are for one spread of the stimuli, and rows count stimuli in steps.
             slope_unit=np.array([[row_scales.step / row_scales.spread] for row_scales in scales]),
             contraction_sd=np.array(
                 [[prior.contraction_sd * row_scales.roving_share] for row_scales in scales]

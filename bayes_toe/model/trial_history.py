@@ -117,14 +117,16 @@ class HistoryRows(ObserverRows):
         answer_of_trial = trials.answer[answered_trials]
         trials_before = trials.previous[answered_trials]
         # The first trial of a session has no earlier trial.
-        previous_of_trial = np.where(trials_before >= 0, trials.answer[trials_before], 0.0)
+        answer_before = np.where(trials_before >= 0, trials.answer[trials_before], 0.0)
 
         # Trials with the same key are one cell. The answer before is -1, 0 or 1.
         if history.has_carry_over:
             key = np.arange(len(answered_trials))
         else:
-            key = 3 * pair_of_trial + previous_of_trial
-        _, first_trial, cell_of_trial = np.unique(key, return_index=True, return_inverse=True)
+            key = 3 * pair_of_trial + answer_before
+        # Indices of answered trials: one trial of each cell, which stands for it; and the cell of
+        # each trial.
+        _, trial_of_cell, cell_of_trial = np.unique(key, return_index=True, return_inverse=True)
 
         n_positive = np.bincount(cell_of_trial, answer_of_trial > 0.0)
         n_negative = np.bincount(cell_of_trial, answer_of_trial < 0.0)
@@ -137,7 +139,7 @@ class HistoryRows(ObserverRows):
         # Task, scales and prior come from the posterior. A cell has the stimuli of its pair.
         values = {field.name: getattr(observer.rows, field.name) for field in fields(ObserverRows)}
         for name in ("first", "difference", "middle"):
-            values[name] = values[name][..., pair_of_trial[first_trial]]
+            values[name] = values[name][..., pair_of_trial[trial_of_cell]]
         values["counts"] = np.array(counts)[None, :, None]  # (1, answers, 1, cells)
 
         scales = observer.scales
@@ -145,7 +147,7 @@ class HistoryRows(ObserverRows):
             **values,
             history=history,
             trials=trials,
-            previous=previous_of_trial[first_trial],
+            previous=answer_before[trial_of_cell],
             cell_of_trial=cell_of_trial,
             first_of_trial=((trials.first - scales.sbar) / scales.step)[:, None],
             second_of_trial=((trials.second - scales.sbar) / scales.step)[:, None],

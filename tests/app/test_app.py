@@ -256,8 +256,12 @@ def test_a_folder_or_port_that_cannot_be_used_is_one_line(tmp_path, monkeypatch)
         require_error_line(
             run_command("app --folder", tmp_path / "home", "--port", port), "cannot be used"
         )
-    # A home folder of nobody, and of a user whose HOME is empty or relative; None is the default.
-    for folder, users_home in (("~nobody_x/y", "/"), ("~/x", ""), ("~", "x"), (None, "")):
+    for folder, users_home in (
+        ("~nobody_x/y", "/"),  # there is no such user
+        ("~/x", ""),  # HOME is empty
+        ("~", "x"),  # HOME is a relative path
+        (None, ""),  # the folder by default
+    ):
         monkeypatch.setenv("HOME", users_home)
         words = ["app"] if folder is None else ["app", "--folder", folder]
         require_error_line(run_command(*words), "there is no such home folder")

@@ -299,8 +299,8 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
 
 
 def test_trials_that_tell_no_order_leave_the_order_of_the_file_and_are_noted():
-    # In block 1, a has the trial number 1 twice, and the trial number of b is x. The columns are
-    # those of ORDERED.
+    # The columns are subject, s1, s2, response, block and trial. In block 1, a has the trial number
+    # 1 twice, and the trial number of b is x.
     rows = "a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"
     study = read(ORDERED + rows, "--equal-code 1")
     # The first note is about the format of the file.
