@@ -295,14 +295,12 @@ def _standard_first_by_text(table: TextTable, column: Column, options: ReadOptio
     first_intervals = [text for text in order_by_text if named_places(text)[:2] == ([], ["first"])]
     stimuli, places, _ = named_places(column.name)
     is_true_or_false = places and is_flag(order_by_text)  # '1' in 'test_first' is no interval
-    if (
-        first_intervals
-        and len(stimuli) == 1
-        and placed_stimulus not in stimuli
-        and not is_true_or_false
-    ):
-        problem = f"found as the interval of the {placed_stimulus}, but named as that of the {stimuli[0]}."
-        _ask_order(table, column, problem, first_intervals[:1], named_stimulus=stimuli[0])
+    names_another = len(stimuli) == 1 and placed_stimulus not in stimuli
+    if first_intervals and names_another and not is_true_or_false:
+        (named_stimulus,) = stimuli
+        problem = f"found as the interval of the {placed_stimulus}, but named as that of the "
+        problem += f"{named_stimulus}."
+        _ask_order(table, column, problem, first_intervals[:1], named_stimulus)
     return order_by_text
 
 
@@ -350,9 +348,9 @@ def _likeliest_first(texts: Texts, table: TextTable, column: Column, options: Re
 def _is_standard_first(text: str, placed_stimulus: str, places_of_name: Texts) -> bool | None:
     """Whether a cell says that the standard came first; None where its meaning is not certain.
 
-    '1' is the interval of `placed_stimulus`; without one, a cell or the name must say stimulus and interval,
-    or both stimuli. Else 'standard' stands in the first interval, or in the interval that the
-    name of the column says. 'SC' and 'standard, comparison' are both stimuli in their order.
+    '1' is the interval of `placed_stimulus`. Without one, a cell or the name must say stimulus and
+    interval, or both stimuli. Else 'standard' stands in the first interval, or in the interval that
+    the name of the column says. 'SC' and 'standard, comparison' are both stimuli in their order.
     """
     stimuli, places, other_words = named_places(text)
     if not (stimuli or places) or other_words.difference(VOCABULARY["words"]["filling"]):

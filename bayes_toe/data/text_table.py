@@ -464,7 +464,7 @@ def _without_remarks(source: str, text: str) -> tuple[str, int]:
     # The same with remarks above the names, as of Expyriment: '#e Experiment'. A single line that
     # begins with '#' may have the names.
     text = re.sub(r"\A(?:#.*[\r\n]+){2,}", lambda lines: re.sub("[^\r\n]", "", lines[0]), text)
-    # Remarks below or between rows, such as 'END OF FILE' of Gorilla. The line end before them stays.
+    # Remarks below or between rows, such as 'END OF FILE' of Gorilla. Line ends before them stay.
     return re.subn(_REMARKS, r"\1", text)
 
 
