@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import re
 import resource
 import shlex
 import shutil
@@ -16,7 +17,8 @@ from contextlib import closing, contextmanager, suppress
 from email.message import Message
 from http.client import HTTPConnection
 from itertools import product
-from threading import Timer
+from pathlib import Path
+from threading import Thread
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
@@ -24,6 +26,7 @@ import pytest
 from browsers import BrowserPage
 from commands import run_command, run_ok
 from conftest import each_row, refused
+from processes import wait_until
 
 pytest.importorskip("tornado")
 from bayes_toe.app.job import end_group, job_of, list_jobs, named_files, prepare_home, present_run
@@ -435,6 +438,13 @@ def study_file(tmp_path_factory):
     return write_trials(tmp_path_factory.mktemp("trials") / "my study.csv")
 
 
+def continue_when_signalled(group):
+    """Let a stopped process go on as soon as a signal waits for it."""
+    status = Path(f"/proc/{group}/status")
+    wait_until(lambda: not re.search("ShdPnd:\\s0+\n", status.read_text()))
+    end_group(group, signal.SIGCONT)
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory, study_file):
     """A server and the folder of its study, of two subjects, whose run has ended.
@@ -455,7 +465,7 @@ def finished(tmp_path_factory, study_file):
     with serving(home_folder, urlsplit(first.address).port, READING_PROGRAM) as second:
         assert second.state(study_id)["run"] == "running"
         # The run goes on when it has the signal to stop, since it might else end before that.
-        Timer(1.0, end_group, (group, signal.SIGCONT)).start()
+        Thread(target=continue_when_signalled, args=[group]).start()
         stopped = second.state(study_id, "/stop", "")
         assert stopped["run"] == "stopped"
         assert stopped["done"] > 0
