@@ -23,7 +23,7 @@ from bayes_toe.data.messages import Texts, display_name, join_display_names, quo
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task, task_with
-from bayes_toe.data.text_table import without_decimals
+from bayes_toe.data.text_table import plain_code
 from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
@@ -176,7 +176,7 @@ class ReadOptions:
             values[key] = _as_text(values[key])
             # A code is as in the cells of responses, unless it is a list, such as '1,0'.
             if key.endswith("_code") and "," not in values[key]:
-                values[key] = without_decimals(values[key])
+                values[key] = plain_code(values[key])
 
         for key in ("columns", "where"):
             texts = values[key]

@@ -464,7 +464,7 @@ def _columns(
             columns["n_first" if role == "n_standard" else "n_second"] = columns[role]
     for role in ("response", "correct", "standard_interval"):  # cells may be codes, such as '1.0'
         if role in columns:
-            columns[role] = columns[role].without_decimals()
+            columns[role] = columns[role].with_plain_codes()
     if "response" in columns:
         columns["response"] = with_joined_codes(columns["response"], options)
 

@@ -51,7 +51,7 @@ from bayes_toe.data.tasks import (
     task_with,
     tasks_named,
 )
-from bayes_toe.data.text_table import CELL, Column, TextTable, without_decimals
+from bayes_toe.data.text_table import CELL, Column, TextTable, plain_code
 from bayes_toe.data.validation import MISSING_WORDS, number, whole_number
 from bayes_toe.errors import InputError, Remedy, with_remedies
 
@@ -385,7 +385,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
     """
     given_codes = (*options.code_by_answer.values(), options.comparison_code)
     codes = set(filter(None, given_codes))
-    declared = set(map(without_decimals, options.missed))
+    declared = set(map(plain_code, options.missed))
     frequent = set(_frequent(column, share=_MOST_MISSED, least=1.0))
 
     missed = []
@@ -399,7 +399,7 @@ def _missed_texts(column: Column, options: ReadOptions) -> Texts:
 def missed_codes_found(columns: Iterable[Column], options: ReadOptions) -> Iterator[str]:
     """The codes of missed trials that the options name and cells have."""
     for column, code in product(columns, options.missed):
-        if without_decimals(code) in map(without_decimals, column.texts):
+        if plain_code(code) in map(plain_code, column.texts):
             yield code
 
 
@@ -456,7 +456,7 @@ def _shows_missed(sign: Column, text: str, is_right: BoolArray) -> bool:
     >>> _shows_missed(times, "-1", np.array([True, False, True]))
     True
     """
-    word = without_decimals(text).lower()
+    word = plain_code(text).lower()
     if is_missed_flag(sign):
         is_sign = word in TRUE_WORDS
     else:

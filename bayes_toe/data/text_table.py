@@ -118,9 +118,9 @@ class Column:
             new_codes = new_codes[codes]
         return cls(name, list(code_of_text), new_codes)
 
-    def without_decimals(self) -> Column:
-        """The column with whole numbers such as '1' in the place of '1.0'."""
-        return Column.from_texts(self.name, map(without_decimals, self.texts), self.codes)
+    def with_plain_codes(self) -> Column:
+        """The column with codes such as '1' in the place of '1.0', see :func:`plain_code`."""
+        return Column.from_texts(self.name, map(plain_code, self.texts), self.codes)
 
     def __str__(self) -> str:
         return f"column {display_name(self.name)}"
@@ -157,10 +157,16 @@ class Column:
         return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
 
 
-def without_decimals(text: str) -> str:
-    """A whole number without what pandas and spreadsheets add: '1.0' is '1', and '0,0' is '0'."""
-    match = re.fullmatch(r"([-+]?\d+)[.,]0*", text)
-    return match[1] if match else text
+def plain_code(text: str) -> str:
+    """A code without what pandas, spreadsheets and PsychoPy add to it.
+
+    Examples
+    --------
+    >>> plain_code("1.0"), plain_code("0,0"), plain_code("['j']"), plain_code("['j', 'k']")
+    ('1', '0', 'j', "['j', 'k']")
+    """
+    match = re.fullmatch(r"\['([^']+)'\]|([-+]?\d+)[.,]0*", text)
+    return match[1] or match[2] if match else text
 
 
 def value_text(value: object) -> str:

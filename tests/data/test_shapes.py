@@ -453,6 +453,7 @@ READ = {
     "forces.csv": labelled(IN_GRAMS, w1="first_N", w2="second_N"),
     "luminances.csv": labelled(IN_GRAMS, w1="lum1_cd_m2", w2="lum2_cd_m2"),
     "row_names.txt": ROW_NAMES.replace(",", " "),
+    "list_keys.csv --second-code j": with_responses(IN_LOGS, "['f']", "['j']"),
     "row_names_from_0.csv": IN_LOGS.to_csv().removeprefix(","),
     "sample.csv --columns s1=sample,s2=probe": labelled(IN_LOGS, s1="sample", s2="probe"),
     "other_names.txt --columns subject=p,s1=w1,s2=w2,response=r": csv_bytes(
