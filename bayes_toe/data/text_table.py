@@ -647,7 +647,10 @@ def _broken(row: int, cells: Cells, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
     if not isinstance(cells, csv.Error):
         n_cells = plural(len(cells), "cell")
-        return f"row {row}: found {n_cells}, allowed: {plural(width, 'cell')} as in the header"
+        problem = f"row {row}: found {n_cells}, allowed: {plural(width, 'cell')} as in the header"
+        if len(cells) == 1:
+            problem += ". Delete notes below the table"
+        return problem
 
     finding = str(cells)
     for part, words in _SPLIT_ERRORS.items():

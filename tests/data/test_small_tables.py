@@ -84,7 +84,7 @@ REFUSED = """
     population | subject,mu1,sigma_p,sigma_l,q0 / a,0,1,1,.9 / a,0,1,1,.9 | row 3, column subject: f
     covariates | subject,age / a,23 / a,24 | row 3, column subject: found 'a', allowed: each name on
     covariates | subject,age / a,23 / ,24 | row 3, column subject: found '', allowed: a text that is
-    covariates | subject,age / a,23 / b | row 3: found 1 cell, allowed: 2 cells as in the header
+    covariates | subject,x / a,3 /b | row 3: found 1 cell, allowed: 2 cells as in the header. Delete
     covariates | subject,age / a,23 / b,2O / c,31 | row 3, column age: found '2O', allowed: a finite
     covariates | subject,age / a,23 / b,inf / c,31 | row 3, column age: found 'inf'
     covariates | subject,100% sure / a,x / b,y / c,3 | row 2, column 100% sure: found 'x', allowed:
