@@ -11,7 +11,9 @@ import shlex
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral, Real
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
+
+Result = TypeVar("Result")
 
 
 class BayesToeError(Exception):
@@ -38,6 +40,8 @@ class Remedy(NamedTuple):
         Options that are typed with this one, and with no other answer.
     replaces : str
         The option of an answer to an earlier question that is not typed with this one.
+    is_evident : bool
+        Whether the file leaves no doubt that this is the answer.
 
     Examples
     --------
@@ -54,6 +58,7 @@ class Remedy(NamedTuple):
     step: int = 0
     together: tuple[Any, ...] = ()
     replaces: str = ""
+    is_evident: bool = False
 
     @property
     def typed(self) -> str:
@@ -196,11 +201,12 @@ def _without_replaced(answers: Collection[Remedy]) -> list[Remedy]:
 
 
 def with_next_questions(
-    error: InputError, options: Any, read: Callable[[Any], object]
-) -> InputError:
+    error: InputError, options: Any, read: Callable[[Any], Result]
+) -> tuple[InputError, Result | None]:
     """The error with the questions that follow, if the first remedy of each question is typed.
 
-    `read` raised the error with `options`; it is called with these and the first remedies.
+    `read` raised the error with `options`; it is called with these and the first remedies. Its
+    result follows, or None if the first remedies are not all that is asked for.
     """
     problems = list(error.problems)
     remedies = list(error.remedies)
@@ -215,8 +221,8 @@ def with_next_questions(
             break  # the remedies exclude a given option, which only the user can replace
 
         try:
-            read(options)
-            break  # nothing more is asked
+            result = read(options)
+            return InputError(problems, remedies), result  # nothing more is asked
         except InputError as next_error:
             error = next_error
         if not set(problems).isdisjoint(error.problems):
@@ -227,7 +233,7 @@ def with_next_questions(
             question = len(problems) + remedy.question  # behind the problems of earlier steps
             remedies.append(remedy._replace(question=question, step=step))
         problems += error.problems
-    return InputError(problems, remedies)
+    return InputError(problems, remedies), None
 
 
 def with_remedies(options: Any, remedies: Iterable[Remedy]) -> Any:

@@ -26,6 +26,7 @@ from bayes_toe.data.read_table import read_table
 from bayes_toe.data.study import pooled
 from bayes_toe.data.study_files import with_sheets
 from bayes_toe.data.text_table import TextTable
+from bayes_toe.errors import option_values, with_remedies
 
 
 def read_job(job: Job) -> Record:
@@ -48,6 +49,14 @@ def read_job(job: Job) -> Record:
         reading["table"] |= describe_roles(table, read_options)
 
         study = bt.read_study(paths, read_options)
+        if study.reading.evident:
+            # The page shows these options as if the user had chosen them.
+            evident = option_values(study.reading.evident)
+            columns = {**options.get("columns", {}), **evident.get("columns", {})}
+            job.save_options({**record["options"], **evident, "columns": columns})
+            read_options = with_remedies(read_options, study.reading.evident)
+            reading["table"] |= describe_roles(table, read_options)
+
         findings = bt.check(study)  # before the decisions, which answer some of them
         reading["study"] = describe_study(changed(study, swap, exclude), findings)
     except bt.InputError as error:

@@ -100,7 +100,9 @@ class Site:
                 job.save_options(options)
             key = (job.name, *job.command())  # The command has the options.
             if options is not None or key not in self.readings:
-                self.readings[key] = await read_in_process(job)
+                reading = await read_in_process(job)
+                key = (job.name, *job.command())  # the reading may have found options
+                self.readings[key] = reading
         return self.readings[key]
 
     async def stop(self) -> None:

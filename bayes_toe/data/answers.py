@@ -17,7 +17,7 @@ import numpy.typing as npt
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, Record, run_starts
 from bayes_toe.data.messages import Texts, join_display_names, join_names, quoted
 from bayes_toe.data.validation import LARGEST_COUNT
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 
 #: Counts of rows, shape (rows,) each, by their names in :class:`Answers`.
 Counts: TypeAlias = Mapping[str, IntArray]
@@ -180,7 +180,7 @@ class Reading:
     the file. `doubts` are probable mistakes in the file, a sentence each, without its full stop.
     `pooled` are ignored columns that look like a condition with several levels of a subject.
     `codes` are the texts of the responses. `missed` are codes of missed trials that options name
-    and cells have.
+    and cells have. `evident` are the options that no user typed.
     """
 
     read: Texts = ()
@@ -189,6 +189,7 @@ class Reading:
     pooled: Texts = ()
     codes: Texts = ()
     missed: Texts = ()
+    evident: tuple[Remedy, ...] = ()
 
 
 def counted_rows(

@@ -31,7 +31,7 @@ from bayes_toe.data.stimulus_unit import ANY_UNIT, LOG_UNITS
 from bayes_toe.data.tasks import tasks_named
 from bayes_toe.data.text_table import Column, repeated_columns
 from bayes_toe.data.validation import MISSING_WORDS, empty, number
-from bayes_toe.errors import Remedy
+from bayes_toe.errors import Remedy, option_values
 
 #: Words of other labs by section and key.
 VOCABULARY: dict[str, dict[str, Any]] = tomllib.loads(
@@ -457,7 +457,7 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
 
 def _may_be_stimulus(name: str) -> bool:
     """Whether a name has no word such as 'onset': a pair of times is not the stimuli."""
-    return not has_word(name, "about")
+    return not has_word(name, "about") or has_word(name, "of_quantities")
 
 
 def has_word(name: str, kind: str) -> bool:
@@ -610,7 +610,46 @@ def columns_to_read(
         return roles_read, problems, task_remedies(columns)
 
     problems.append(_missing_columns(names, missing, columns))
-    return roles_read, problems, list(dict.fromkeys(_remedies(roles_read, options, columns)))
+    remedies = list(dict.fromkeys(_remedies(roles_read, options, columns)))
+    options_proposed = [remedy.option for remedy in remedies]
+    if options_proposed.count("columns") == 1 and _is_evident(remedies[0], columns, options):
+        remedies[0] = remedies[0]._replace(is_evident=True)
+    return roles_read, problems, remedies
+
+
+def _is_evident(remedy: Remedy, columns: Iterable[Column], options: ReadOptions) -> bool:
+    """Whether names and cells say that columns have the roles that a remedy gives them.
+
+    The names of the stimuli differ by numbers or words such as first and second. The options name
+    no other columns for these roles.
+
+    Examples
+    --------
+    >>> ids = Column.from_texts("id", "aaaabbbb")
+    >>> tones = [Column.from_texts(name, "12341234") for name in ("tone1", "tone2")]
+    >>> names = (("subject", "id"), ("s1", "tone1"), ("s2", "tone2"))
+    >>> _is_evident(Remedy("columns", names), [ids, *tones], ReadOptions())
+    True
+    """
+    if remedy.option != "columns":
+        return False
+    name_by_role = option_values([remedy])["columns"]
+    stimuli = tuple(name for role, name in name_by_role.items() if role in _STIMULI)
+    if stimuli != _stimulus_pair(stimuli, _NUMBERS) or not all(map(_may_be_stimulus, stimuli)):
+        return False
+    for column in columns:
+        if column.name == name_by_role.get("subject") and not _has_evident_subjects(column):
+            return False
+    free_roles = {"subject", "response", *_STIMULI} - options.columns.keys()
+    return name_by_role.keys() <= free_roles
+
+
+def _has_evident_subjects(column: Column) -> bool:
+    """Whether a column is called id or similarly, and the rows of each subject stand together."""
+    n_rows = len(column.codes)
+    n_blocks = len(run_starts(column.codes))
+    is_scattered = n_blocks > max(len(column.texts), 0.1 * n_rows)
+    return looks_like(column.name, "id") and not is_scattered and n_blocks < 0.5 * n_rows
 
 
 def _unordered_remedies(
@@ -920,9 +959,12 @@ def unit_remedies(unit: str) -> list[Remedy]:
     """Options to type if stimuli seem to be in this unit; for dB, there are two."""
     choices = ("dB", "dB-power") if unit == "dB" else (unit,)
     default = f"they are intensities in {unit}"
-    return [
-        Remedy("unit", choice, f"if {_UNIT_MEANINGS.get(choice, default)}") for choice in choices
-    ]
+    remedies = []
+    for choice in choices:
+        meaning = f"if {_UNIT_MEANINGS.get(choice, default)}"
+        is_intensity = choice not in _UNIT_MEANINGS  # as ms and Hz
+        remedies.append(Remedy("unit", choice, meaning, is_evident=is_intensity))
+    return remedies
 
 
 def suggested_unit(name: str, lowest: float) -> str:
@@ -953,10 +995,13 @@ def suggested_unit(name: str, lowest: float) -> str:
     return ""
 
 
-def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
+def intensity_remedies(
+    stimuli: FloatArray, unit: str = "", *, are_intensities: bool = False
+) -> list[Remedy]:
     """Options to type if stimuli may be no natural logs.
 
-    The suggested `unit` comes first, natural logs come last.
+    The suggested `unit` comes first, natural logs come last. The first one is evident if the
+    stimuli certainly are intensities.
 
     Examples
     --------
@@ -971,6 +1016,8 @@ def intensity_remedies(stimuli: FloatArray, unit: str = "") -> list[Remedy]:
     # 0 may be logarithms, or intensities, of which 0 has no logarithm: no unit is proposed.
     if low != 0.0:
         remedies += unit_remedies(ANY_UNIT if low > 0.0 else "NAME")
+    if are_intensities:
+        remedies[0] = remedies[0]._replace(is_evident=True)
     return remedies + unit_remedies("ln")
 
 
@@ -1298,7 +1345,7 @@ def _is_unlikely(column: Column, role: str) -> bool:
         return len(filled_texts(column)) < 2
     if role in ("standard", "comparison"):  # a word is its side or its order
         return bool(np.isnan(column.map(number, float)).all())
-    return False
+    return role == "subject" and len(column.texts) == len(column.codes)  # it numbers the rows
 
 
 def _names_by_cells(columns: Iterable[Column], role: str) -> list[str]:

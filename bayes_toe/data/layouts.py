@@ -27,6 +27,7 @@ from bayes_toe.data.column_roles import (
     VOCABULARY,
     filled_texts,
     from_left_to_right,
+    has_word,
     intensity_remedies,
     is_flag,
     named_places,
@@ -488,6 +489,7 @@ def require_unit(
     low = stimuli[rows].min()
     unit = suggested_unit(names[0], low)
     problem = ""
+    reason = ""
     if not options.has_intensities:
         reason, index = why_not_logs(*stimuli[rows].T)
         if reason:
@@ -508,7 +510,35 @@ def require_unit(
             return
         problem = f"{columns_shown} may be {f'in {unit}' if unit else 'intensities'}."
     unit = unit or unit_in(f"1 {columns[0].texts[0]}")  # a row below the names may have units
-    table.problems.ask(problem, intensity_remedies(stimuli[rows], unit))
+    are_intensities = _are_intensities(names[0], stimuli[rows], reason)
+    table.problems.ask(
+        problem, intensity_remedies(stimuli[rows], unit, are_intensities=are_intensities)
+    )
+
+
+def _are_intensities(name: str, stimuli: FloatArray, reason: str) -> bool:
+    """Whether stimuli without a unit are evidently intensities, by the name of their column.
+
+    `reason` says why the numbers can be no natural logs; it is empty if they can.
+
+    Examples
+    --------
+    >>> tones = np.array([400.0, 600.0])
+    >>> _are_intensities("stim1", tones, "..."), _are_intensities("pitch1", tones, "...")
+    (True, False)
+    >>> _are_intensities("dur1", tones / 1000.0, ""), _are_intensities("stim1", tones / 10.0, "...")
+    (True, False)
+    """
+    low = stimuli.min()
+    high = stimuli.max()
+    if not has_word(name, "of_quantities"):
+        # No sound has a level of 140 dB. Pitches in cents are large numbers in a narrow range.
+        is_pitch = has_word(name, "of_pitch")
+        return bool(reason and low > 140.0 and high > 1.3 * low and not is_pitch)
+    if reason:
+        return bool(low > 1.0)  # whole numbers from 1 may number levels
+    # Logarithms of such quantities in their usual units are larger, or below 0.
+    return bool(low > 0.0 and high < 3.0)
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------

@@ -8,7 +8,7 @@ too.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -45,6 +45,7 @@ from bayes_toe.data.read_table import read_table
 from bayes_toe.data.responses import (
     ask_for_third_count,
     blank_missed,
+    follows_stimuli,
     missed_codes_found,
     notes_without_effect,
     require_direction,
@@ -103,7 +104,15 @@ from bayes_toe.data.validation import (
     require_numbers,
     require_texts,
 )
-from bayes_toe.errors import InputError, NoTrialsError, Remedy, require_kind, with_next_questions
+from bayes_toe.errors import (
+    InputError,
+    NoTrialsError,
+    Remedy,
+    option_values,
+    require_kind,
+    with_next_questions,
+    with_remedies,
+)
 
 #: What made the bundled files: the default example, and the study in the paper's design.
 COMMANDS = (
@@ -191,7 +200,7 @@ def read_study(
     try:
         study = read(options)
     except InputError as error:
-        raise with_next_questions(error, options, read) from None
+        study, options = _read_evident(error, options, read)
     notes = (*study.notes, *notes_without_effect(study, options))
     study = with_conditions(replace(study, notes=notes), options)
     # A column that is called condition, and that no option names, may hold no condition.
@@ -208,6 +217,41 @@ def read_study(
         return replace(study, notes=(*study.notes, note))
     require_direction(study, options, read)
     return study
+
+
+def _read_evident(
+    first_error: InputError, options: ReadOptions, read: Callable[[ReadOptions], Study]
+) -> tuple[Study, ReadOptions]:
+    """The study as names and cells suggest it, and the options that say so.
+
+    `read` raised the error with the given options.
+
+    Raises
+    ------
+    InputError
+        If names and cells leave a question open, or if the study has doubts or does not follow the
+        stimuli. The error asks all questions.
+    """
+    error, study = with_next_questions(first_error, options, read)
+    if study is None:
+        raise error from None
+    answers, _ = error.choices[0]
+    reading = study.reading
+    is_evident = all(answer.is_evident for answer in answers)
+    # Names that are not ours do not say that numbers are natural logs.
+    are_logs = "s1" in reading.read and "s1" in option_values(answers).get("columns", {})
+    has_doubts = reading.doubts or reading.pooled or not follows_stimuli(study)
+    if has_doubts or are_logs or not is_evident:
+        raise error from None
+
+    typed = " ".join(answer.typed for answer in answers)
+    first_note, *other_notes = study.notes  # the first one says what the files are
+    study = replace(
+        study,
+        notes=(first_note, f"options that names and cells suggest: {typed}", *other_notes),
+        reading=replace(reading, evident=tuple(answers)),
+    )
+    return study, with_remedies(options, answers)
 
 
 def _read(path: StrPath | Frame, options: ReadOptions) -> list[Study]:

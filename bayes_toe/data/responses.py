@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, combination_counts
 from bayes_toe.data.column_roles import (
+    FALSE_WORDS,
     OTHER_COUNTS,
     TRUE_WORDS,
     VOCABULARY,
@@ -310,7 +311,7 @@ def _words_by_answer(column: Column) -> dict[str, str]:
     word_by_answer: dict[str, str] = {}
     for text in column.texts:
         for answer, words in _WORDS.items():
-            if _english(text.lower()) in words:
+            if _english(text) in words:
                 word_by_answer.setdefault(answer, text)
     return word_by_answer
 
@@ -322,17 +323,17 @@ def _english(word: str) -> str:
     --------
     >>> _english("deuxi\u00e8me"), _english("j")
     ('second', 'j')
-    >>> _english("interval 1"), _english("second heavier"), _english("second lighter")
+    >>> _english("interval 1"), _english("SecondHeavier"), _english("second lighter")
     ('first', 'second', 'second lighter')
     """
-    plain = without_accents(word)
+    plain = without_accents(word.lower())
     for answer, translations in VOCABULARY["responses"].items():
         if plain in translations:
             return answer
     _, places, other_words = named_places(word)
     if len(places) == 1 and other_words and other_words <= set(VOCABULARY["words"]["answer"]):
         return places[0]
-    return word
+    return word.lower()
 
 
 def with_joined_codes(column: Column, options: ReadOptions) -> Column:
@@ -557,7 +558,88 @@ def _unknown_meaning(
             for remedy in remedies
             if (remedy.option == "equal_code") == task.has_criterion or task.has_three_answers
         ]
-    return problem, key_remedies + remedies
+    return problem, _evident_first(table, column, trends, key_remedies + remedies)
+
+
+def _evident_first(
+    table: TextTable, column: Column, trends: Trends, remedies: list[Remedy]
+) -> list[Remedy]:
+    """The remedies for codes; the first one is evident if names or other columns prove it."""
+    texts = list(filter(None, column.texts))
+    if len(texts) != 2:
+        return remedies
+    option, code = _code_by_name(column, texts)
+    if not code:
+        option, code = _code_by_scores(table, column, texts, trends)
+    if option not in trends:
+        return remedies
+    other_remedies = [remedy for remedy in remedies if remedy[:2] != (option, code)]
+    meaning = f"if {code} is {_CODE_MEANINGS[option]}"
+    return [Remedy(option, code, meaning, is_evident=True), *other_remedies]
+
+
+def _code_by_name(column: Column, texts: Texts) -> tuple[str, str]:
+    """The option for the code that the name of a column explains; empty texts without such a code.
+
+    Examples
+    --------
+    >>> columns = {"louder": "1221", "SecondBigger": "0110", "different": "ynyn", "key": "fjfj"}
+    >>> for name, cells in columns.items():
+    ...     print(_code_by_name(Column.from_texts(name, cells), sorted(set(cells))))
+    ('second_code', '2')
+    ('second_code', '1')
+    ('equal_code', 'n')
+    ('', '')
+    """
+    first_text, second_text = sorted(texts)
+    if (first_text, second_text) == ("1", "2") and has_word(column.name, "of_strength"):
+        return "second_code", "2"
+    # Texts such as T1 and T2 name the stimuli, but button1 and button2 do not.
+    are_names = second_text == re.sub("1", "2", first_text) != "2"
+    if are_names and first_text != second_text and not has_word(first_text, "of_answers"):
+        return "second_code", second_text
+    true_texts = [text for text in texts if text.lower() in TRUE_WORDS]
+    false_texts = [text for text in texts if text.lower() in FALSE_WORDS]
+    if len(true_texts) == len(false_texts) == 1:
+        for role, other_role in OTHER_COUNTS.items():
+            option = role.replace("n_", "") + "_code"
+            if looks_like(column.name, role):
+                return option, true_texts[0]
+            if looks_like(column.name, other_role):
+                return option, false_texts[0]
+    return "", ""
+
+
+def _code_by_scores(
+    table: TextTable, column: Column, texts: Texts, trends: Trends
+) -> tuple[str, str]:
+    """The option for the code that columns of scores or of correct answers prove.
+
+    The code of 'second' is right in all rows in which s2 is larger, and wrong where s1 is larger;
+    that of 'equal' is right where the stimuli are equal. The empty texts stand for no proof.
+    """
+    is_answered = column.matches(texts)
+    for other in table.columns.values():
+        if other.name != column.name and set(filter(None, other.texts)) == set(texts):
+            is_right = np.array(other.map(str, object) == column.map(str, object))
+        elif looks_like(other.name, "correct"):
+            words = [text for text in other.texts if text.lower() in _RIGHT_WRONG[0]]
+            is_right = other.matches(words)
+        else:
+            continue
+        for option, trend in trends.items():
+            is_code_right = trend > 0.0
+            rows = is_answered & (trend != 0.0)
+            if option == "equal_code":
+                is_code_right = trend == 0.0
+                rows = is_answered
+            # Right and wrong responses, in trials of both kinds, leave no other rule.
+            is_proof = len(combination_counts(is_code_right[rows], is_right[rows])) > 2
+            for code in texts:
+                is_expected = column.matches([code]) == is_code_right
+                if is_proof and (is_expected == is_right)[rows].all():
+                    return option, code
+    return "", ""
 
 
 def _keys_beside(table: TextTable, ratings: Column) -> list[Remedy]:
@@ -882,7 +964,7 @@ def _answer_index(text: str, codes: Codes, words: Sequence[Texts]) -> int:
     # Where 'Different' was declared to mean equal, 'different' is not read by default.
     if word not in map(str.lower, filter(None, codes)):
         for index, (code, known_words) in enumerate(zip(codes, words, strict=True)):
-            if code is None and _english(word) in known_words:
+            if code is None and _english(text) in known_words:
                 return index
     return _UNKNOWN
 
@@ -901,26 +983,45 @@ def response_trend(subject: Subject, x: FloatArray) -> tuple[float, float]:
 def direction(study: Study) -> int:
     """Whether 'second' is commoner (1) or rarer (-1) the larger s2 - s1 is, in all of a study.
 
-    The result is 0 unless the sum over subjects is beyond chance (z of 5), more than half of the
-    subjects with both answers have a z of more than 1, and no subject has the opposite (a z of 3).
-    A study of subjects who guess is called reversed once in three million times. If some subjects
-    of many are reversed, :mod:`bayes_toe.checks.answer_checks` finds them.
+    The result is 0 without a clear direction. A study of subjects who guess is called reversed once
+    in three million times. If some subjects of many are reversed,
+    :mod:`bayes_toe.checks.answer_checks` finds them.
     """
-    covariances = []
-    variances = []
+    trends = []
     for unit in study:
         subject = unit.two_answers if unit.task.has_direction else None
-        if subject is None:
-            continue
-        covariance, variance = response_trend(subject, subject.s2 - subject.s1)
-        if variance > 0.0:  # both answers, and two differences
-            covariances.append(covariance)
-            variances.append(variance)
-    z = np.array(covariances) / np.sqrt(variances)
-    z_of_study = sum(covariances) / np.sqrt(sum(variances) or 1.0)  # 0 without subjects
+        if subject is not None:
+            trends.append(response_trend(subject, subject.s2 - subject.s1))
+    return _shared_direction(trends, least_z=5.0)
+
+
+def follows_stimuli(study: Study) -> bool:
+    """Whether 'second' is commoner the larger s2 - s1 is, or 'equal' the smaller |s2 - s1| is."""
+    trends = []
+    for unit in study:
+        subject = unit.two_answers if unit.task.has_direction else unit
+        if subject is not None:
+            difference = subject.s2 - subject.s1
+            x = difference if unit.task.has_direction else -np.abs(difference)
+            trends.append(response_trend(subject, x))
+    return _shared_direction(trends, least_z=3.0) > 0
+
+
+def _shared_direction(trends: Sequence[tuple[float, float]], least_z: float) -> int:
+    """The sign that the trends of all subjects share; 0 without a clear one.
+
+    It is clear if the sum over subjects is beyond chance (a z of `least_z`), more than half of the
+    subjects with a variance have a z of more than 1, and no subject has the opposite (a z of 3).
+    """
+    # A subject without both answers, or with a single difference, has no variance.
+    covariances, variances = (
+        np.array([trend for trend in trends if trend[1] > 0.0]).reshape(-1, 2).T
+    )
+    z = covariances / np.sqrt(variances)
+    z_of_study = covariances.sum() / np.sqrt(variances.sum() or 1.0)  # 0 without subjects
     sign = int(np.sign(z_of_study))
     is_shared = np.count_nonzero(sign * z > 1.0) > 0.5 * len(z)
-    is_clear = abs(z_of_study) > 5.0 and is_shared and (sign * z > -3.0).all()
+    is_clear = abs(z_of_study) > least_z and is_shared and (sign * z > -3.0).all()
     return sign if is_clear else 0
 
 

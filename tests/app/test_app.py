@@ -769,6 +769,11 @@ FILES_BY_TITLE = {
         )
     ],
     "right or wrong": [text_of_trials("subject,s1,s2,acc", "1,{a},{b},{correct}")],
+    "found by the program": [
+        text_of_trials(
+            "subject,dur1,dur2,answer", "1,{a},{b},{answer}", pairs=[(400, 500), (500, 400)]
+        )
+    ],
     "names of files": [OWN_FILE, OWN_FILE],
     "counts": ["subject,s1,s2,alike,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"],
     "pairs in names of columns": [
@@ -805,6 +810,9 @@ standard in a unit
     #standard-order = came
     #unit = um
 --standard-interval came --unit um
+
+found by the program
+--columns s1=dur1,s2=dur2 --unit ms
 
 right or wrong
     #responses-kind = correct

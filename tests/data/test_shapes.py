@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import on_one_line, refusal_of, run_command
-from conftest import each_row, read, refused, text_table, typed_options
+from conftest import each_row, problems, read, refused, text_table, typed_options
 from numpy.random import default_rng
 from scipy.io import savemat
 
@@ -1008,14 +1008,41 @@ REFUSED = {
     ),
 }
 
+#: Keys whose scores prove what they mean.
+SCORED_KEYS = with_responses(IN_LOGS, "f", "j").assign(correct=TRIALS.correct)
+#: By the options that names and cells suggest, a table that is read without options.
+EVIDENT = {
+    "--columns subject=id": labelled(IN_LOGS, subject="id"),
+    "--columns s1=w1,s2=w2 --unit a.u.": IN_GRAMS.assign(
+        time=[f"10:{minute}" for minute in range(10, 50)] * 2
+    ),
+    "--columns s1=w1,s2=w2,response=pressed --unit a.u.": labelled(
+        IN_GRAMS, response="pressed"
+    ).assign(CRESP=CORRECT_ANSWERS),
+    "--columns response=second_was_heavier --second-code 1": labelled(
+        with_responses(IN_LOGS, 0, 1), response="second_was_heavier"
+    ),
+    "--columns response=heavier --second-code 2": labelled(
+        with_responses(IN_LOGS, 1, 2), response="heavier"
+    ),
+    "--second-code j": SCORED_KEYS,
+    "--second-code T2": with_responses(IN_LOGS, "T1", "T2"),
+}
+IS_FIRST_UNEQUAL = TRIALS.index == UNEQUAL.index[0]
+#: Tables that leave a question open.
+OPEN = {
+    "names that do not say the order": labelled(IN_GRAMS, w1="wA", w2="wB"),
+    "two pairs": IN_GRAMS.assign(v1=IN_GRAMS.w1, v2=IN_GRAMS.w2),
+    "numbers that may be logarithms": labelled(IN_LOGS, s1="w1", s2="w2").assign(w1=-IN_LOGS.s1),
+    "pitches": labelled(IN_GRAMS, w1="pitch1", w2="pitch2"),
+    "scattered rows": labelled(IN_LOGS[::2], subject="id").sample(frac=1.0, random_state=1),
+    "a wrong score": SCORED_KEYS.assign(correct=TRIALS.correct ^ IS_FIRST_UNEQUAL),
+    "responses that do not follow": IN_GRAMS.assign(response=["first", "second"] * 40),
+    "two kinds of trials": IN_GRAMS.assign(modality=["a", "a", "b", "b"] * 20),
+    "rows that do not count": IN_GRAMS.assign(exclude=[1, 0, 0, 0] * 20),
+}
 #: The name of a file, its content, and the first advice, which reads it.
 ADVISED = {
-    "a_code.csv": (
-        labelled(
-            with_responses(IN_GRAMS, 0, 1), w1="w1_g", w2="w2_g", response="second_was_heavier"
-        ),
-        "--columns response=second_was_heavier --second-code 1",
-    ),
     "words_of_weight.csv": (
         labelled(with_responses(IN_LOGS, "heavier", "lighter"), response="first_was").assign(
             sex=["f"] * 40 + ["m"] * 40, reversal=[0, 1] * 40
@@ -1025,18 +1052,6 @@ ADVISED = {
     "two_units.csv": (
         IN_GRAMS.assign(w1_g=TRIALS.w1, w2_g=TRIALS.w2),
         "--columns s1=w1_g,s2=w2_g",
-    ),
-    "correct_answers.csv": (
-        labelled(IN_LOGS, response="key").assign(answer=CORRECT_ANSWERS),
-        "--columns response=key",
-    ),
-    "correct_answers_of_unknown_unit.csv": (
-        labelled(IN_GRAMS, response="pressed").assign(CRESP=CORRECT_ANSWERS),
-        "--columns s1=w1,s2=w2,response=pressed --unit a.u.",
-    ),
-    "times.csv": (
-        IN_GRAMS.assign(time=[f"10:{minute}" for minute in range(10, 50)] * 2),
-        "--columns s1=w1,s2=w2 --unit a.u.",
     ),
     "times_of_stimuli.csv": (
         IN_GRAMS.assign(
@@ -1221,10 +1236,11 @@ def test_a_shape_that_needs_an_option_is_refused_with_that_option(line, tmp_path
 
 
 def first_advice(source, options=None):
-    """The options that a refusal of a table proposes first, as one text."""
-    with pytest.raises(bt.InputError) as caught:
-        bt.read_study(source, options)
-    remedies, _ = caught.value.choices[0]
+    """The options that a table is read with, or that its refusal proposes first, as one text."""
+    try:
+        remedies = bt.read_study(source, options).reading.evident
+    except bt.InputError as error:
+        remedies, _ = error.choices[0]
     return " ".join(remedy.typed for remedy in remedies)
 
 
@@ -1238,6 +1254,18 @@ def test_the_first_advice_reads_a_table(name, tmp_path):
     study = bt.read_study(tmp_path / name, typed_options(advice))
     expected = bt.read_study(READ_IN_PART.get(name, IN_LOGS))
     pd.testing.assert_frame_equal(comparable_rows(study), comparable_rows(expected))
+
+
+@pytest.mark.parametrize("options", EVIDENT)
+def test_a_table_is_read_without_options_if_no_question_is_open(options):
+    study = read(csv_bytes(EVIDENT[options]))
+    assert study.notes[1] == f"options that names and cells suggest: {options}"
+    pd.testing.assert_frame_equal(comparable_rows(study), comparable_rows(bt.read_study(IN_LOGS)))
+
+
+@pytest.mark.parametrize("title", OPEN)
+def test_a_question_that_a_table_leaves_open_is_asked(title):
+    assert problems(read, csv_bytes(OPEN[title]))
 
 
 @pytest.mark.parametrize("part", WARNED)
@@ -1303,12 +1331,12 @@ def test_a_remark_that_several_files_share_is_one_line(tmp_path):
 
 
 def test_a_file_without_columns_of_trials_is_named(tmp_path):
-    # A session that was stopped has left a file without trials. If a.csv is read alone, its own
-    # columns are asked for. If the whole folder is read, the file without trials is named first.
+    # A session that was stopped has left a file without trials. If a.csv is read alone, its columns
+    # are found or asked for. If the whole folder is read, the file without trials is named first.
     write_file(tmp_path / "stopped.csv", "subject,date\nP99,1\n")
     for table in (IN_GRAMS, with_responses(IN_GRAMS, "f", "j")):
         result = result_of_check(tmp_path, "a.csv", table)
-        assert "--columns s1=w1,s2=w2" in result.stderr
+        assert "--columns s1=w1,s2=w2" in result.stdout + result.stderr
         assert run_command("check .", cwd=tmp_path).stderr.splitlines() == [
             "error: stopped.csv: row 1: there is no column s1, no column s2 and no column "
             "response. The columns are subject, date. Type the names of the other files, or "
