@@ -14,14 +14,22 @@ PAIRS = [(0.087, 0.087), (0.087, 0.12), (0.12, 0.087), (0.12, 0.12)]
 
 
 PSYCHOPY = """\
-first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant,expName
-,,,,,NAME,same_or_different
-0.087,0.087,0,f,0.61,NAME,same_or_different
-0.087,0.12,1,j,0.61,NAME,same_or_different
-0.12,0.087,2,j,0.61,NAME,same_or_different
-0.12,0.12,3,f,0.61,NAME,same_or_different
-0.087,0.12,4,None,,NAME,same_or_different
+first_g,second_g,trials.thisN,key_resp.keys,key_resp.corr,key_resp.rt,participant,expName
+,,,,,,NAME,same_or_different
 """
+# Stimuli, keys and scores; the key of 'same' is f.
+for trial, cells in enumerate(
+    (
+        "87,87,N,f,1",
+        "87,120,N,j,1",
+        "120,87,N,j,1",
+        "120,120,N,j,0",
+        "87,87,N,f,1",
+        "87,120,N,None,0",
+    )
+    * 8
+):
+    PSYCHOPY += f"{cells.replace('N,', f'{trial},')},0.61,NAME,same_or_different\n"
 JSPSYCH = """\
 "rt","response","trial_type","trial_index","participant_id","task","s1","s2"
 "1234"," ","html-keyboard-response","0","7","instructions","",""
@@ -81,8 +89,8 @@ RECIPES = {
             "data/P1_2026.csv": PSYCHOPY.replace("NAME", "P1"),
             "data/P2_2026.csv": PSYCHOPY.replace("NAME", "P2"),
         },
-        "2 subjects, 8 trials",
-        "2 trials without a response dropped",
+        "2 subjects, 80 trials",
+        "16 trials without a response dropped",
     ),
     "jsPsych": (
         {"jspsych.csv": JSPSYCH},
