@@ -346,8 +346,8 @@ _UNIT_MEANINGS = {
     "the file; if their signs are directions, write them without signs",
 }
 #: Patterns of the sign of the first of two stimuli in names of columns, with the sign of the second
-#: stimulus: the last digit, apart from the digit of m2, or a word.
-_NUMBERS = {"1(?=[^0-9]*(?:m2)?$)": "2", **VOCABULARY["pairs"]}
+#: stimulus: the last digit, apart from those of m2 and of a level such as 're 1 uPa', or a word.
+_NUMBERS = {r"1(?=[^0-9]*(?:m2|re\W?\w+.*)?$)": "2", **VOCABULARY["pairs"]}
 #: The same for signs that may not say which stimulus came first.
 _LETTERS = {
     r"(?<![^\W\d_])a(?![^\W\d_])": "b",
@@ -1041,7 +1041,7 @@ def _pairs_by_sign(names: Texts, signs: Mapping[str, str]) -> Iterator[Sequence[
     for sign, second_sign in signs.items():
         pairs = []
         for name in names:
-            second_name = re.sub(sign, second_sign, name)
+            second_name = re.sub(sign, second_sign, name, count=1)
             if second_name != name and second_name in names:
                 pairs.append((name, second_name))
         yield pairs
@@ -1212,7 +1212,7 @@ def _counted_roles(
 def _wide_remedies(names: Texts, columns: Iterable[Column]) -> Iterator[Remedy]:
     """Options to type if names of columns, or all cells of a column, are pairs such as 100_112."""
     pattern, n_names = _pair_pattern(names)
-    if n_names > 1:
+    if n_names > 2:  # two names are rather two stimuli
         yield Remedy("wide", pattern, f"if the names of {n_names} columns are pairs of stimuli")
     for column in columns:
         pattern, n_texts = _pair_pattern(column.texts)
