@@ -592,12 +592,13 @@ def _code_by_name(column: Column, texts: Texts) -> tuple[str, str]:
     ('', '')
     """
     first_text, second_text = sorted(texts)
-    if (first_text, second_text) == ("1", "2") and has_word(column.name, "of_strength"):
-        return "second_code", "2"
-    # Texts such as T1 and T2 name the stimuli, but button1 and button2 do not.
-    are_names = second_text == re.sub("1", "2", first_text) != "2"
-    if are_names and first_text != second_text and not has_word(first_text, "of_answers"):
+    if first_text == "1":  # the numbers of the stimuli, if the question is which was louder
+        has_names = has_word(column.name, "of_strength")
+    else:  # T1 and T2 name the stimuli, but button1 and button2 do not
+        has_names = not has_word(first_text, "of_answers")
+    if has_names and first_text != second_text == first_text.replace("1", "2"):
         return "second_code", second_text
+
     true_texts = [text for text in texts if text.lower() in TRUE_WORDS]
     false_texts = [text for text in texts if text.lower() in FALSE_WORDS]
     if len(true_texts) == len(false_texts) == 1:
