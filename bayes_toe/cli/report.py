@@ -57,7 +57,6 @@ from bayes_toe.inference.model_set import ModelSet
 from bayes_toe.inference.order_evidence import PRIOR_PROBABILITIES
 from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.figure_files import png
-from bayes_toe.plots.predictive import posterior_predictive
 from bayes_toe.plots.report_figure import (
     inline_svg,
     report_height,
@@ -149,7 +148,6 @@ def _environment() -> Environment:
         number=_number,
         p_value=format_p_value,
         plural=plural,
-        posterior_predictive=posterior_predictive,
         report_height=report_height,
         responses_figure=responses_figure,
         sizes_figure=sizes_figure,

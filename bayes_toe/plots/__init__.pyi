@@ -6,5 +6,4 @@ from .order_effect import order_effect as order_effect
 from .population import population as population
 from .power import design as design
 from .power import power as power
-from .predictive import posterior_predictive as posterior_predictive
 from .serial import serial as serial

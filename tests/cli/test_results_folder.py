@@ -243,8 +243,7 @@ def test_report_and_methods_of_a_run_with_conditions_name_them(folder_with_condi
         assert words in methods, words
 
 
-def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(analysis, tmp_path):
-    # The analysis has only B, who has no poor fit.
+def test_the_report_of_one_subject_has_no_search(analysis, tmp_path):
     only_b = replace(
         analysis,
         study=analysis.study.select(["B"]),
@@ -253,5 +252,4 @@ def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(anal
     )
     text = text_of(write_results(only_b, tmp_path / "out", NEW, **NO_FIGURES))
     assert 'type="search"' not in text
-    assert 'class="misfits"' not in text
     assert "1 subject, 650 trials, same-different task, 13 pairs" in text
