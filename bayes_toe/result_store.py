@@ -130,8 +130,11 @@ def run_stored(
             for index, result in zip(batches[position], batch_results, strict=True):
                 is_error = isinstance(result, NumericalError)  # an error is tried again next time
                 if index in files and not is_error:
-                    _write(files[index], seed, result)
-                    results[index] = files[index]
+                    file = files[index]
+                    stored = {"job": file.stem, "seed": seed, "result": result}
+                    with reporting(file.parent, hidden=file):
+                        write_whole(file, pickle.dumps(stored))
+                    results[index] = file
                 else:
                     results[index] = result
                 report_progress(progress, [names[index]])
@@ -146,12 +149,6 @@ def load_result(result: Result | Path) -> Result:
     if stored is None:
         raise InputError(f"{format_path(result)}: this result is missing or damaged by now")
     return stored["result"]
-
-
-def _write(file: Path, seed: int, result: object) -> None:
-    """Write the file of a result, which has the hash of its job as name."""
-    with reporting(file.parent, hidden=file):
-        write_whole(file, pickle.dumps({"job": file.stem, "seed": seed, "result": result}))
 
 
 @cache
