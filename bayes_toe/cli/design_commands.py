@@ -300,9 +300,9 @@ def design(
 
 
 def _find_design(search: SearchOptions, context: RunContext) -> None:
-    """Search for a design; write its pairs, its figure, and its power with that of an even design.
+    """Search for a design; write its pairs, and its power with that of an even design.
 
-    DESIGN.csv has the pairs, DESIGN_compared.csv the power, and DESIGN.png the figure.
+    DESIGN.csv has the pairs, and DESIGN_compared.csv the power.
     """
     from bayes_toe.cli.design_screens import print_power
     from bayes_toe.cli.terminal import repeated_command
@@ -314,8 +314,7 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
     comparison_file = output.with_name(f"{output.stem}_compared.csv")
-    figure_file = output.with_suffix(".png")
-    context.require_files(output, comparison_file, figure_file)
+    context.require_files(output, comparison_file)
 
     levels = search.log_levels()  # natural-log intensities
     goal = search.goal()
@@ -333,13 +332,12 @@ def _find_design(search: SearchOptions, context: RunContext) -> None:
         data_sets=search.simulated,
         prior=context.prior,
     )
-    # Search and power are in natural logs. Table and figure have the unit of the options.
+    # Search and power are in natural logs. The table has the unit of the options.
     optimal = replace(optimal, unit=search.reading().stimulus_unit)
     written = context.write(
         {
             output: partial(write_table, optimal.design.frame(optimal.unit)),
             comparison_file: optimal.power.save,
-            figure_file: partial(bt.plots.save_figure, bt.plots.design(optimal)),
         },
         optimal.power.seed,
     )

@@ -621,11 +621,11 @@ def _code_by_scores(
     """
     is_answered = column.matches(texts)
     for other in table.columns.values():
-        if other.name != column.name and set(filter(None, other.texts)) == set(texts):
-            is_right = np.array(other.map(str, object) == column.map(str, object))
-        elif looks_like(other.name, "correct"):
+        if looks_like(other.name, "correct"):
             words = [text for text in other.texts if text.lower() in _RIGHT_WRONG[0]]
             is_right = other.matches(words)
+        elif other.name != column.name and set(filter(None, other.texts)) == set(texts):
+            is_right = np.array(other.map(str, object) == column.map(str, object))
         else:
             continue
         for option, trend in trends.items():

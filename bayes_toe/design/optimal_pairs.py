@@ -90,18 +90,12 @@ class OptimalDesign:
         Both designs by name, first the one that is asked for.
     power : PowerTable
         The power of both designs, by simulation.
-    plane : StudyDesign
-        Every pair that can be shown, once.
-    worth : ndarray, shape (pairs of the plane,)
-        What one more trial of each pair adds to the utility of the optimised design.
     unit : StimulusUnit
         The unit in which levels are shown.
     """
 
     designs: Mapping[str, StudyDesign]
     power: PowerTable
-    plane: StudyDesign
-    worth: FloatArray
     unit: StimulusUnit = UNKNOWN_UNIT
 
     @property
@@ -303,7 +297,7 @@ def optimal_design(
         observers, size=data_sets, seed=root, designs=[plane], prior=observer_prior, is_even=True
     )
 
-    best, worth = best_design(levels, trials, goal, assumed_observers, observer_prior)
+    best = best_design(levels, trials, goal, assumed_observers, observer_prior)
     designs = {OPTIMISED: best}
     even = even_design(levels, goal, assumed_observers)
     if even.n_pairs <= trials:
@@ -313,7 +307,7 @@ def optimal_design(
     simulated_sets = simulate_power(
         list(designs.items()), power_observers, root, observer_prior, workers, progress
     )
-    return OptimalDesign(designs, PowerTable.from_data_sets(simulated_sets, root), plane, worth)
+    return OptimalDesign(designs, PowerTable.from_data_sets(simulated_sets, root))
 
 
 def best_design(
@@ -322,12 +316,8 @@ def best_design(
     goal: DesignGoal,
     observers: Sequence[Observer],
     prior: ObserverPrior = DEFAULT_PRIOR,
-) -> tuple[StudyDesign, FloatArray]:
-    """Find the most informative design of pairs of levels, without simulation.
-
-    The second value is what one more trial of each pair that can be shown adds to the utility, in
-    the order of :func:`pairs_to_show`, (pairs,).
-    """
+) -> StudyDesign:
+    """Find the most informative design of pairs of levels, without simulation."""
     require_number("--trials", trials)
     plane = pairs_to_show(levels, goal)  # every pair that can be shown
     fixed = np.zeros(plane.n_pairs, np.int64)  # trials of each pair that must be kept, (pairs,)
@@ -348,10 +338,8 @@ def best_design(
     plane_information = information(plane, observers, goal.aim, prior)
     most_pairs = min(goal.max_pairs, n_left + n_kept_pairs)
     n_trials = exchange_trials(plane_information, n_left, most_pairs, fixed, plane.turned)
-    utilities = plane_information.utilities(n_trials, n_more=1.0)
-    worth = utilities - plane_information.utility(n_trials)
     chosen_pairs = np.flatnonzero(n_trials)
-    return plane.select(chosen_pairs, n_trials[chosen_pairs]), worth
+    return plane.select(chosen_pairs, n_trials[chosen_pairs])
 
 
 def even_design(levels: FloatArray, goal: DesignGoal, observers: Sequence[Observer]) -> StudyDesign:

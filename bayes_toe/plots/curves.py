@@ -47,7 +47,6 @@ from bayes_toe.plots.style import (
     new_figure,
     plain,
     proportion_axis,
-    rows_by_order,
     stimulus_axis,
     write_note,
 )
@@ -126,7 +125,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     figure = new_figure(max(3.6, 2.2 * n_columns), 1.75 * grid_rows(len(groups), n_columns) + 0.9)
     # The legend of a subfigure stands below the title of its figure.
     subfigure: Any = figure.subfigures()  # a single subfigure
-    panels = grid_panels(subfigure, len(groups), n_columns, sharey=True)
+    panels = grid_panels(subfigure, len(groups), n_columns)
     for ax, group in zip(panels, groups, strict=True):
         if has_three_curves:
             three_answers_panel(ax, subject, fitted, group)
@@ -236,9 +235,11 @@ def first_stimulus_panel(
     draw_band(ax, x, curve(middle_first, middle_first + x), _INK)
 
     is_in_panel = np.isin(subject.s1, first_stimuli)
-    for mark, has_order in rows_by_order(presentation_order(subject)):
-        rows = has_order & is_in_panel
-        draw_shares(ax, difference[rows], subject.n_yes[rows], subject.n_trials[rows], mark)
+    order = presentation_order(subject)
+    for sign, mark in ORDERS.items():
+        rows = is_in_panel & (order == sign)
+        if rows.any():
+            draw_shares(ax, difference[rows], subject.n_yes[rows], subject.n_trials[rows], mark)
 
     if subject.task == WHICH_STRONGER:
         _draw_half(ax, label="one half: PSE")

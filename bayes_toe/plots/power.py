@@ -1,7 +1,6 @@
 """Figures of how often a design detects an effect.
 
 `power` draws the share of simulated observers with 'yes' or 'probably' over the number of trials.
-`design` draws the pairs of an optimised design.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from matplotlib.figure import Figure
 
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.answers.words import Word
-from bayes_toe.design.optimal_pairs import OptimalDesign
 from bayes_toe.design.power import DETECTED, PowerTable
 from bayes_toe.errors import require_kind
 from bayes_toe.plots.style import (
@@ -27,7 +25,6 @@ from bayes_toe.plots.style import (
     legend_outside,
     new_figure,
     plain,
-    stimulus_scale,
     style_axes,
 )
 
@@ -35,8 +32,6 @@ from bayes_toe.plots.style import (
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 #: Markers of the kinds of observers, one letter each, which distinguish them in grey.
 _MARKERS = "Dos^vP"
-#: Area of the mark of the most frequent pair, square points.
-_LARGEST_AREA = 160.0
 
 
 def power(table: PowerTable) -> Figure:
@@ -101,66 +96,3 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
 
 
 # --- An optimised design --------------------------------------------------------------------------
-
-
-def design(optimal: OptimalDesign) -> Figure:
-    """Draw the pairs of a design over the information that one more trial of any pair would add.
-
-    The area of a mark is in proportion to the trials of its pair.
-    """
-    require_kind("optimal", optimal, OptimalDesign, "OptimalDesign")
-    figure = new_figure(4.4, 3.5)
-    ax = figure.subplots()
-    pairs = optimal.design
-    plane = optimal.plane  # all pairs that can be presented
-    first_stimuli, column = np.unique(plane.s1, return_inverse=True)
-    second_stimuli, row = np.unique(plane.s2, return_inverse=True)
-    # The information of each pair, shape (second stimuli, first stimuli); NaN where the plane has
-    # no such pair.
-    worth = np.full((len(second_stimuli), len(first_stimuli)), np.nan)
-    worth[row, column] = optimal.worth
-
-    mesh = ax.pcolormesh(
-        first_stimuli,
-        second_stimuli,
-        1000.0 * worth,
-        cmap="Greys",
-        shading="nearest",
-        vmin=0.0,
-        rasterized=True,
-    )
-    bar = figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
-    bar.set_label("what one more trial adds,\nthousandths of a nat")
-    style_axes(bar.ax)
-    # A line of equal stimuli.
-    lowest = float(first_stimuli[0])
-    ax.axline((lowest, lowest), slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
-
-    # The pairs: areas in proportion to their trials.
-    ax.scatter(
-        pairs.s1,
-        pairs.s2,
-        _LARGEST_AREA * pairs.n_trials / pairs.n_trials.max(),
-        facecolor=STRONGER_FIRST,
-        edgecolor="white",
-        linewidth=0.7,
-        alpha=0.85,
-        zorder=3,
-        clip_on=False,
-    )
-    # A mark for the legend alone, with a third of the area of the largest mark.
-    label = f"this design (largest: {pairs.n_trials.max()} trials)"
-    ax.scatter([], [], _LARGEST_AREA / 3, facecolor=STRONGER_FIRST, label=label)
-
-    ax.set_aspect("equal")
-    ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
-    if optimal.unit.stimulus_unit:
-        limits = ax.get_xlim()
-        scale = stimulus_scale("stimulus", optimal.unit, mean=0.0, limits=limits)
-        ticks, texts = scale.ticks(*limits)
-        ax.set_xticks(ticks, texts)
-        ax.set_yticks(ticks, texts)
-        ax.set(xlabel=f"first {scale.label}", ylabel=f"second {scale.label}")
-    style_axes(ax)
-    legend_outside(figure, side="upper")
-    return figure

@@ -48,7 +48,7 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
     names = shown_subjects(analysis.answers)
     n_columns = min(2, len(names))
     figure = new_figure(3.6, height)
-    panels = grid_panels(figure, len(names), n_columns, sharey=True)
+    panels = grid_panels(figure, len(names), n_columns)
     for ax, name in zip(panels, names, strict=True):
         responses_panel(ax, analysis.study[name], analysis.curve(name))
         ax.set_title(plain(name, limit=24), loc="left", fontsize=LETTERS)

@@ -7,7 +7,7 @@ stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
@@ -124,14 +124,9 @@ def grid_rows(n_panels: int, n_columns: int) -> int:
     return -(-n_panels // n_columns)  # rounded up
 
 
-def grid_panels(
-    figure: Figure | SubFigure,
-    n_panels: int,
-    n_columns: int,
-    **sharing: Any,
-) -> list[Axes]:
-    """Panels in a grid, row by row; `sharing` has matplotlib's arguments for shared axes."""
-    axes = figure.subplots(grid_rows(n_panels, n_columns), n_columns, squeeze=False, **sharing)
+def grid_panels(figure: Figure | SubFigure, n_panels: int, n_columns: int) -> list[Axes]:
+    """Panels in a grid, row by row, which share the y axis."""
+    axes = figure.subplots(grid_rows(n_panels, n_columns), n_columns, squeeze=False, sharey=True)
     panels = axes.ravel().tolist()
     for ax in panels[n_panels:]:  # the last row may be shorter
         ax.remove()
@@ -155,14 +150,6 @@ def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
             unbroken = ax.get_xlabel().replace("% ", "%\u00a0")
             ax.set_xlabel(fill(unbroken, 20).replace("\u00a0", " "))
         style_axes(ax)
-
-
-def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
-    """The mark of each order of the stimuli that occurs, and the rows that have it."""
-    for sign, mark in ORDERS.items():
-        has_order = order == sign
-        if has_order.any():
-            yield mark, has_order
 
 
 class Scale(NamedTuple):

@@ -117,7 +117,6 @@ def test_an_optimised_design_shows_a_contraction(result):
     n_by_pair = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
     for (s1, s2), n_trials in n_by_pair.items():
         assert n_by_pair[s2, s1] == n_trials
-    assert (result.worth > 0).all()  # More trials of any pair add information.
     assert result.reasons()[0].startswith("Most trials have these first stimuli: -0.75 ln (")
 
 
@@ -130,7 +129,7 @@ def test_pairs_that_cannot_show_a_contraction_are_named():
 def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
     # Two pairs of equal stimuli are kept.
     goal = DesignGoal("contraction", max_pairs=6, keep=FIXED_PAIRS)
-    design, _ = best_design(WIDE, 200, goal, OBSERVERS)
+    design = best_design(WIDE, 200, goal, OBSERVERS)
     n_by_pair = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
     for pair, n_trials in zip(FIXED_PAIRS.pairs, FIXED_PAIRS.n_trials, strict=True):
         assert n_by_pair[pair] >= n_trials
@@ -144,7 +143,7 @@ def test_pairs_that_are_kept_in_one_order_leave_room_for_few_others():
     levels = np.array([0.0, 0.2, 0.4, 0.6])
     for max_pairs in (5, 6):
         goal = DesignGoal(max_pairs=max_pairs, keep=keep)
-        design, _ = best_design(levels, 60, goal, OBSERVERS)
+        design = best_design(levels, 60, goal, OBSERVERS)
         assert design.total == 60
         assert design.n_pairs <= max_pairs
 
@@ -154,7 +153,7 @@ def test_a_design_of_which_is_stronger_may_have_an_odd_number_of_trials_and_has_
     goal = DesignGoal(task="2afc")
     pairs = each_once([0, 0.3], [0.3, 0], task=goal.task)
     observers = assume_observers("both", size=2, seed=1, designs=[pairs])
-    design, _ = best_design(WIDE, 201, goal, observers)
+    design = best_design(WIDE, 201, goal, observers)
     assert design.total == 201
     assert design.task.yes == "second"
 
@@ -213,17 +212,6 @@ def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, options, messa
     (tmp_path / "raw.csv").write_text("i\n45\n60\n")
     FIXED_PAIRS.save(tmp_path / "given.csv")
     assert message in refusal_of(f"design -o d.csv {options} --simulated 1 --seed 1", cwd=tmp_path)
-
-
-def test_the_figure_has_the_design_on_the_plane(result):
-    """The colour of a pair is its worth in thousandths of a nat, and a point is its trials."""
-    figure = bt.plots.design(result)
-    plane, *_ = figure.axes
-    image, points, *_ = plane.collections
-    # The x axis is s1, the slower index of the 9 x 9 pairs, so that rows of the image are s2.
-    worth = np.asarray(image.get_array()).reshape(9, 9)
-    assert worth == pytest.approx(1000.0 * result.worth.reshape(9, 9).T)
-    assert len(points.get_offsets()) == result.design.n_pairs
 
 
 def test_a_study_in_um_is_planned_simulated_and_read_in_um(tmp_path):
