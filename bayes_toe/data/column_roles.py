@@ -645,11 +645,8 @@ def _is_evident(remedy: Remedy, columns: Iterable[Column], options: ReadOptions)
 
 
 def _has_evident_subjects(column: Column) -> bool:
-    """Whether a column is called id or similarly, and the rows of each subject stand together."""
-    n_rows = len(column.codes)
-    n_blocks = len(run_starts(column.codes))
-    is_scattered = n_blocks > max(len(column.texts), 0.1 * n_rows)
-    return looks_like(column.name, "id") and not is_scattered and n_blocks < 0.5 * n_rows
+    """Whether a column is called id or similarly, with runs of five rows or more on average."""
+    return looks_like(column.name, "id") and len(run_starts(column.codes)) <= len(column.codes) / 5
 
 
 def _unordered_remedies(

@@ -140,9 +140,6 @@ def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
             ax.set_ylabel("")
         if i + n_columns < len(panels):  # not the last panel of its column
             ax.set_xlabel("")
-        else:
-            ax.tick_params(labelbottom=True)  # hidden above a missing panel of shared axes
-
         figure = ax.get_figure(root=True)
         # Panels below 2.3 inches have no room for a label of one line.
         if figure is not None and figure.get_figwidth() < 2.3 * n_columns:

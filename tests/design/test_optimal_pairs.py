@@ -169,7 +169,7 @@ def test_a_grid_has_both_ends_and_round_numbers():
     assert grid(-0.75, 1.25, 0.05)[[0, 15, -1]].tolist() == [-0.75, 0.0, 1.25]
 
 
-def test_the_command_writes_the_design_and_its_figure(tmp_path):
+def test_the_command_writes_the_design_and_its_power(tmp_path):
     # The range has five levels, and two pairs are kept.
     FIXED_PAIRS.save(tmp_path / "kept.csv")
     screen = run_ok(
@@ -179,7 +179,7 @@ def test_the_command_writes_the_design_and_its_figure(tmp_path):
     )
     assert "Optimised: observers with 'yes' or 'probably'" in screen
     files = {path.name for path in tmp_path.glob("d*")}
-    assert files == {"d.csv", "d.png", "d_compared.csv"}
+    assert files == {"d.csv", "d_compared.csv"}
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
 
 
