@@ -100,6 +100,8 @@ class RunContext:
             replace(file, reading={**file.reading, "condition": None}).read()
         prior = prior_for(study, preset)
         self.out.line(describe_study(study))
+        if study.reading.options_found:
+            self.out.line(f"Read with {study.reading.options_found}, as names and cells suggest")
         if study.changes:
             self.out.line(f"With {' '.join(study.changes)}")
         if self.prior == "paper":

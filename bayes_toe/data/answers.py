@@ -191,6 +191,11 @@ class Reading:
     missed: Texts = ()
     evident: tuple[Remedy, ...] = ()
 
+    @property
+    def options_found(self) -> str:
+        """The options that no user typed, as they are typed; empty without such options."""
+        return " ".join(remedy.typed for remedy in self.evident)
+
 
 def counted_rows(
     subject: str,

@@ -244,13 +244,10 @@ def _read_evident(
     if has_doubts or are_logs or not is_evident:
         raise error from None
 
-    typed = " ".join(answer.typed for answer in answers)
+    reading = replace(reading, evident=tuple(answers))
+    note = f"options that names and cells suggest: {reading.options_found}"
     first_note, *other_notes = study.notes  # the first one says what the files are
-    study = replace(
-        study,
-        notes=(first_note, f"options that names and cells suggest: {typed}", *other_notes),
-        reading=replace(reading, evident=tuple(answers)),
-    )
+    study = replace(study, notes=(first_note, note, *other_notes), reading=reading)
     return study, with_remedies(options, answers)
 
 
