@@ -625,8 +625,8 @@ def _is_evident(remedy: Remedy, columns: Iterable[Column], options: ReadOptions)
 
     Examples
     --------
-    >>> ids = Column.from_texts("id", "aaaabbbb")
-    >>> tones = [Column.from_texts(name, "12341234") for name in ("tone1", "tone2")]
+    >>> ids = Column.from_texts("id", "aaaaabbbbb")
+    >>> tones = [Column.from_texts(name, "1234512345") for name in ("tone1", "tone2")]
     >>> names = (("subject", "id"), ("s1", "tone1"), ("s2", "tone2"))
     >>> _is_evident(Remedy("columns", names), [ids, *tones], ReadOptions())
     True

@@ -12,7 +12,7 @@ import os
 import re
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -331,6 +331,7 @@ def together(studies: Sequence[Study]) -> Study:
             f"all {len(studies)} files are of one subject, {display_name(subjects[0].name)}. If "
             f"they are of several, --subject-from '{{}}{ending}' tells them from each other"
         )
+    doubts += _condition_doubts(files_of_subjects)
     reading = replace(reading, doubts=tuple(doubts))
     return Study(
         subjects=tuple(subjects),
@@ -410,6 +411,30 @@ def _copies(studies: Sequence[Study]) -> Iterator[str]:
             )
             if original != name:
                 yield f"{name} has the same trials and answers as {original}: {TWICE}, remove one"
+
+
+def _condition_doubts(files_of_subjects: Mapping[str, Sequence[tuple[str, Any]]]) -> list[str]:
+    """A doubt if the names of files seem to have a condition within subjects; else none.
+
+    Beside the subject and numbers, which count days and blocks, most subjects have the same
+    different names.
+
+    Examples
+    --------
+    >>> names = {name: [(f"{name}_{level}.csv", "") for level in "ab"] for name in ("S1", "S2")}
+    >>> _condition_doubts(names)[0][:42]
+    'most subjects have files such as {}_a.csv '
+    """
+    counts = Counter[str]()
+    for subject, files in files_of_subjects.items():
+        counts.update({re.sub(r"\d+", "1", name.replace(subject, "{}")) for name, _ in files})
+    common = sorted(text for text, n in counts.items() if n > 0.5 * len(files_of_subjects))
+    if len(common) < 2 or len(files_of_subjects) < 2:
+        return []
+    return [
+        f"most subjects have files such as {join_words(common)}, which are put together. If these "
+        "are conditions, add a column condition with the name of each"
+    ]
 
 
 def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
