@@ -161,19 +161,17 @@ class PriorMixture:
         return points, is_from_prior
 
 
-def _components(
-    points: FloatArray, weights: FloatArray, n: int, df: int, shrinkage: float = 0.7
-) -> StudentMixture:
+def _components(points: FloatArray, weights: FloatArray, n: int, df: int) -> StudentMixture:
     """Components at some of the points, (points, d), chosen by weights that sum to 1.
 
     Points are in random order, so that neighbours in the array are not near each other. All
-    components have the covariance of the points as their scale matrix. The factor `shrinkage` moves
+    components have the covariance of the points as their scale matrix. The factor 0.7 moves
     them toward the mean of the points, so that the mixture is not much wider than the points.
     """
     centre = weights @ points
     # Systematic resampling: one point for each n-th part of the weight.
     indices = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
-    means = centre + shrinkage * (points[indices] - centre)
+    means = centre + 0.7 * (points[indices] - centre)
     scale = np.atleast_2d(np.cov(points.T, aweights=weights))
     return StudentMixture(np.full(n, 1.0 / n), means, np.repeat(scale[None], n, axis=0), df)
 
