@@ -529,7 +529,7 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Findings:
         return
     table = _tabulate(subject, answers, answers.block).of_mixed_pairs()
     # Blocks whose X^2 is at most its mean do not differ, so that no tables need be drawn.
-    if table.freedom == 0 or table.chi_square_ratio <= 1.0:
+    if table.chi_square_ratio <= 1.0:
         return
 
     p = table.p_value(table.chi_square, subject.name)
