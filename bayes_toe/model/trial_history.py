@@ -337,18 +337,13 @@ class TrialSequence:
         pairs = pd.MultiIndex.from_arrays([subject.s1, subject.s2])
         # r is 1 for a positive answer, -1 for a negative answer, and 0 without an answer: then both
         # counts are 0. Among three answers, 'equal' is neither positive nor negative.
-        if answers.n_second is None:
-            n_positive = answers.n_yes
-            n_signed = answers.n_trials
-        else:
-            n_positive = answers.n_second
-            n_signed = answers.n_trials - answers.n_yes
+        signed = answers if answers.n_second is None else answers.unequal_answers
         return cls(
             first=answers.keys[:, 0],
             second=answers.keys[:, 1],
             pair=pairs.get_indexer(pd.MultiIndex.from_arrays(list(answers.keys.T))),
-            # Positive minus negative answers, which are n_signed - n_positive.
-            answer=np.asarray(2.0 * n_positive - n_signed, np.float64),
+            # Positive minus negative answers, which are n_trials - n_yes.
+            answer=np.asarray(2.0 * signed.n_yes - signed.n_trials, np.float64),
             is_answered=answers.n_trials > 0,
             is_session_start=answers.is_session_start,
         )
