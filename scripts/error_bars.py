@@ -98,14 +98,15 @@ def order_estimates(subject: bt.Subject, seeds: int) -> list[dict[str, object]]:
     rows = []
     for seed in range(seeds):
         (evidence,) = order_evidence([subject], seed)
-        columns = {
-            "case": cases,
-            "reference": known,
-            "value": evidence.log_evidence,
-            "se": evidence.standard_error,
-            "least_effective_draws": evidence.effective_draws,
-        }
-        rows += pd.DataFrame(columns)[is_used].to_dict("records")
+        rows += pd.DataFrame(
+            {
+                "case": cases,
+                "reference": known,
+                "value": evidence.log_evidence,
+                "se": evidence.standard_error,
+                "least_effective_draws": [draws.effective_number for draws in evidence.draws],
+            }
+        )[is_used].to_dict("records")
     return rows
 
 

@@ -115,7 +115,14 @@ def group_answer(result: PopulationResult) -> list[str]:
     """Sentences on the means of both effects, and on the differences between conditions."""
     badge = "" if result.is_reliable else "NOT RELIABLE: "
     constant_error, contraction = (_describe_effect(result, name) for name in EFFECTS)
-    heading = f"In the group of {len(result.subjects)}{_reference(result)}"
+    heading = f"In the group of {len(result.subjects)}"
+    # The values of covariates for which the means hold, as in ' (age mean, sex f)'.
+    references = {}  # by covariate: a covariate with several levels has several columns
+    for column in result.regressors.columns:
+        # A numeric covariate has no reference level.
+        references[column.covariate] = f"{column.covariate} {column.reference or 'mean'}"
+    if references:
+        heading += f" ({', '.join(references.values())})"
     lines = [f"{badge}{heading}, {constant_error} {capitalized(contraction)}"]
 
     differences = defaultdict(list)  # by the two conditions
@@ -146,15 +153,6 @@ def _describe_effect(result: PopulationResult, name: str) -> str:
     if word is Word.UNDECIDED and row.q025 * row.q975 > 0.0:
         text += " The interval assumes a nonzero mean."
     return text
-
-
-def _reference(result: PopulationResult) -> str:
-    """The values of covariates for which the means hold, as in ' (age mean, sex f)'."""
-    references = {}  # by covariate: a covariate with several levels has several columns
-    for column in result.regressors.columns:
-        # A numeric covariate has no reference level.
-        references[column.covariate] = f"{column.covariate} {column.reference or 'mean'}"
-    return f" ({', '.join(references.values())})" if references else ""
 
 
 # --- Tables ---------------------------------------------------------------------------------------
@@ -207,7 +205,9 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
         cells = parameter_row(result, name)
         if name in result.identified:  # else the row ends with a reason
             cells.insert(3, group_estimate(result, name, "new_subject"))  # behind the SD
-            cells += _convergence(result, name)
+            mean_and_sd = result.table.row("mean", name), result.table.row("sd", name)
+            n_effective = min(min(row.ess_bulk, row.ess_tail) for row in mean_and_sd)
+            cells += [f"{n_effective:,.0f}", f"{max(row.r_hat for row in mean_and_sd):.3f}"]
         rows.append(cells)
 
     headings = [
@@ -222,10 +222,3 @@ def group_tables(result: PopulationResult) -> list[TextTable]:
     ]
     title = f"{plural(len(result.subjects), 'subject')}, median [95 % interval]"
     return [*comparison_tables(result), (title, headings, rows)]
-
-
-def _convergence(result: PopulationResult, name: str) -> list[str]:
-    """The smallest number of effective draws of mean and SD, and the largest R-hat."""
-    rows = result.table.row("mean", name), result.table.row("sd", name)
-    n_effective = min(min(row.ess_bulk, row.ess_tail) for row in rows)
-    return [f"{n_effective:,.0f}", f"{max(row.r_hat for row in rows):.3f}"]

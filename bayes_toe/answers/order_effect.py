@@ -674,13 +674,13 @@ def order_effect(
         words = _words(evidence, models_with_effect, answerable)
     else:
         words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
-    sizes, upper_bounds, size_flags = _sizes(evidence)
+    sizes, upper_bounds, flags = _sizes(evidence)
 
     problems = {}  # by flag; problems that forbid an interpretation come first
     for finding in sorted(findings, key=lambda finding: finding.is_interpretable):
         problems[finding.words] = Problem(finding.message, finding.option)
     problems |= _prior_problems(evidence, words, answerable, models_with_effect)
-    for flag in (*size_flags, *_error_flags(evidence)):
+    for flag in flags:
         problems[flag] = Problem(f"{capitalized(flag)}.")
 
     # `in_study` adds the flags of p-values, here with the limit for a single subject. A table
@@ -734,7 +734,7 @@ def _by_model(values: FloatArray) -> _Numbers:
 
 
 def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str]]:
-    """The :data:`SIZES`, upper bounds in JND, and flags of sizes that rest on the prior.
+    """The :data:`SIZES`, upper bounds in JND, and flags of sizes and evidences.
 
     The size of an effect is averaged over the models that have it; JND, zone and upper bounds are
     averaged over all models.
@@ -759,7 +759,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], _Numbers, list[str
     return (
         sizes,
         _upper_bounds(evidence, all_draws),
-        _size_flags(evidence, error_draws, contraction_draws),
+        _flags(evidence, error_draws, contraction_draws),
     )
 
 
@@ -786,10 +786,15 @@ def _upper_bounds(evidence: OrderEvidence, draws: OrderDraws) -> _Numbers:
     return bounds
 
 
-def _size_flags(
+def _flags(
     evidence: OrderEvidence, error_draws: OrderDraws, contraction_draws: OrderDraws
 ) -> list[str]:
-    """A flag for each size that rests on the prior: its median lies beyond the pairs shown."""
+    """A flag for each size that rests on the prior, and one for inexact log evidences.
+
+    A size rests on the prior if its median lies beyond the pairs shown. A log evidence is inexact
+    if its standard error is above 0.1 nats, which changes a Bayes factor by 10 %. Only models whose
+    log evidence is near the highest one count.
+    """
     flags = []
     subject = evidence.subject
     scales = subject.scales
@@ -801,25 +806,17 @@ def _size_flags(
     roving = np.abs(contraction_draws.quantities["contraction"]) * scales.first_spread
     if _size(contraction_draws, roving).q50 > 3.0 * scales.step:
         flags.append("the size of the contraction rests on the prior")
+
+    is_near = evidence.log_evidence > evidence.log_evidence.max() - COUNTS_WITHIN
+    largest_error = evidence.standard_error[is_near].max()
+    if largest_error > 0.1:
+        flags.append(f"the log evidences have a standard error of {largest_error:.2g}")
     return flags
 
 
 def _size(draws: OrderDraws, values: FloatArray) -> Size:
     """The median and 95 % interval of values at weighted draws, (draws,)."""
     return Size(*draws.quantiles(values, PROBABILITIES))
-
-
-def _error_flags(evidence: OrderEvidence) -> list[str]:
-    """A list with one flag if a log evidence is inexact, and otherwise an empty list.
-
-    A log evidence is inexact if its standard error is above 0.1 nats, which changes a Bayes factor
-    by 10 %. Only models whose log evidence is near the highest one count.
-    """
-    is_near = evidence.log_evidence > evidence.log_evidence.max() - COUNTS_WITHIN
-    largest = evidence.standard_error[is_near].max()
-    if largest <= 0.1:
-        return []
-    return [f"the log evidences have a standard error of {largest:.2g}"]
 
 
 # --- Prior sensitivity ---------------------------------------------------------------------------

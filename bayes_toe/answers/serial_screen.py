@@ -125,7 +125,14 @@ def _previous_trial_p(subject: Subject, trials: TrialSequence, slopes: FloatArra
     k = np.bincount(pair, trials.answer[tested_trials] > 0.0)
     pair_variance = k * (n - k) / (n * np.maximum(n - 1, 1))
 
-    h = _regressors(trials, tested_trials, slopes)
+    # The regressors h are the answer and both stimuli of the trial before, (3, tested trials),
+    # without each pair's mean. The mean stimulus cancels; without it, less is lost to rounding.
+    stimuli = np.stack([trials.first, trials.second])  # (2, trials)
+    stimulus_regressors = slopes[pair] * (stimuli[:, previous] - stimuli.mean())
+    h = np.vstack([trials.answer[previous], stimulus_regressors])
+    pair_means = np.stack([np.bincount(pair, regressor) / n for regressor in h])  # (3, pairs)
+    h = h - pair_means[:, pair]
+
     variance = (h * pair_variance[pair]) @ h.T  # V, (3, 3)
     if not variance.any():
         return None
@@ -144,23 +151,6 @@ def _previous_trial_p(subject: Subject, trials: TrialSequence, slopes: FloatArra
 
     rng = generator(0, subject.name, "previous trial")  # seed 0: the p-value never changes
     return _random_order_p(statistic, trials.answer, tested_trials, pair, rng)
-
-
-def _regressors(trials: TrialSequence, tested_trials: IndexArray, slopes: FloatArray) -> FloatArray:
-    """The regressors h of the tested trials, (3, tested trials), without each pair's mean.
-
-    They are the answer and both stimuli of the trial before. `slopes` has the slope g of each pair.
-    """
-    previous = tested_trials - 1
-    pair = trials.pair[tested_trials]
-    stimuli = np.stack([trials.first, trials.second])  # (2, trials)
-    # The mean stimulus cancels below. Without it there, less is lost to rounding.
-    stimulus_regressors = slopes[pair] * (stimuli[:, previous] - stimuli.mean())
-    h = np.vstack([trials.answer[previous], stimulus_regressors])
-
-    n = np.maximum(np.bincount(pair), 1)  # tested trials of each pair; 1 avoids 0/0
-    pair_means = np.stack([np.bincount(pair, regressor) / n for regressor in h])  # (3, pairs)
-    return h - pair_means[:, pair]
 
 
 def _pseudo_inverse(variance: FloatArray) -> FloatArray:

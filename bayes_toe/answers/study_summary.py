@@ -227,12 +227,6 @@ def misfit_lines(answers: Sequence[OrderEffect]) -> list[str]:
     ]
 
 
-def with_article(question: str) -> str:
-    """A question with its indefinite article: 'order_effect' -> 'an order effect'."""
-    name = question.replace("_", " ")
-    return f"an {name}" if name.startswith("o") else f"a {name}"
-
-
 def count_words(words: Iterable[str], of_total: str = "") -> str:
     """How often each word is given, in the order of certainty, with its directions.
 

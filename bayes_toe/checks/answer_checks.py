@@ -529,7 +529,7 @@ def _unlike_blocks(subject: Subject, n_subjects: int) -> Findings:
         return
     table = _tabulate(subject, answers, answers.block).of_mixed_pairs()
     # Blocks whose X^2 is at most its mean do not differ, so that no tables need be drawn.
-    if table.freedom == 0 or table.chi_square_ratio <= 1.0:
+    if table.chi_square_ratio <= 1.0:
         return
 
     p = table.p_value(table.chi_square, subject.name)
@@ -619,17 +619,13 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     for preference, slope in product(_LOGIT_SHIFTS.tolist(), slopes.tolist()):
         shifted_logits = logits + preference + slope * relative_tilt
         log_prior = -abs(preference) - abs(slope) / _TILT_SCALE  # Laplace's
-        unswapped.append(log_prior + _log_likelihood(table.n, table.k, shifted_logits))
-        swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, shifted_logits))
+        # k ln P + (n - k) ln(1 - P) = k x - n ln(1 + exp(x)), with P = 1/(1 + exp(-x)).
+        log_rest = table.n * np.logaddexp(0.0, shifted_logits)
+        log_unswapped = table.k * shifted_logits - log_rest  # (pairs, blocks)
+        log_swapped = (table.n - table.k) * shifted_logits - log_rest
+        unswapped.append(log_prior + log_unswapped.sum(axis=0))
+        swapped.append(log_prior + log_swapped.sum(axis=0))
     return logsumexp(unswapped, axis=0) - logsumexp(swapped, axis=0)
-
-
-def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
-    """Log likelihood of each block with these logits, (pairs, blocks) -> (blocks,).
-
-    With P = 1/(1 + exp(-x)), k ln P + (n - k) ln(1 - P) = k x - n ln(1 + exp(x)).
-    """
-    return (k * logits - n * np.logaddexp(0.0, logits)).sum(axis=0)
 
 
 def _drift(subject: Subject, n_subjects: int) -> Findings:

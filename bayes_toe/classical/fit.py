@@ -174,9 +174,7 @@ class PenalisedLikelihood:
             value, gradient = self.minus_objective(point * units, n_yes)
             return value, gradient * units
 
-        points = []
-        values = []
-        has_converged = []
+        ends = []
         for start in starts:
             end = minimize(
                 minus_objective_in_units,
@@ -187,10 +185,8 @@ class PenalisedLikelihood:
                 # The search ends where steps change the value by little more than rounding.
                 options={"ftol": 1e-13, "gtol": 1e-6, "maxiter": 1000},
             )
-            points.append(end.x * units)
-            values.append(-end.fun)
-            has_converged.append(end.success)
-        return Maxima(np.array(points), np.array(values), np.array(has_converged))
+            ends.append((end.x * units, -end.fun, end.success))
+        return Maxima(*map(np.array, zip(*ends, strict=True)))
 
     def natural(self, x: FloatArray) -> FloatArray:
         """mu1, sigma_p, sigma_l and q0 or lapse rate at points, (points, 4).

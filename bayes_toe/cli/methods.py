@@ -35,7 +35,6 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.study_summary import (
     count_all,
     describe_meaning,
-    with_article,
 )
 from bayes_toe.arrays import Record
 from bayes_toe.checks.alarm_rate import FALSE_ALARM_SHARE
@@ -84,7 +83,6 @@ def write_methods(analysis: Analysis, path: Path) -> None:
         numbers=_numbers,
         p_value=describe_p_value,
         short_direction=short_direction,
-        with_article=with_article,
         worst=worst,
     )
 

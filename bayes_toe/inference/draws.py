@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, NamedArrays, Record, StrPath, Texts
+from bayes_toe.arrays import FloatArray, IntArray, NamedArrays, StrPath, Texts
 from bayes_toe.data.messages import format_path, join_few
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task
@@ -277,19 +277,20 @@ class Draws:
             groups["/posterior"][key] = (BY_SUBJECT, values, {"units": QUANTITY_BY_NAME[key].unit})
 
         coords = {**groups["/sample_stats"].coords, **groups["/observed_data"].coords}
-        answers_of_subjects = [self._answers(name) for name in self.names]
-        for group in ("log_likelihood", "posterior_predictive"):
+        arrays_by_group = zip(*map(self._answers, self.names), strict=True)
+        for group, arrays in zip(
+            ("log_likelihood", "posterior_predictive"), arrays_by_group, strict=True
+        ):
             # (chains, draws, obs), which are the pairs of one subject after the other.
-            values = np.concatenate([answers[group] for answers in answers_of_subjects], axis=-1)
-            variable = (("chain", "draw", "obs"), values)
+            variable = (("chain", "draw", "obs"), np.concatenate(arrays, axis=-1))
             groups[f"/{group}"] = xr.Dataset({self.task.count: variable}, coords)
 
         return as_arviz(xr.DataTree.from_dict(groups))
 
-    def _answers(self, name: str) -> Record:
+    def _answers(self, name: str) -> tuple[FloatArray, IntArray]:
         """Log likelihood and predicted answers of a subject, (chains, draws, pairs) each.
 
-        The names are those of ArviZ's groups. The same draws give the same answers.
+        The same draws give the same answers.
         """
         target = self.posterior(name)
         x = self.points(name)  # (chains, draws, k)
@@ -302,10 +303,7 @@ class Draws:
             log_answers = target.log_answers(points)
             (log_likelihood[i],) = target.rows.terms(log_answers)  # of the one row
             predicted[i] = rng.binomial(subject.n_trials, np.exp(log_answers[0]))
-        return {
-            "log_likelihood": log_likelihood,
-            "posterior_predictive": predicted.astype(np.int64),  # counts
-        }
+        return log_likelihood, predicted.astype(np.int64)
 
     def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write a NetCDF file, whole or not at all.

@@ -164,13 +164,23 @@ def study_tree(
     tree["observed_data"] = xr.DataTree(observed)
     tree["constant_data"] = xr.DataTree(counts[["n_trials"]])
 
+    record = {  # the study without its counts, in values that JSON can store
+        "units": {unit.name: (unit.condition, unit.shared_scales) for unit in study},
+        "task": study.task.name,
+        "stimulus_unit": asdict(study.unit),
+        "source": study.source,
+        "synthetic": study.synthetic,
+        "notes": study.notes,
+        "changes": study.changes,
+        "conditions": study.conditions and asdict(study.conditions),
+    }
     tree.attrs |= {
         "format": FORMAT,
         "seed": seed,
         "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "counts_hash": _counts_hash(study),
         "versions": json.dumps(library_versions("xarray") | {"python": platform.python_version()}),
-        "study": json.dumps(_study_record(study)),
+        "study": json.dumps(record),
         "settings": json.dumps(settings, default=np.generic.item),
     }
     return tree
@@ -195,20 +205,6 @@ def _counts_by_pair(study: Study) -> xr.Dataset:
     for key in (*stimuli, *study.task.counts):
         table[key] = ("obs", np.concatenate([getattr(subject, key) for subject in study]))
     return table.set_coords(stimuli)
-
-
-def _study_record(study: Study) -> Record:
-    """A study without its counts, in values that JSON can store."""
-    return {
-        "units": {unit.name: (unit.condition, unit.shared_scales) for unit in study},
-        "task": study.task.name,
-        "stimulus_unit": asdict(study.unit),
-        "source": study.source,
-        "synthetic": study.synthetic,
-        "notes": study.notes,
-        "changes": study.changes,
-        "conditions": study.conditions and asdict(study.conditions),
-    }
 
 
 def stored_study(tree: xr.DataTree) -> Study:

@@ -41,8 +41,6 @@ class Precision:
         Draws of a round.
     pool_rounds : int
         Rounds of draws by which a mixture is adapted.
-    prior_share : float
-        Share of the prior in the proposal.
     floor : float
         Weight that all components share equally, in addition to the weight 1 that the draws
         distribute.
@@ -66,7 +64,6 @@ class Precision:
     most_draws: int = 6000
     round_draws: int = 500
     pool_rounds: int = 2
-    prior_share: float = 0.1
     floor: float = 0.4
     em_draws: float = 60.0
     em_steps: int = 1
@@ -86,7 +83,6 @@ SHARP = Precision(
     most_draws=8000,
     round_draws=2000,
     pool_rounds=3,
-    prior_share=0.03,
     floor=0.05,
     em_draws=400.0,
     em_steps=3,
@@ -111,7 +107,7 @@ class PriorMixture:
 
     is_free: BoolArray  # (d,): the coordinates that the posterior has
     core: StudentMixture
-    prior_share: float = USUAL.prior_share
+    prior_share: float = 0.1
     cover: StudentMixture | None = None
 
     @cached_property
@@ -165,19 +161,17 @@ class PriorMixture:
         return points, is_from_prior
 
 
-def _components(
-    points: FloatArray, weights: FloatArray, n: int, df: int, shrinkage: float = 0.7
-) -> StudentMixture:
+def _components(points: FloatArray, weights: FloatArray, n: int, df: int) -> StudentMixture:
     """Components at some of the points, (points, d), chosen by weights that sum to 1.
 
     Points are in random order, so that neighbours in the array are not near each other. All
-    components have the covariance of the points as their scale matrix. The factor `shrinkage` moves
+    components have the covariance of the points as their scale matrix. The factor 0.7 moves
     them toward the mean of the points, so that the mixture is not much wider than the points.
     """
     centre = weights @ points
     # Systematic resampling: one point for each n-th part of the weight.
     indices = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
-    means = centre + shrinkage * (points[indices] - centre)
+    means = centre + 0.7 * (points[indices] - centre)
     scale = np.atleast_2d(np.cov(points.T, aweights=weights))
     return StudentMixture(np.full(n, 1.0 / n), means, np.repeat(scale[None], n, axis=0), df)
 
@@ -210,8 +204,8 @@ def mixture_of_clouds(
     scales = np.concatenate([mixture.scales for mixture in cloud_mixtures])
     about_maxima = StudentMixture(weights, means, scales, df)
     core = about_maxima.joined(_prior_components(posterior, df, rng), share=0.5)
-    # Only fits of the precision `SHARP` begin with this mixture, so its share of the prior holds.
-    return PriorMixture(is_free, core, SHARP.prior_share)
+    # Only fits of the precision `SHARP` begin with this mixture, so the prior has a small share.
+    return PriorMixture(is_free, core, prior_share=0.03)
 
 
 def _prior_components(posterior: PosteriorArray, df: int, rng: Rng) -> StudentMixture:
@@ -316,9 +310,12 @@ def fitted_draws(
         still_active = []
         for i in active:
             best = log_evidences[families == families[i]].max()
-            if _is_negligible(states[i].fresh, best):
+            fresh = states[i].fresh
+            # With an evidence that is 8 nats below the best one, even with three standard errors
+            # more, a posterior has a share of the sum below exp(-8).
+            if fresh.log_evidence + 3.0 * fresh.standard_error < best - 8.0:
                 continue
-            needs_more = _needs_more(states[i].fresh, precision)
+            needs_more = _needs_more(fresh, precision)
             was_refitted = _refit_if_bad(states[i], precision)
             if needs_more or was_refitted:
                 still_active.append(i)
@@ -433,14 +430,6 @@ def _draw_round(
     return fresh_draws(
         posteriors.part(np.array(active)), mixtures, generators, precision.round_draws
     )
-
-
-def _is_negligible(draws: WeightedDraws, best_log_evidence: float) -> bool:
-    """Whether an evidence, even with three standard errors more, is 8 nats below the best one.
-
-    Its share of the sum is then below exp(-8).
-    """
-    return draws.log_evidence + 3.0 * draws.standard_error < best_log_evidence - 8.0
 
 
 def _needs_more(draws: WeightedDraws, precision: Precision) -> bool:

@@ -13,7 +13,6 @@ A parameter that the prior determines does not count, so few pairs do not make a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -165,7 +164,18 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     """
     # The maximum comes first; 2000 draws are enough for a mean.
     points = np.vstack([maximum, thinned(x, 2000)])
-    asked_index, n_yes, n_trials, log_yes, log_no = _asked_questions(posterior, points)
+    questions = log_questions(posterior.log_answers(points))
+    # Of all pairs the first question, then the second one, which three answers have.
+    log_yes, log_no = np.concatenate(questions, axis=-1)  # (1 + draws, questions) each
+    counts = posterior.rows.counts[0, :, 0]  # of the one row, (answers, pairs)
+    n_yes = counts[:-1].ravel()
+    # A question is asked until an answer is counted: in fewer trials than the question before. If
+    # all answers to a pair are 'equal', its second question has no trial and does not count.
+    n_trials = np.concatenate([counts[i:].sum(axis=0) for i in range(len(questions))])
+    asked_index = np.flatnonzero(n_trials)
+    n_yes, n_trials = n_yes[asked_index], n_trials[asked_index]
+    log_yes, log_no = log_yes[:, asked_index], log_no[:, asked_index]
+
     deviances = binomial_deviance(n_yes, n_trials, log_yes, log_no)  # (1 + draws, questions)
     deviance = float(deviances[0].sum())
     n_determined = float(deviances[1:].sum(axis=1).mean()) - deviance  # p_D
@@ -182,50 +192,14 @@ def summarise_fit(posterior: SubjectPosterior, x: FloatArray, maximum: FloatArra
     return GoodnessOfFit(deviance, freedom, fit_p, worst)
 
 
-class _Questions(NamedTuple):
-    """The questions that were asked: two for a pair with three answers, see :func:`log_questions`.
-
-    Attributes
-    ----------
-    asked_index : ndarray of int, shape (questions,)
-        The pair of the first question, and the number of pairs more for the second question.
-    n_yes, n_trials : ndarray, shape (questions,)
-    log_yes, log_no : ndarray, shape (points, questions)
-    """
-
-    asked_index: IndexArray
-    n_yes: FloatArray
-    n_trials: FloatArray
-    log_yes: FloatArray
-    log_no: FloatArray
-
-
-def _asked_questions(posterior: SubjectPosterior, points: FloatArray) -> _Questions:
-    """The questions to a subject, with the log probabilities of their answers at points."""
-    questions = log_questions(posterior.log_answers(points))
-    log_yes, log_no = np.concatenate(questions, axis=-1)  # all pairs of a question, then the next
-
-    counts = posterior.rows.counts[0, :, 0]  # of the one row, (answers, pairs)
-    # A question is asked until an answer is counted: in fewer trials than the question before.
-    n_yes = counts[:-1].ravel()
-    n_trials = np.concatenate([counts[i:].sum(axis=0) for i in range(len(questions))])
-    # With three answers, the second question to a pair has no trial if all answers are 'equal'.
-    asked_index = np.flatnonzero(n_trials)
-    return _Questions(
-        asked_index,
-        n_yes[asked_index],
-        n_trials[asked_index],
-        log_yes[:, asked_index],
-        log_no[:, asked_index],
-    )
-
-
 def _worst_pairs(
     subject: Subject, asked_index: IndexArray, residuals: FloatArray, shares: FloatArray
 ) -> tuple[PairResidual, ...]:
-    """The pairs with the largest residuals, see :class:`GoodnessOfFit` and :class:`_Questions`.
+    """The pairs with the largest residuals, see :class:`GoodnessOfFit`.
 
-    `shares` has the observed and the expected share of the counted answer, (2, questions).
+    `asked_index` has the pair of each first question, and the number of pairs more for a second
+    question, see :func:`log_questions`. `shares` has the observed and the expected share of the
+    counted answer, (2, questions).
     """
     largest_first = np.argsort(-residuals, kind="stable").tolist()
     worst: list[PairResidual] = []

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln, logsumexp, softmax
 
 from bayes_toe.arrays import AnyRng, FloatArray, IndexArray
 
@@ -239,9 +239,7 @@ class WeightedDraws:
     @cached_property
     def shares(self) -> FloatArray:
         """The weights, divided by their sum, shape (draws,)."""
-        log_weights = self.log_weights
-        weights = np.exp(log_weights - log_weights.max())
-        return weights / weights.sum()
+        return np.asarray(softmax(self.log_weights))
 
     @property
     def effective_number(self) -> float:

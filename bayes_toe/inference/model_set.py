@@ -55,11 +55,6 @@ class ModelSet:
         return np.array([draws.standard_error for draws in self.draws])
 
     @property
-    def effective_draws(self) -> FloatArray:
-        """The effective number of each model's draws, shape (models,)."""
-        return np.array([draws.effective_number for draws in self.draws])
-
-    @property
     def probabilities(self) -> FloatArray:
         """Posterior probabilities of the models, shape (models,)."""
         return np.asarray(softmax(self._log_joint))

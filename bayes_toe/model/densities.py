@@ -192,17 +192,15 @@ def probit_of_logit(logits: FloatArray) -> FloatArray:
     return np.sign(logits) * -ndtri_exp(log_expit(-np.abs(logits)))
 
 
-def _log_beta_quantile(
-    a: float, b: float, probability: FloatArray, smallest: float = 1e-200
-) -> FloatArray:
+def _log_beta_quantile(a: float, b: float, probability: FloatArray) -> FloatArray:
     """Log of the quantile of Beta(a, b), finite also where the quantile is too small for a float.
 
-    Up to `smallest`, it follows from the distribution function of a small x, x^a / (a B(a, b)).
+    Up to 1e-200, it follows from the distribution function of a small x, x^a / (a B(a, b)).
     """
     quantile = betaincinv(a, b, probability)
     with np.errstate(divide="ignore"):
         log_of_small = (np.log(probability) + np.log(a) + betaln(a, b)) / a
-        return np.where(quantile > smallest, np.log(quantile), log_of_small)
+        return np.where(quantile > 1e-200, np.log(quantile), log_of_small)
 
 
 def half_normal_quantile(probability: FloatArray, log_complement: FloatArray) -> FloatArray:

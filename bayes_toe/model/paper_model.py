@@ -424,14 +424,14 @@ class PaperPosterior(SubjectPosterior):
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
-def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray, rounding: float = 1e-15) -> FloatArray:
+def _logit_gamma(sigma_p: FloatArray, sigma_l: FloatArray) -> FloatArray:
     """The logit of gamma, ln gamma - ln(1 - gamma), with gamma = (sigma_l/sigma_p)^2.
 
-    1 - gamma = d (1 + sigma_l/sigma_p) with d = 1 - sigma_l/sigma_p. A d from -`rounding` to 0 is a
+    1 - gamma = d (1 + sigma_l/sigma_p) with d = 1 - sigma_l/sigma_p. A d from -1e-15 to 0 is a
     rounded 0.
     """
     difference = (sigma_p - sigma_l) / sigma_p  # d
-    is_rounding = (difference < 0.0) & (difference >= -rounding)
+    is_rounding = (difference < 0.0) & (difference >= -1e-15)
     complement = difference * (1.0 + sigma_l / sigma_p)
     log_complement = np.log(np.where(is_rounding, 0.0, complement))
     return 2.0 * (np.log(sigma_l) - np.log(sigma_p)) - log_complement

@@ -225,10 +225,10 @@ class HistoryRows(ObserverRows):
             p_of_cells.append(counted[0])  # (points, cells), of the one row
         return np.concatenate(p_of_cells)[:, self.cell_of_trial]
 
-    def _point_blocks(self, u: FloatArray, max_values: int = 1 << 17) -> list[FloatArray]:
-        """Points in blocks, so that temporary arrays have at most about `max_values` values."""
+    def _point_blocks(self, u: FloatArray) -> list[FloatArray]:
+        """Points in blocks, so that temporary arrays have at most about 2^17 values."""
         n_values = u.shape[1] * len(self.previous)  # a value for each point and cell
-        return np.array_split(u, max(1, math.ceil(n_values / max_values)), axis=1)
+        return np.array_split(u, max(1, math.ceil(n_values / 2**17)), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,18 +337,13 @@ class TrialSequence:
         pairs = pd.MultiIndex.from_arrays([subject.s1, subject.s2])
         # r is 1 for a positive answer, -1 for a negative answer, and 0 without an answer: then both
         # counts are 0. Among three answers, 'equal' is neither positive nor negative.
-        if answers.n_second is None:
-            n_positive = answers.n_yes
-            n_signed = answers.n_trials
-        else:
-            n_positive = answers.n_second
-            n_signed = answers.n_trials - answers.n_yes
+        signed = answers if answers.n_second is None else answers.unequal_answers
         return cls(
             first=answers.keys[:, 0],
             second=answers.keys[:, 1],
             pair=pairs.get_indexer(pd.MultiIndex.from_arrays(list(answers.keys.T))),
-            # Positive minus negative answers, which are n_signed - n_positive.
-            answer=np.asarray(2.0 * n_positive - n_signed, np.float64),
+            # Positive minus negative answers, which are n_trials - n_yes.
+            answer=np.asarray(2.0 * signed.n_yes - signed.n_trials, np.float64),
             is_answered=answers.n_trials > 0,
             is_session_start=answers.is_session_start,
         )
@@ -378,8 +373,8 @@ def require_order(subject: Subject) -> Answers:
     return answers
 
 
-def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
-    """Whether the trials look sorted by their stimuli, with a false-alarm rate `alpha`.
+def looks_sorted(answers: Answers) -> bool:
+    """Whether the trials look sorted by their stimuli, with a false-alarm rate of one in a million.
 
     In sorted trials, pairs rise, or fall, from trial to trial more often than by chance. Trials in
     one run of each pair count as sorted, too; blocks of a pair in both orders do not.
@@ -400,7 +395,7 @@ def looks_sorted(answers: Answers, alpha: float = 1e-6) -> bool:
     n_rises = np.count_nonzero(step > 0)
     n_rarer = min(n_rises, n_changes - n_rises)
     # In random order, rising and falling are equally probable. P of so few rarer changes:
-    if bdtr(n_rarer, n_changes, 0.5) < alpha:
+    if bdtr(n_rarer, n_changes, 0.5) < 1e-6:
         return True
 
     session = np.cumsum(answers.is_session_start)
