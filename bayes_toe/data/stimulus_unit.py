@@ -200,15 +200,12 @@ class StimulusUnit:
 
     def __post_init__(self) -> None:
         is_text = self.name.isprintable() and not _NOT_ALLOWED.intersection(self.name)
-        if self.name not in LOG_UNITS and _LOGARITHM.fullmatch(self.name):
-            raise InputError(
-                f"--unit: found {quoted(self.name)}, a logarithm without a known factor, allowed: "
-                f"{', '.join(LOG_UNITS)}; log2 is octaves, and dB has 20 dB for a factor of ten"
-            )
-        if not is_text or len(self.name) > _LONGEST or self.name == "NAME":
+        is_unknown_log = self.name not in LOG_UNITS and _LOGARITHM.fullmatch(self.name)
+        if is_unknown_log or not is_text or len(self.name) > _LONGEST or self.name == "NAME":
             raise InputError(
                 f"--unit: found {quoted(self.name)}, allowed: {', '.join(LOG_UNITS)}, or a unit of "
-                f"intensity of at most {_LONGEST} letters, such as g"
+                f"intensity of at most {_LONGEST} letters, such as g; log2 is octaves, and dB has "
+                "20 dB for a factor of ten"
             )
         if not math.isfinite(self.log_reference):
             raise InputError("the reference of the unit of the stimuli is not a finite number")

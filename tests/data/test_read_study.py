@@ -574,7 +574,7 @@ ALONE = (
 #: Rules for the text of a cell, by name.
 RULES = {
     "number": "a finite number",
-    "ungrouped": "a finite number, without thousands separators",
+    "ungrouped": "a finite number, with a decimal point and no thousands separators",
     "range": "0, or natural logs from 1e-99 to 1e100 in size",
     "positive": "a positive finite number",
     "count": "a whole number from 0 to 10^12, without thousands separators",
@@ -586,8 +586,8 @@ RULES = {
 CELLS = """
     subject,s1,s2,response a,{},0,same |  | s1 | number | abc|nan|-inf|1e999|1_0|0x1||1 2|٣
     subject,s1,s2,response a,{},0,same |  | s1 | number | \u2212\u22121
-    subject;s1;s2;response a;{};0;same |  | s1 | ungrouped | 1.234,5|1,234.5|1,2,3|1.2.3
-    subject;s1;s2;response a;{};0;same |  | s1 | number | 1 00|1'000'0
+    subject;s1;s2;response a;{};0;same |  | s1 | ungrouped | 1.234,5|1,234.5|1,2,3
+    subject;s1;s2;response a;{};0;same |  | s1 | number | 1 00|1'000'0|1.2.3
     subject,s1,s2,response a,{},0,same | --unit ln | s1 | range | 1e101|-1e300|1e-100
     subject,i1,i2,response a,1,{},same | --intensity 2 | i2 | positive | 0|-0.1|1e-999|nan|inf|x|
     subject,s1,s2,n_equal,n_trials a,0,0,"{}",9 |  | n_equal | count | -1|2.5||inf|1000000000001|1,5

@@ -69,7 +69,11 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
         ("s1", [0.0, None, 0.0], "'', allowed: a finite number"),
         ("s2", [1.0, float("inf"), 3.0], "'inf', allowed: a finite number"),
         ("subject", ["1", None, "7"], "'', allowed: a text that is not empty"),
-        ("s1", ["0", "0,3", "0"], "'0,3', allowed: a finite number, without thousands separators"),
+        (
+            "s1",
+            ["0", "0,3", "0"],
+            "'0,3', allowed: a finite number, with a decimal point and no thousands separators",
+        ),
         ("n_equal", [1, 7, 3], "'7', allowed: 0 to n_trials = 5"),
     ],
 )
