@@ -340,10 +340,9 @@ def merge_rounded(
     if not n_changed:
         return merged, []
 
-    verb = "differ" if n_changed > 1 else "differs"
     changed_stimuli = np.unique(merged[valid_rows][is_changed])
     names = join_names(map(unit.describe, changed_stimuli), max_items=3)
-    note = f"stimuli in {plural(n_changed, 'row')} {verb} by rounding only, and are read as one"
+    note = f"stimuli in {plural(n_changed, 'row')} differ by rounding only, and are read as one"
     return merged, [f"{note}: {names}"]
 
 

@@ -13,6 +13,7 @@ import io
 import itertools
 import re
 from array import array
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -145,8 +146,8 @@ class Column:
 
     def counts(self, texts: Iterable[str]) -> Texts:
         """Texts with the number of their rows, as messages show them: "'j' (40)"."""
-        counts = np.bincount(self.codes, minlength=len(self.texts)).tolist()
-        return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
+        n_rows = Counter(self.codes.tolist())
+        return [f"{quoted(text)} ({n_rows[self.texts.index(text)]:,})" for text in texts]
 
 
 def plain_code(text: str) -> str:

@@ -23,7 +23,7 @@ from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, pooled, with_shared_scales
 from bayes_toe.data.study_files import together
 from bayes_toe.data.tasks import tasks_named
-from bayes_toe.data.text_table import Column, Columns, TextTable
+from bayes_toe.data.text_table import Column, Columns, TextTable, value_text
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
 
@@ -52,7 +52,7 @@ def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column
     level_names = []
     for text in condition.texts:
         value = math.nan if categorical else number(text, table.decimal_comma)
-        level_names.append(text if math.isnan(value) else level_words([value])[0])
+        level_names.append(text if math.isnan(value) else value_text(value))
 
     unit_names = []  # each subject at each level
     for name in subject.texts:  # a unit without a subject has no name
