@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_quoted
+from bayes_toe.data.text_table import value_text
 from bayes_toe.data.validation import (
     bare_names,
     is_missing,
@@ -33,10 +34,7 @@ def levels(values: Iterable[str | float]) -> list[str | float]:
 
 def level_words(values: Iterable[str | float]) -> list[str]:
     """Levels as tables name them; the number 1.0 is '1'."""
-    return [
-        value if isinstance(value, str) else str(float(value)).removesuffix(".0")
-        for value in values
-    ]
+    return list(map(value_text, values))
 
 
 def read_covariates(path: StrPath) -> Covariates:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import reprlib
 import shlex
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,6 +27,8 @@ Texts: TypeAlias = Sequence[str]
 MAX_LINES = 10
 
 _LONGEST_SHOWN = 40
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _LONGEST_SHOWN
 #: Why repeated trials matter.
 TWICE = "repeated trials make intervals too narrow"
 
@@ -43,11 +46,7 @@ def visible(text: str) -> str:
 
 def quoted(text: str) -> str:
     """A cell as messages show it: quoted, on one line, of bounded length."""
-    whole_text = repr(text)
-    if len(whole_text) <= _LONGEST_SHOWN:
-        return whole_text
-    # Three points and the closing quote are four characters.
-    return f"{whole_text[: _LONGEST_SHOWN - 4]}...{whole_text[-1]}"
+    return _SHORT.repr(text)
 
 
 def display_name(text: str) -> str:
@@ -260,4 +259,4 @@ def with_policy(page: str, *more_sources: str) -> str:
 
 def one_line(error: Exception | str) -> str:
     """The message of a library about a file, on one line of bounded length."""
-    return display_name(" ".join(str(error).split())[:200])
+    return visible(" ".join(str(error).split())[:200])

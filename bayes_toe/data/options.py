@@ -23,7 +23,7 @@ from bayes_toe.data.messages import Texts, display_name, join_display_names, quo
 from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study, units_by_subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task, task_with
-from bayes_toe.data.text_table import plain_code
+from bayes_toe.data.text_table import plain_code, value_text
 from bayes_toe.errors import InputError, require_kind
 
 COLUMNS = (
@@ -168,7 +168,7 @@ class ReadOptions:
             raise InputError(problems)
 
     def _strip_texts(self) -> None:
-        """Replace all values by texts without spaces around them, see :func:`_as_text`."""
+        """Replace all values by texts without spaces around them."""
         values: dict[str, Any] = vars(self)  # a frozen dataclass refuses assignments
         for key in _TEXT_FIELDS:
             if values[key] is None:
@@ -359,9 +359,7 @@ class ReadOptions:
 
 def _as_text(value: object) -> str:
     """A text without spaces around it; a number is as in a table, so that 1.0 is '1'."""
-    if isinstance(value, bool | float):
-        value = f"{value:.15g}"
-    return str(value).strip()
+    return value_text(value).strip()
 
 
 def parse_columns(text: str) -> dict[str, str]:
@@ -446,14 +444,10 @@ def _units_and_blocks(text: str, study: Study, option: str) -> tuple[list[str], 
         )
 
     name = max(names, key=len)  # 'S:1' before 'S', as names may have colons
-    units = units_by_name[name]
-    blocks = text[len(name) + 1 :]
-    block_names = [block.strip() for block in blocks.split(",")]
-
-    for unit in units:
-        if unit.answers is not None and blocks in unit.answers.blocks:
-            block_names = [blocks]  # a name with a comma in it
-    return [unit.name for unit in units], [] if text == name else block_names
+    unit_names = [unit.name for unit in units_by_name[name]]
+    if text == name:
+        return unit_names, []
+    return unit_names, [block.strip() for block in text[len(name) + 1 :].split(",")]
 
 
 def subject_in(path: object, pattern: str) -> str | None:

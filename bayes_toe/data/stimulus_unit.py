@@ -200,15 +200,12 @@ class StimulusUnit:
 
     def __post_init__(self) -> None:
         is_text = self.name.isprintable() and not _NOT_ALLOWED.intersection(self.name)
-        if self.name not in LOG_UNITS and _LOGARITHM.fullmatch(self.name):
-            raise InputError(
-                f"--unit: found {quoted(self.name)}, a logarithm without a known factor, allowed: "
-                f"{', '.join(LOG_UNITS)}; log2 is octaves, and dB has 20 dB for a factor of ten"
-            )
-        if not is_text or len(self.name) > _LONGEST or self.name == "NAME":
+        is_unknown_log = self.name not in LOG_UNITS and _LOGARITHM.fullmatch(self.name)
+        if is_unknown_log or not is_text or len(self.name) > _LONGEST or self.name == "NAME":
             raise InputError(
                 f"--unit: found {quoted(self.name)}, allowed: {', '.join(LOG_UNITS)}, or a unit of "
-                f"intensity of at most {_LONGEST} letters, such as g"
+                f"intensity of at most {_LONGEST} letters, such as g; log2 is octaves, and dB has "
+                "20 dB for a factor of ten"
             )
         if not math.isfinite(self.log_reference):
             raise InputError("the reference of the unit of the stimuli is not a finite number")
@@ -343,10 +340,9 @@ def merge_rounded(
     if not n_changed:
         return merged, []
 
-    verb = "differ" if n_changed > 1 else "differs"
     changed_stimuli = np.unique(merged[valid_rows][is_changed])
     names = join_names(map(unit.describe, changed_stimuli), max_items=3)
-    note = f"stimuli in {plural(n_changed, 'row')} {verb} by rounding only, and are read as one"
+    note = f"stimuli in {plural(n_changed, 'row')} differ by rounding only, and are read as one"
     return merged, [f"{note}: {names}"]
 
 

@@ -300,12 +300,17 @@ def together(studies: Sequence[Study]) -> Study:
     for study in studies:
         for subject in study:
             files_of_subjects[subject.name].append((study.source, subject))
-        if study.task != first.task:
+        if study.task != first.task and not study.subjects[0].condition:
             raise InputError(
                 f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
                 "allowed: files of one task; contrast compares tasks with --condition task"
             )
-    reading = reading_of_all(studies)
+    entries = {}
+    for key in vars(first.reading):
+        entries[key] = tuple(
+            dict.fromkeys(chain.from_iterable(getattr(study.reading, key) for study in studies))
+        )
+    reading = Reading(**entries)
     doubts = _one_line_each(reading.doubts) + copies
     subjects = []
     n_files = {}
@@ -314,7 +319,7 @@ def together(studies: Sequence[Study]) -> Study:
         if len(files) > 1:
             n_files[name] = len(files)
 
-    notes = list(common_notes(studies))
+    notes = list(_common_notes(studies))
     if n_files:
         notes.append(
             Note(
@@ -323,36 +328,30 @@ def together(studies: Sequence[Study]) -> Study:
                 named_counts(n_files),
             )
         )
-    # All frames are one source.
-    if len(subjects) == 1 and len({study.source for study in studies}) > 1:
+    # All frames are one source, and so are the tasks in a file.
+    sources = list(dict.fromkeys(study.source for study in studies))
+    source = first.source
+    if len(sources) > 1:
+        source = f"{len(sources)} files, {first.source} to {sources[-1]}"
+    if len(subjects) == 1 and len(sources) > 1:
         # Of a/x.csv the folder may be the subject, as in '{}/*', else the name, as in '{}.*'.
         ending = "/*" * first.source.count("/") or ".*"
         doubts.append(
-            f"all {len(studies)} files are of one subject, {display_name(subjects[0].name)}. If "
+            f"all {len(sources)} files are of one subject, {display_name(subjects[0].name)}. If "
             f"they are of several, --subject-from '{{}}{ending}' tells them from each other"
         )
     doubts += _condition_doubts(files_of_subjects)
     reading = replace(reading, doubts=tuple(doubts))
     return Study(
         subjects=tuple(subjects),
-        source=f"{len(studies)} files, {first.source} to {studies[-1].source}",
+        source=source,
         synthetic=all(study.synthetic for study in studies),
         notes=tuple(notes),
         reading=reading,
     )
 
 
-def reading_of_all(studies: Sequence[Study]) -> Reading:
-    """The readings of all studies as one, each entry once."""
-    entries = {}
-    for key in vars(studies[0].reading):
-        entries[key] = tuple(
-            dict.fromkeys(chain.from_iterable(getattr(study.reading, key) for study in studies))
-        )
-    return Reading(**entries)
-
-
-def common_notes(studies: Sequence[Study]) -> Iterator[str]:
+def _common_notes(studies: Sequence[Study]) -> Iterator[str]:
     """The notes of all files; notes that differ in counts and names only become one note.
 
     The counts and names of this note are those of all files.
@@ -379,12 +378,12 @@ def _subject_of_files(files: Sequence[tuple[str, Subject]]) -> Subject:
     (_, first), *other_files = files
     if not other_files:
         return first
-    answers = []
-    for source, subject in files:
-        if subject.answers is None:
-            return pooled([subject for _, subject in files])
-        answers.append((source, subject.answers))
-    return Subject.from_answers(first.name, _joined(answers), first.task, first.unit)
+    answers = [(source, subject.answers) for source, subject in files if subject.answers]
+    if len(answers) < len(files):
+        whole_subject = pooled([subject for _, subject in files])
+    else:
+        whole_subject = Subject.from_answers(first.name, _joined(answers), first.task, first.unit)
+    return replace(whole_subject, name=first.name, condition=first.condition)
 
 
 def _copies(studies: Sequence[Study]) -> Iterator[str]:

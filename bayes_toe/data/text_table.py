@@ -13,6 +13,7 @@ import io
 import itertools
 import re
 from array import array
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -31,10 +32,8 @@ from bayes_toe.errors import InputError, NoTrialsError, Remedy
 Frame: TypeAlias = Any
 #: Which columns are read, of the names in a header.
 Choice: TypeAlias = Callable[[Texts], Collection[str]]
-#: The cells of a record, or why it cannot be split.
-Cells: TypeAlias = list[str] | csv.Error
-#: The first row of a record, and its cells.
-TableRecord: TypeAlias = tuple[int, Cells]
+#: The first row of a record, and its cells; none if its quotes cannot be read.
+TableRecord: TypeAlias = tuple[int, list[str]]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
 #: In a table whose columns were pairs: the name of the old column of each cell, and the cell.
@@ -80,12 +79,6 @@ _REMARKS = (
 _TRIALS_IN_A_ROW = r"(?m)^(.+_raw)(\n{3,})(?=.)"
 #: What else may be wrong where rows have too many cells.
 _DECIMAL_COMMA = "Between commas, a number with a decimal comma needs quotation marks"
-# What the csv module says, and what we say.
-_SPLIT_ERRORS = {
-    "end of data": "a quote that is never closed",
-    "expected after": "text after a closing quote",
-    "field larger": "a cell of more than 131072 characters (a quote that is never closed?)",
-}
 
 
 #: A cell that holds a number, and is no name of a column.
@@ -153,8 +146,8 @@ class Column:
 
     def counts(self, texts: Iterable[str]) -> Texts:
         """Texts with the number of their rows, as messages show them: "'j' (40)"."""
-        counts = np.bincount(self.codes, minlength=len(self.texts)).tolist()
-        return [f"{quoted(text)} ({counts[self.texts.index(text)]:,})" for text in texts]
+        n_rows = Counter(self.codes.tolist())
+        return [f"{quoted(text)} ({n_rows[self.texts.index(text)]:,})" for text in texts]
 
 
 def plain_code(text: str) -> str:
@@ -396,11 +389,11 @@ def table_of_records(
     """
     records = itertools.islice(records, head_index, None)
     first_row, head = next(records, (0, []))
-    if not head:
+    if first_row == 0:
         raise NoTrialsError(
             f"{source}: found an empty file, allowed: a header and at least one row"
         )
-    if isinstance(head, csv.Error):
+    if not head:
         raise InputError(f"{source}: {_broken(first_row, head, width=0)}")
     require_size(source, len(head), len(head))
     names = names_or_numbers(header, choice)
@@ -493,7 +486,7 @@ def _texts_by_name(
     rows = array("q")
     width = len(names)
     for row, cells in records:
-        if isinstance(cells, csv.Error) or len(cells) < width or any(cells[width:]):
+        if len(cells) < width or any(cells[width:]):
             problems.add([(row, _broken(row, cells, width))])
             continue
 
@@ -538,9 +531,9 @@ def _layout(text: str, choice: Choice) -> tuple[str, int, list[str]]:
     return layout
 
 
-def record_names(cells: Cells) -> list[str]:
-    """The cells of a record as names of columns; none where it cannot be split."""
-    return [] if isinstance(cells, csv.Error) else [" ".join(cell.split()) for cell in cells]
+def record_names(cells: Texts) -> list[str]:
+    """The cells of a record as names of columns."""
+    return [" ".join(cell.split()) for cell in cells]
 
 
 def header_place(records: Sequence[Texts], choice: Choice) -> int:
@@ -618,7 +611,7 @@ def _encoding_of(data: bytes) -> tuple[str, str]:
 def _records(text: str, delimiter: str) -> Iterator[TableRecord]:
     """First physical row and cells of every record that is not blank.
 
-    A record that cannot be split has its error in the place of the cells.
+    A record whose quotes cannot be read has no cells.
     """
     if delimiter == " ":
         # Spaces that fill up a row are no cell; spaces in front of a cell are skipped.
@@ -636,24 +629,22 @@ def _records(text: str, delimiter: str) -> Iterator[TableRecord]:
             cells = next(reader)
         except StopIteration:
             return
-        except csv.Error as error:
-            yield row, error
+        except csv.Error:
+            yield row, []
             continue
         if "".join(cells).strip():
             yield row, cells
 
 
-def _broken(row: int, cells: Cells, width: int) -> str:
+def _broken(row: int, cells: Texts, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
-    if not isinstance(cells, csv.Error):
-        n_cells = plural(len(cells), "cell")
-        problem = f"row {row}: found {n_cells}, allowed: {plural(width, 'cell')} as in the header"
-        if len(cells) == 1:
-            problem += ". Delete notes below the table"
-        return problem
-
-    finding = str(cells)
-    for part, words in _SPLIT_ERRORS.items():
-        if part in finding:
-            finding = words
-    return f"row {row}: found {finding}, allowed: quotes around whole cells, doubled inside"
+    if not cells:
+        return (
+            f"row {row}: found a quote that is never closed, or text after it, "
+            "allowed: quotes around whole cells, doubled inside"
+        )
+    n_cells = plural(len(cells), "cell")
+    problem = f"row {row}: found {n_cells}, allowed: {plural(width, 'cell')} as in the header"
+    if len(cells) == 1:
+        problem += ". Delete notes below the table"
+    return problem

@@ -21,9 +21,9 @@ from bayes_toe.data.covariates import level_words, levels
 from bayes_toe.data.messages import Texts, display_name, join_display_names, join_names, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.study import Study, Subject, pooled, with_shared_scales
-from bayes_toe.data.study_files import common_notes, reading_of_all, together
+from bayes_toe.data.study_files import together
 from bayes_toe.data.tasks import tasks_named
-from bayes_toe.data.text_table import Column, Columns, TextTable
+from bayes_toe.data.text_table import Column, Columns, TextTable, value_text
 from bayes_toe.data.validation import CONDITION_SEPARATOR, number
 from bayes_toe.errors import InputError
 
@@ -52,7 +52,7 @@ def unit_column(table: TextTable, columns: Columns, categorical: bool) -> Column
     level_names = []
     for text in condition.texts:
         value = math.nan if categorical else number(text, table.decimal_comma)
-        level_names.append(text if math.isnan(value) else level_words([value])[0])
+        level_names.append(text if math.isnan(value) else value_text(value))
 
     unit_names = []  # each subject at each level
     for name in subject.texts:  # a unit without a subject has no name
@@ -154,27 +154,22 @@ def options_by_task(table: TextTable, options: ReadOptions) -> tuple[TextTable, 
 
 def study_of_tasks(studies: Sequence[Study], options: ReadOptions) -> Study:
     """One study of several; if tasks are the condition, its units are S01@2AFC and so on."""
-    tasks = dict.fromkeys(study.task for study in studies)
+    tasks = {study.task for study in studies}
     has_conditions = any("condition" in study.reading.read for study in studies)
     if options.condition is None or len(tasks) == 1 or has_conditions:
         return together(studies)  # one task, or conditions that are no tasks
 
-    task_studies = [together([study for study in studies if study.task == task]) for task in tasks]
-    units = []
-    for study in task_studies:
+    studies_of_units = []
+    for study in studies:
         level = study.task.short_name
+        units = []
         for subject in study:
             unit_name = f"{subject.name}{CONDITION_SEPARATOR}{level}"
             units.append(replace(subject, name=unit_name, condition=level))
-    reading = reading_of_all(task_studies)
-    return Study(
-        subjects=tuple(units),
-        source=" and ".join(dict.fromkeys(study.source for study in task_studies)),
-        synthetic=all(study.synthetic for study in task_studies),
-        notes=tuple(common_notes(task_studies)),
         # `with_conditions` makes conditions of the names of units.
-        reading=replace(reading, read=(*reading.read, "condition")),
-    )
+        reading = replace(study.reading, read=(*study.reading.read, "condition"))
+        studies_of_units.append(replace(study, subjects=tuple(units), reading=reading))
+    return together(studies_of_units)
 
 
 def _level_order(unit_levels: Texts, options: ReadOptions) -> tuple[list[str], bool]:

@@ -175,25 +175,13 @@ def require_numbers(
     table: TextTable, column: Column, is_bad: BoolArray, kind: str = "a finite number"
 ) -> None:
     """Add a problem for each bad cell, which holds no number of this kind."""
-
-    def rule(index: int) -> str:
-        """What the cell of a row may hold, with advice on commas."""
-        text = column.text(index)
-        if (
-            table.delimiter == ","
-            and "," in text
-            and not math.isnan(number(text, decimal_comma=True))
-        ):
-            return f"{kind}; decimal commas need ';' or tab between cells"
-        if "," in text or text.count(".") > 1:
-            return f"{kind}, without thousands separators"
-        return kind
-
     # Of a column of words, such as names of files, the first word is enough.
     if is_bad.all() and len(np.unique(column.codes)) > 3:
         kind += ", which no cell of the column is"
         is_bad = column.matches([column.text(0)])
-    table.fault(column, is_bad, rule)
+    elif "," in "".join(column.only(is_bad).texts):
+        kind += ", with a decimal point and no thousands separators"
+    table.fault(column, is_bad, kind)
 
 
 def require_texts(
@@ -233,7 +221,6 @@ def read_numbers(
     key: str | None = None,
     *,
     optional: Texts = (),
-    counts: Texts = (),
     gaps: bool = False,
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """The texts of the column `key`, and other columns as numbers by name, shape (rows,) each.
@@ -241,7 +228,7 @@ def read_numbers(
     `source` is a path, or a table with these columns that was read before. The columns `names` must
     be there, and the columns `optional` are read if they are there; other columns are ignored. The
     texts of `key` are distinct; without `key` there are no texts. Numbers are finite; those of the
-    columns in `counts` are whole numbers of at least 1. With `gaps` empty cells are NaN. An
+    column `n_trials` are whole numbers of at least 1. With `gaps` empty cells are NaN. An
     InputError has a line per problem of the file, ten at most, with row and column.
     """
     required = names if key is None else (key, *names)
@@ -263,7 +250,7 @@ def read_numbers(
         if name == key:
             continue
         values = numbers(table, column)
-        if name in counts:
+        if name == "n_trials":
             is_bad = ~((values >= 1) & (values % 1 == 0))  # NaN is bad, too
             kind = "a whole number of at least 1"
         else:

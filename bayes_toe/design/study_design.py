@@ -271,9 +271,7 @@ def read_stimuli(
                 [Remedy("unit", ANY_UNIT, "or the name of their unit")],
             )
 
-    _, columns = read_numbers(
-        table, (*stimulus_names, *required), optional=optional, counts=("n_trials",)
-    )
+    _, columns = read_numbers(table, (*stimulus_names, *required), optional=optional)
     stimuli = [columns.pop(name) for name in stimulus_names]
     logs = to_logs(str(path), stimuli, options)
     return stimulus_names, columns | dict(zip(s_names, logs, strict=True))

@@ -112,13 +112,6 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
     assert study.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
 
 
-def test_a_block_may_have_a_comma_in_its_name():
-    # The option a:1,2 could mean blocks 1 and 2, which the subject does not have.
-    study = bt.read_study(FRAME.assign(block=["1,2"] * 4 + ["3"] * 4))
-    expected = study.exclude("a", "1,2")
-    assert answers_by_subject(changed(study, exclude=["a:1,2"])) == answers_by_subject(expected)
-
-
 def test_a_subject_is_excluded_in_all_conditions():
     # A unit is a subject in a condition, such as a@left. A single unit can be excluded, too.
     frame = FRAME.assign(hand=["left", "left", "right"] * 2 + ["left", "right"])

@@ -68,7 +68,7 @@ REFUSED = """
     design | s1,s2 / 0,1 / nan,1 | row 3, column s1: found 'nan', allowed: a finite number
     design | s1,s2 / 0,1 / 1e400,1 | row 3, column s1: found '1e400', allowed: a finite number
     design | s1,s2 / 0,1 / 1_0,1 | row 3, column s1: found '1_0', allowed: a finite number
-    design | s1,s2 / "1,5",1 | row 2, column s1: found '1,5', allowed: a finite number; decimal comm
+    design | s1,s2 / "1,5",1 | row 2, column s1: found '1,5', allowed: a finite number, with a d
     design | s1,s2,s1 / 0,1,0 | row 1, column s1: found 2 columns of this name, allowed: one
     design | s2,x / 1,0 | row 1, column s1: missing, found 's2', 'x', allowed: a column of this name
     study design | s1,s2 / 0,0 | row 1, column n_trials: missing

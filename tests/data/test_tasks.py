@@ -121,8 +121,8 @@ OPTIONS = """
     --ignore s1 | --ignore: found 's1', allowed: isi, session, block, trial, condition
     --task 3afc | --task: found '3afc', allowed: same/different, 2afc (which is stronger), or
     --unit '$x$' | --unit: found '$x$', allowed: ln, log10, dB, dB-power, octaves,
-    --unit 'dB SPL' | --unit: found 'dB SPL', a logarithm without a known factor, allowed: ln,
-    --unit Cent | --unit: found 'Cent', a logarithm without a known factor
+    --unit 'dB SPL' | --unit: found 'dB SPL', allowed: ln,
+    --unit Cent | --unit: found 'Cent', allowed: ln,
     --intensity 0 | --intensity: found 0.0, allowed: a positive finite number
     --intensity nan | --intensity: found nan
     --intensity inf | --intensity: found inf
