@@ -163,6 +163,8 @@ def _hdf5_value(item: Any) -> Any:
         return fields
     if item.external:
         raise ValueError(f"{item.name[1:]} is in another file")
+    if item.nbytes > _MOST_MEMORY // 8:  # the process makes several copies of it
+        raise MemoryError
     if "MATLAB_empty" in item.attrs:
         return ""
 

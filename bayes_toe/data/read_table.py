@@ -298,7 +298,7 @@ def _excel_sheets(source: str, data: bytes, pattern: str) -> dict[str, list[Tabl
     sheets = {}
     try:
         with warnings.catch_warnings(action="ignore"):
-            book = load_workbook(_without_formats(data), read_only=True, data_only=True)
+            book = load_workbook(_without_formats(source, data), read_only=True, data_only=True)
             for sheet in book.worksheets:
                 if sheet.sheet_state != "visible" or not fnmatchcase(sheet.title, pattern):
                     continue
@@ -318,13 +318,19 @@ def _excel_sheets(source: str, data: bytes, pattern: str) -> dict[str, list[Tabl
     raise InputError(f"{source}: found the sheets {titles}, allowed: one of them")
 
 
-def _without_formats(data: bytes) -> io.BytesIO:
+def _without_formats(source: str, data: bytes) -> io.BytesIO:
     """A workbook without empty cells that have a format, of which there may be millions.
 
     Formulas without a value become errors.
     """
     compact = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as book, zipfile.ZipFile(compact, "w") as saved:
+        unpacked = sum(part.file_size for part in book.infolist())
+        if unpacked > LARGEST_FILE:
+            raise InputError(
+                f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_FILE}"
+            )
+
         for name in book.namelist():
             part = book.read(name)
             if name.startswith("xl/worksheets/"):

@@ -305,12 +305,7 @@ def together(studies: Sequence[Study]) -> Study:
                 f"{study.source}: asked {study.task.name}, and {first.source} {first.task.name}; "
                 "allowed: files of one task; contrast compares tasks with --condition task"
             )
-    entries = {}
-    for key in vars(first.reading):
-        entries[key] = tuple(
-            dict.fromkeys(chain.from_iterable(getattr(study.reading, key) for study in studies))
-        )
-    reading = Reading(**entries)
+    reading = _reading_of_all(studies)
     doubts = _one_line_each(reading.doubts) + copies
     subjects = []
     n_files = {}
@@ -349,6 +344,16 @@ def together(studies: Sequence[Study]) -> Study:
         notes=tuple(notes),
         reading=reading,
     )
+
+
+def _reading_of_all(studies: Sequence[Study]) -> Reading:
+    """The readings of all studies as one, each entry once."""
+    entries = {}
+    for key in vars(studies[0].reading):
+        entries[key] = tuple(
+            dict.fromkeys(chain.from_iterable(getattr(study.reading, key) for study in studies))
+        )
+    return Reading(**entries)
 
 
 def _common_notes(studies: Sequence[Study]) -> Iterator[str]:
