@@ -25,8 +25,8 @@ HIGHEST_COMPLEXITY = 15
 #: 1000 nodes 4 comprehensions and 2 conditional expressions, 20 nested comprehensions, no others.
 LIMITS = {
     "bayes_toe": {
-        "files": 137,
-        "nodes": 208_000,
+        "files": 136,
+        "nodes": 207_600,
         "complex functions": 0,
         "comprehensions": 3.55,
         "nested comprehensions": 4,
@@ -34,7 +34,7 @@ LIMITS = {
         "filler names": 0.50,
     },
     "tests": {
-        "files": 103,
+        "files": 102,
         "nodes": 115_000,
         "complex functions": 0,
         "comprehensions": 3.45,
