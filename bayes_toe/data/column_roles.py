@@ -456,8 +456,17 @@ def _with_unit_in_names(names: Texts, options: ReadOptions) -> ReadOptions:
 
 
 def _may_be_stimulus(name: str) -> bool:
-    """Whether a name has no word such as 'onset': a pair of times is not the stimuli."""
-    return not has_word(name, "about") or has_word(name, "of_quantities")
+    """Whether a name has no word such as 'onset': a pair of times is not the stimuli.
+
+    Examples
+    --------
+    >>> _may_be_stimulus("interval_1"), _may_be_stimulus("dots_interval_1")
+    (False, True)
+    """
+    if has_word(name, "of_quantities"):  # its interval is a place
+        words = VOCABULARY["words"]["of_interval"]
+        name = " ".join(named_places(name).other_words.difference(words))
+    return not has_word(name, "about")
 
 
 def has_word(name: str, kind: str) -> bool:

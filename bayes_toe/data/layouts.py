@@ -538,7 +538,7 @@ def _are_intensities(name: str, stimuli: FloatArray, reason: str) -> bool:
     if reason:
         return bool(low > 1.0)  # whole numbers from 1 may number levels
     # Logarithms of such quantities in their usual units are larger, or below 0.
-    return bool(low > 0.0 and high < 3.0)
+    return bool(low > 0.0 and high < 2.0)
 
 
 # --- Pairs in the names of columns ----------------------------------------------------------------

@@ -1008,6 +1008,10 @@ REFUSED = {
     ),
 }
 
+#: Weights with the names of durations in seconds.
+IN_KILOGRAMS = IN_GRAMS[["subject", "response"]].assign(
+    dur1=IN_GRAMS.w1 / 1000, dur2=IN_GRAMS.w2 / 1000
+)
 #: Keys whose scores prove what they mean.
 SCORED_KEYS = with_responses(IN_LOGS, "f", "j").assign(correct=TRIALS.correct)
 #: By the options that names and cells suggest, a table that is read without options.
@@ -1025,6 +1029,7 @@ EVIDENT = {
     "--columns response=heavier --second-code 2": labelled(
         with_responses(IN_LOGS, 1, 2), response="heavier"
     ),
+    "--columns s1=dur1,s2=dur2 --unit a.u.": IN_KILOGRAMS,
     "--second-code j": SCORED_KEYS,
     "--second-code T2": with_responses(IN_LOGS, "T1", "T2"),
 }
@@ -1034,6 +1039,9 @@ OPEN = {
     "names that do not say the order": labelled(IN_GRAMS, w1="wA", w2="wB"),
     "two pairs": IN_GRAMS.assign(v1=IN_GRAMS.w1, v2=IN_GRAMS.w2),
     "numbers that may be logarithms": labelled(IN_LOGS, s1="w1", s2="w2").assign(w1=-IN_LOGS.s1),
+    "durations that may be logarithms": IN_KILOGRAMS.assign(
+        dur1=np.log10(IN_GRAMS.w1), dur2=np.log10(IN_GRAMS.w2)
+    ),
     "pitches": labelled(IN_GRAMS, w1="pitch1", w2="pitch2"),
     "scattered rows": labelled(IN_LOGS[::2], subject="id").sample(frac=1.0, random_state=1),
     "a wrong score": SCORED_KEYS.assign(correct=TRIALS.correct ^ IS_FIRST_UNEQUAL),
@@ -1328,6 +1336,17 @@ def test_a_remark_that_several_files_share_is_one_line(tmp_path):
     (doubt,) = bt.read_study(tmp_path).reading.doubts
     remark = "3 files, such as a.csv: 3 rows with 'x' in column excluded are counted; "
     assert doubt == f"{remark}--where excluded= leaves them out"
+
+
+def test_names_of_files_that_seem_to_have_a_condition_are_remarked(tmp_path):
+    # Days and blocks of a subject differ in numbers only, and are no conditions.
+    for name in ("s1_day1", "s1_day2", "s2_day1", "s2_day2"):
+        write_file(tmp_path / f"{name}.csv", P03.assign(subject=name[:2]))
+    assert "most subjects" not in str(bt.read_study(tmp_path).reading.doubts)
+    for name in ("s1_loud", "s1_soft", "s2_loud", "s2_soft"):
+        write_file(tmp_path / f"{name}.csv", P03.assign(subject=name[:2]))
+    doubts = bt.read_study(tmp_path).reading.doubts
+    assert doubts[-1].startswith("most subjects have files such as {}_day1.csv, {}_loud.csv and")
 
 
 def test_a_file_without_columns_of_trials_is_named(tmp_path):
