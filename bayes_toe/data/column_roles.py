@@ -655,7 +655,8 @@ def _is_evident(remedy: Remedy, columns: Iterable[Column], options: ReadOptions)
 
 def _has_evident_subjects(column: Column) -> bool:
     """Whether a column is called id or similarly, with runs of five rows or more on average."""
-    return looks_like(column.name, "id") and len(run_starts(column.codes)) <= len(column.codes) / 5
+    is_named = looks_like(column.name, "id") and not has_word(column.name, "of_unclear_ids")
+    return is_named and len(run_starts(column.codes)) <= len(column.codes) / 5
 
 
 def _unordered_remedies(

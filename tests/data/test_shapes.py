@@ -1042,6 +1042,7 @@ OPEN = {
     "durations that may be logarithms": IN_KILOGRAMS.assign(
         dur1=np.log10(IN_GRAMS.w1), dur2=np.log10(IN_GRAMS.w2)
     ),
+    "codes of sessions or of subjects": labelled(IN_LOGS, subject="code"),
     "pitches": labelled(IN_GRAMS, w1="pitch1", w2="pitch2"),
     "scattered rows": labelled(IN_LOGS[::2], subject="id").sample(frac=1.0, random_state=1),
     "a wrong score": SCORED_KEYS.assign(correct=TRIALS.correct ^ IS_FIRST_UNEQUAL),
