@@ -18,7 +18,6 @@ from pathlib import Path
 from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import join_names, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
-from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import name_list
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
@@ -182,11 +181,9 @@ def page(
     from bayes_toe.explorer.panels import SLOTS
 
     task = page_entries[0].target.subject.task
-    if any(entry.target.subject.task != task for entry in page_entries):
-        raise InputError("explore: found draws of two tasks, allowed: one in a page")
-    units = {(entry.unit.stimulus_unit, entry.unit.difference_unit) for entry in page_entries}
-    if len(units) > 1:
-        raise InputError("explore: found draws in two units, allowed: one in a page")
+    kinds = {(entry.target.subject.task, entry.unit.stimulus_unit) for entry in page_entries}
+    if len(kinds) > 1:
+        raise InputError("explore: found draws of two tasks or units, allowed: one in a page")
 
     # If differences of any entry are too large for per cent, all differences are natural logs.
     unit = shown_unit(page_entries[0].unit, (entry.quantities for entry in page_entries))
@@ -206,7 +203,11 @@ def page(
             for entry in page_entries
         ],
         "tabs": sorted({entry.tab for entry in page_entries}),
-        "quantities": _texts_of_quantities(unit),
+        # The label of each quantity on an axis, such as 'JND, %', and its meaning in words.
+        "quantities": {
+            name: (axis_label(quantity.label, name, unit), quantity.words)
+            for name, quantity in QUANTITY_BY_NAME.items()
+        },
         "slots": SLOTS,
         "fixed": task.slice_stimulus,
         "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
@@ -222,14 +223,6 @@ def page(
     html_of_page = _frame(task).replace(_ISLANDS, "".join(scripts))
     # Bokeh's script makes functions of texts, which browsers refuse without 'unsafe-eval'.
     return Explorer(with_policy(html_of_page, "'unsafe-eval'"))
-
-
-def _texts_of_quantities(unit: StimulusUnit) -> dict[str, tuple[str, str]]:
-    """The label of each quantity on an axis, such as 'JND, %', and its meaning in words."""
-    texts = {}
-    for name, quantity in QUANTITY_BY_NAME.items():
-        texts[name] = axis_label(quantity.label, name, unit), quantity.words
-    return texts
 
 
 def _data_script(name: str, content: object) -> str:

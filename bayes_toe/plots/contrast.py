@@ -34,8 +34,6 @@ from bayes_toe.plots.style import (
 )
 
 _NO_DIFFERENCE = "no difference, or probably none"
-#: Characters of the longest comparison beside its quantity; a longer one has a line of its own.
-_LONGEST_BESIDE = 16
 #: Face of the mark, colour, and words of the legend.
 _MARKS = {
     Word.YES: (POSTERIOR, POSTERIOR, "differs"),
@@ -83,10 +81,7 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         quantity_ticks(ax, observer_name(quantity))
         # A contraction is a share.
         unit_name = "%" if quantity == "contraction" else unit.difference_unit
-        if len(comparison) > _LONGEST_BESIDE:
-            label = f"{quantity} ({unit_name}),\n{plain(comparison)}"
-        else:
-            label = f"{quantity}, {plain(comparison)} ({unit_name})"
+        label = f"{quantity} ({unit_name}),\n{plain(comparison)}"
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
 
     title = f"What differs by {plain(table.conditions.name)}"

@@ -290,22 +290,18 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
 
 def axis_label(text: str, name: str, unit: StimulusUnit) -> str:
     """A text for a quantity with the unit of its axis, as in 'JND, %'; a pure number has none."""
-    # `filter` leaves out an empty unit with its comma.
-    return ", ".join(filter(None, (text, axis_unit(name, unit))))
-
-
-def axis_unit(name: str, unit: StimulusUnit) -> str:
-    """The unit of the axis of a quantity; empty for pure numbers."""
     quantity = QUANTITY_BY_NAME[name]
     if quantity.display == STIMULUS and unit.stimulus_unit:
-        return unit.stimulus_unit
-    if quantity.display == PERCENT:
-        return "%"
-    if _is_difference(name, unit):
-        return unit.difference_unit
-    # Quantities that stay in natural logs where the unit of the stimuli is not known. Any other
-    # quantity is a pure number.
-    return {LOG_INTENSITY_UNIT: "ln", PER_LOG_INTENSITY: "per ln"}.get(quantity.unit, "")
+        axis_unit = unit.stimulus_unit
+    elif quantity.display == PERCENT:
+        axis_unit = "%"
+    elif _is_difference(name, unit):
+        axis_unit = unit.difference_unit
+    else:
+        # Quantities that stay in natural logs where the unit of the stimuli is not known. Any other
+        # quantity is a pure number.
+        axis_unit = {LOG_INTENSITY_UNIT: "ln", PER_LOG_INTENSITY: "per ln"}.get(quantity.unit, "")
+    return f"{text}, {axis_unit}" if axis_unit else text
 
 
 def axis_limits(columns: NamedArrays, target: SubjectPosterior, truth: Values) -> list[Span]:

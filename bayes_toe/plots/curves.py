@@ -38,7 +38,6 @@ from bayes_toe.plots.style import (
     Style,
     difference_axis,
     draw_band,
-    draw_bars,
     explain_curves,
     grid_panels,
     grid_rows,
@@ -296,12 +295,12 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
     neighbours = np.array_split(middles, MOST_PANELS)
     groups = np.array([np.isin(middle, group) for group in neighbours])  # (groups, pairs)
     sizes = np.abs(subject.steps[order != 0])
-    is_curve = not sizes.size or sizes.max() < 1.2 * sizes.min()
+    is_joined = not sizes.size or sizes.max() < 1.2 * sizes.min()
     for sign in (-1, 1):
         shift = sign * _SHIFT * np.ptp(middle)
         weights = (groups & (order == sign)) * subject.n_trials
         mark = ORDERS[sign]
-        _draw_pooled(ax, weights, middle, p_correct, n_correct, mark, shift, is_curve=is_curve)
+        _draw_pooled(ax, weights, middle, p_correct, n_correct, mark, shift, is_joined=is_joined)
 
     _draw_half(ax, label="chance")
     stimulus_axis(ax, "middle of the pair", subject.unit, subject.mean_first)
@@ -317,7 +316,7 @@ def _draw_pooled(
     mark: Mark,
     shift: float,
     *,
-    is_curve: bool = True,
+    is_joined: bool = True,
 ) -> None:
     """Draw observed shares of an answer, and the expected band or bars, of groups of pairs.
 
@@ -333,8 +332,7 @@ def _draw_pooled(
     # The means of x and of P over the trials of each group.
     mean_x = weights @ x / n_trials  # (groups,)
     mean_p = expected @ weights.T / n_trials  # (draws, groups)
-    draw_expected = draw_band if is_curve else draw_bars
-    draw_expected(ax, mean_x, mean_p, mark.colour)
+    draw_band(ax, mean_x, mean_p, mark.colour, is_joined=is_joined)
     draw_shares(ax, mean_x + shift, (weights > 0) @ n_answers, n_trials, mark)
 
 

@@ -30,11 +30,12 @@ from bayes_toe.plots.style import (
     UNNAMED_HEIGHT,
     Style,
     draw_intervals,
+    name_rows,
     new_figure,
     plain,
     quantity_ticks,
-    style_axes,
     write_note,
+    zero_line,
 )
 
 
@@ -107,7 +108,7 @@ def order_effect(
     """
     require_kind("table", table, EvidenceTable, "EvidenceTable")
     figure = new_figure(PAGE, forest_height(len(table)))
-    forests(figure.subplots(1, 2), table, group)
+    forests(figure.subplots(1, 2, sharey=True), table, group)
     if synthetic:
         figure.suptitle("synthetic data", fontsize=LETTERS)
     return figure
@@ -123,41 +124,44 @@ def forest_height(subjects: int) -> float:
 def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResult | None) -> None:
     """Draw PSE shifts and contractions, a row a subject, into two panels.
 
-    Rows are at 0, 1, ... from above, and the group is at 0.25 below the place of a further row.
+    Rows are at 0, 1, ... from above; the group is in the last row.
     """
     answers = list(table.answers)
+    names = []  # of the last rows
     is_crowded = len(answers) > MAX_NAMES
     if is_crowded:
         answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
+        label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
+        panels[0].set_ylabel(label, fontsize=LETTERS)
+    else:
+        names = [plain(answer.subject, limit=20) for answer in answers]
+    if group is not None:
+        reliable = "" if group.is_reliable else "\nNOT RELIABLE"
+        names.append(f"group of {len(group.subjects)}{reliable}")
 
+    n_rows = len(answers) + (group is not None)
     for ax, question in zip(panels, QUESTION_STYLES, strict=True):
         words = [answer.words[question.name] for answer in answers]
         sizes, unit = _sizes(answers, group, question)
         _draw_sizes(ax, words, sizes, question)
         if group is not None and question.name in group.identified:
-            _draw_group(ax, len(answers) + 0.25, sizes[-1], group, question)
-        ax.axvline(0.0, color="black", lw=0.7, zorder=0)
+            _draw_group(ax, len(answers), sizes[-1], group, question)
+        zero_line(ax)
         start, end = _limits(sizes)
         low, _, high = sizes.T  # A row without a size has NaN, which is not beyond any limit.
         n_cut = int(np.sum((low < start) | (high > end)))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
-
-        # The panel ends below the last subject, or below the group.
-        if group is None:
-            ax.set_ylim(len(answers) - 0.5, -0.6)
-        else:
-            ax.set_ylim(len(answers) + 1.0, -0.6)
-            ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)  # between subjects and group
+        if group is not None:
+            ax.axhline(len(answers) - 0.5, color=EQUAL, lw=0.5)  # between subjects and group
 
         title = question.title
         if is_crowded:
             title += f"\n{words.count(Word.YES)} yes, {words.count(Word.PROBABLY)} probably"
         ax.set_title(title, loc="left", fontsize=LETTERS)
         label = question.axis.format(unit=unit.difference_unit)
-        ax.set(xlabel=label, xlim=(start, end), yticks=[])
-        ax.locator_params(axis="x", nbins=5)
-        style_axes(ax)
+        ax.set(xlabel=label, xlim=(start, end))
+        name_rows(ax, n_rows, names)
         quantity_ticks(ax, question.name)
 
         if is_crowded:
@@ -174,7 +178,6 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
                 va="center",
                 fontsize=SMALL,
             )
-    _write_names(panels[0], answers, group, is_crowded=is_crowded)
 
 
 def _sizes(
@@ -248,19 +251,3 @@ def _limits(sizes: FloatArray) -> tuple[float, float]:
     end = max(0.0, min(high.max(), median.max() + margin))
     pad = 0.05 * (end - start)
     return start - pad, end + pad
-
-
-def _write_names(
-    ax: Axes, answers: Sequence[OrderEffect], group: PopulationResult | None, *, is_crowded: bool
-) -> None:
-    """Write the names of subjects, or how many there are if it is crowded, and of the group."""
-    names = {}  # by the y of their row
-    if is_crowded:
-        label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
-        ax.set_ylabel(label, fontsize=LETTERS)
-    else:
-        names = {float(row): plain(answer.subject, limit=20) for row, answer in enumerate(answers)}
-    if group is not None:
-        reliable = "" if group.is_reliable else "\nNOT RELIABLE"
-        names[len(answers) + 0.25] = f"group of {len(group.subjects)}{reliable}"
-    ax.set_yticks(list(names), list(names.values()))

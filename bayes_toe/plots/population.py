@@ -124,7 +124,7 @@ def _draw_effects(section: SubFigure, result: PopulationResult, comparisons: Seq
     for name, ax in zip(names, panels, strict=True):
         parameter_rows = [row for row in rows if row.parameter == name]
         quantiles, axis_label = _effects(result, name, parameter_rows)
-        ax.axvline(0.0, color="black", lw=0.8)
+        zero_line(ax)
         draw_intervals(ax, range(len(labels)), quantiles)
         name_rows(ax, len(labels), labels)
         # 0 is in the middle, so that the side of an effect is seen; 8 % are a margin.

@@ -93,6 +93,3 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         if question == "order_effect":
             style["label"] = plain(kind)
         ax.errorbar(x, y, (y - low, high - y), lw=0.8, elinewidth=0.8, **style)
-
-
-# --- An optimised design --------------------------------------------------------------------------

@@ -69,7 +69,7 @@ def sizes_figure(
         panels = figure.subplots(2, 1, sharey=True)
     else:
         figure = new_figure(5.6, height)
-        panels = figure.subplots(1, 2)
+        panels = figure.subplots(1, 2, sharey=True)
     forests(panels, analysis.evidence, group)
     return figure
 

@@ -281,21 +281,21 @@ def _band_style(colour: str) -> Style:
     return {"fc": (colour, 0.15), "ec": (colour, 0.5), "lw": 0.5}
 
 
-def draw_band(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
-    """Draw the mean and the central 95 % band of curves over `x`.
+def draw_band(
+    ax: Axes, x: FloatArray, values: FloatArray, colour: str, *, is_joined: bool = True
+) -> None:
+    """Draw the mean and the central 95 % interval of `values`, shape (draws, x), at each `x`.
 
-    `values` has the curves, shape (draws, x).
+    They are joined as a curve on its band, or stand alone as bars.
     """
     low, _, high = np.quantile(values, MARKED_QUANTILES, axis=0)
-    ax.fill_between(x, low, high, **_band_style(colour))
-    ax.plot(x, values.mean(axis=0), color=colour, lw=1.2)
-
-
-def draw_bars(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
-    """Draw the mean and the central 95 % interval at each x, not joined; values are (draws, x)."""
-    low, _, high = np.quantile(values, MARKED_QUANTILES, axis=0)
-    ax.vlines(x, low, high, color=colour, lw=5.0, alpha=0.25)
-    ax.plot(x, values.mean(axis=0), "_", color=colour, ms=8.0)
+    mean = values.mean(axis=0)
+    if is_joined:
+        ax.fill_between(x, low, high, **_band_style(colour))
+        ax.plot(x, mean, color=colour, lw=1.2)
+    else:
+        ax.vlines(x, low, high, color=colour, lw=5.0, alpha=0.25)
+        ax.plot(x, mean, "_", color=colour, ms=8.0)
 
 
 def explain_curves(ax: Axes, model: str = "model", colour: str = EQUAL) -> None:
@@ -327,8 +327,8 @@ def draw_intervals(
 
 
 def name_rows(ax: Axes, n_rows: int, names: Sequence[str]) -> None:
-    """Put the first row of a forest on top, with the names of its rows, if any, at the left."""
-    ax.set_yticks(range(len(names)), names)
+    """Put the first row of a forest on top, and the names of its last rows, if any, at the left."""
+    ax.set_yticks(range(n_rows - len(names), n_rows), names)
     ax.set_ylim(n_rows - 0.4, -0.6)  # rows are at 0, 1, ..., with half a row around them
     ax.locator_params(axis="x", nbins=4)
     style_axes(ax).tick_params(axis="y", length=0)
