@@ -19,7 +19,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.validation import number
 from bayes_toe.design.information import AIMS, exchange_trials, information
 from bayes_toe.design.observers import Observer, assume_observers
-from bayes_toe.design.power import PowerTable, simulate_power
+from bayes_toe.design.power import PowerTable, power
 from bayes_toe.design.study_design import (
     StudyDesign,
     all_pairs,
@@ -304,10 +304,16 @@ def optimal_design(
         designs[EVEN] = even.with_total(trials)
     if goal.is_even:  # the design that is asked for comes first
         designs = dict(reversed(designs.items()))
-    simulated_sets = simulate_power(
-        list(designs.items()), power_observers, root, observer_prior, workers, progress
+    table = power(
+        designs,
+        [trials],
+        power_observers,
+        seed=root,
+        prior=prior,
+        workers=workers,
+        progress=progress,
     )
-    return OptimalDesign(designs, PowerTable.from_data_sets(simulated_sets, root))
+    return OptimalDesign(designs, table)
 
 
 def best_design(

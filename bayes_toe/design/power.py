@@ -14,7 +14,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, product
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -275,7 +275,8 @@ def power(
     root = root_seed(seed)
     observer_prior = preset_or_file(prior).observer
 
-    simulated_sets: list[DataSet] = []
+    jobs = []  # a batch of observers with one design each
+    names = []  # of the observers of each job, which progress shows
     # An observer has one task, so the designs of each task have observers of their own.
     for task in dict.fromkeys(pairs.task for pairs in design.values()):
         designs = {name: pairs for name, pairs in design.items() if pairs.task == task}
@@ -287,36 +288,15 @@ def power(
             prior=observer_prior,
             is_even=True,
         )
-        sized_designs = []
-        for name, pairs in designs.items():
-            for total in dict.fromkeys(trials):  # a number that is given twice counts once
-                sized_designs.append((name, pairs.with_total(total)))
-        simulated_sets += simulate_power(
-            sized_designs, assumed_observers, root, observer_prior, workers, progress
-        )
-    return PowerTable.from_data_sets(simulated_sets, root)
-
-
-def simulate_power(
-    designs: Sequence[tuple[str, StudyDesign]],
-    observers: Sequence[Observer],
-    seed: int,
-    prior: ObserverPrior,
-    workers: Workers,
-    progress: Progress | None,
-) -> Iterable[DataSet]:
-    """The data sets of all observers with all designs, each of which has its name.
-
-    A job is a batch of observers with one design. Progress shows the names of its observers.
-    """
-    jobs = []
-    names = []  # of the observers of each job
-    for name, design in designs:
-        for start in range(0, len(observers), BATCH):
-            batch = observers[start : start + BATCH]
-            jobs.append(partial(simulate_batch, name, design, batch, seed, prior))
-            names.append(tuple(observer.name for observer in batch))
-    return chain.from_iterable(run_in_order(jobs, workers, progress, names))
+        # A number of trials that is given twice counts once.
+        for (name, pairs), total in product(designs.items(), dict.fromkeys(trials)):
+            sized = pairs.with_total(total)
+            for start in range(0, len(assumed_observers), BATCH):
+                batch = assumed_observers[start : start + BATCH]
+                jobs.append(partial(simulate_batch, name, sized, batch, root, observer_prior))
+                names.append(tuple(observer.name for observer in batch))
+    results = run_in_order(jobs, workers, progress, names)
+    return PowerTable.from_data_sets(chain.from_iterable(results), root)
 
 
 def simulate_batch(
@@ -501,9 +481,12 @@ def _count_detected_means(
     A study draws `size` subjects from the observers of the group, with replacement. `effects` has
     the true effect of each observer, (observers,).
     """
+    intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
+    low, _, high = intervals.T  # 95 % intervals, (observers,) each
     # The unit in which the hyperprior has the effect, and the SD of a subject's prior in this unit.
     scales = group[0].scales
     if question == CONSTANT_ERROR.name:
+        low, high = np.log1p([low / 100.0, high / 100.0])  # from per cent of intensity
         unit = scales.step
         hyperprior = prior.group.constant_error
         # A subject's prior is Student's t with 3 degrees of freedom and this scale. At 0 it is
@@ -517,7 +500,7 @@ def _count_detected_means(
     # With normal densities, the precision of the responses is that of the posterior less that of
     # the prior. Where the posterior is as wide as the prior, or wider by Monte Carlo error, the
     # responses say next to nothing: an SD of 100 units.
-    posterior_sd = _posterior_sds(group, question) / unit
+    posterior_sd = (high - low) / 3.92 / unit  # a normal interval is 2 x 1.96 SD wide
     standard_error = np.maximum(posterior_sd**-2.0 - prior_sd**-2.0, 1e-4) ** -0.5  # (observers,)
 
     drawn = rng.integers(len(group), size=(_N_STUDIES, size))  # indices of observers
@@ -527,18 +510,6 @@ def _count_detected_means(
     # The function has the log Bayes factor for a mean of 0, and its negative is against this mean.
     log_factors = -approximate_zero_mean(estimates, standard_errors, numbers)  # (studies,)
     return sum(word_of_bayes_factor(value).is_positive for value in log_factors.tolist())
-
-
-def _posterior_sds(group: Sequence[DataSet], question: str) -> FloatArray:
-    """SD of the posterior of each observer's effect, (observers,), from its 95 % interval.
-
-    The unit of a constant error is natural-log intensity; a contraction has none.
-    """
-    intervals = np.array([data_set.answer.sizes[SIZE_OF[question]] for data_set in group])
-    low, _, high = intervals.T
-    if question == CONSTANT_ERROR.name:  # its interval is in per cent of intensity
-        low, high = np.log1p([low / 100.0, high / 100.0])
-    return (high - low) / 3.92  # the interval of a normal density is 2 x 1.96 SD wide
 
 
 def predicted_count(hits: int, size: int, subjects: int) -> tuple[int, int, int]:

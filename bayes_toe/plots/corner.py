@@ -28,6 +28,7 @@ from matplotlib.patches import Patch
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 
+from bayes_toe.answers.order_effect import decimals_of
 from bayes_toe.arrays import ArrayPair, FloatArray, NamedArrays, Texts
 from bayes_toe.data.messages import format_estimate, join_names
 from bayes_toe.data.stimulus_unit import StimulusUnit, percent
@@ -47,7 +48,7 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.model.posterior import SubjectPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import MARKED_QUANTILES, POSTERIOR, WEAKER_FIRST, Style, plain, rounded
+from bayes_toe.plots.style import MARKED_QUANTILES, POSTERIOR, WEAKER_FIRST, Style, plain
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
@@ -513,10 +514,12 @@ def _draw_curves(
         ax.plot(*_smooth_density(values, span), color=sample.colour, lw=1.4, ls=sample.line)
         low, median, high = np.quantile(values, MARKED_QUANTILES)
         if is_single:
-            # The width of the interval determines the decimals of the three numbers.
-            texts = rounded(low, high, low, median, high)
-            if len(texts[1]) > 9:  # The median is too long for the width of a panel.
-                texts = [f"{value:.2g}" for value in (low, median, high)]
+            # Two digits of the width of the interval, or of each number, if all draws are equal or
+            # the median is too long for the panel. A "z" leaves no -0.0.
+            form = f"z.{decimals_of(high - low)}f"
+            if low == high or len(f"{median:{form}}") > 9:
+                form = "z.2g"
+            texts = [f"{value:{form}}".replace("-", "−") for value in (low, median, high)]
             ax.set_title(format_estimate(*texts), fontsize=9.0)
             ax.axvline(true_value, color=TRUTH)
         else:

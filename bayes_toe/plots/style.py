@@ -89,22 +89,6 @@ def plain(name: str | int, limit: int = 32) -> str:
     return text.replace("$", r"\$")
 
 
-def rounded(low: float, high: float, *values: float) -> list[str]:
-    """Numbers as texts, with as many decimals as show two digits of `high - low`.
-
-    Examples
-    --------
-    >>> rounded(0.0, 3.4, 1.234), rounded(0.0, 0.034, 0.01234)
-    (['1.2'], ['0.012'])
-    """
-    decimals = 3
-    if high > low:
-        # The logarithm of 0.034 is -1.5, and its second digit is in decimal 3.
-        decimals = max(0, 1 - int(np.floor(np.log10(high - low))))
-    # Adding 0.0 leaves no -0.0.
-    return [f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−") for value in values]
-
-
 # --- panels ---------------------------------------------------------------------------------------
 
 
