@@ -404,15 +404,9 @@ def badges(draws: Draws, name: str) -> TextPairs:
     shortfall = draws.not_converged.get(name)
     convergence = ("unconverged", shortfall) if shortfall else ("fine", "converged")
 
-    fit = draws.fit(name)
-    fit_p = None
-    if fit.degrees_of_freedom > 0:
-        fit_p = fit.fit_p
-        # There is no p-value if the pairs determine about as many parameters as there are pairs.
-        # Then no badge says whether the model fits.
-        if np.isnan(fit_p):
-            return (convergence,)
-    return convergence, _fit_badge(fit_p, len(draws.names))
+    # The p-value is NaN if the pairs determine about as many parameters as there are pairs.
+    fit_p = draws.fit(name).fit_p
+    return convergence, _fit_badge(None if np.isnan(fit_p) else fit_p, len(draws.names))
 
 
 def _fit_badge(fit_p: float | None, n_subjects: int) -> tuple[str, str]:

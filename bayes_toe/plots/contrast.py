@@ -66,7 +66,7 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         panel_height = max(0.7, 0.16 * n_subjects)
     # 0.7 for title and legend, and 0.9 for the axis and label of each panel.
     figure = new_figure(PAGE, 0.7 + (0.9 + panel_height) * len(comparisons))
-    panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
+    panels = figure.subplots(len(comparisons), len(quantities), squeeze=False, sharey="row")
     for (i, j), ax in np.ndenumerate(panels):
         quantity = quantities[j]
         comparison = comparisons[i]
@@ -76,7 +76,6 @@ def contrast(table: ContrastTable, *, synthetic: bool = False) -> Figure:
         percents = [row.interval(UNKNOWN_UNIT) for row in rows]
         unit = table.unit.with_logs_if_large(percents)
         _draw_subjects(ax, table, rows, unit)
-        ax.tick_params(labelleft=j == 0)  # Only the first panel of a row has names.
 
         quantity_ticks(ax, observer_name(quantity))
         # A contraction is a share.

@@ -144,16 +144,28 @@ def forests(panels: Sequence[Axes], table: EvidenceTable, group: PopulationResul
         words = [answer.words[question.name] for answer in answers]
         sizes, unit = _sizes(answers, group, question)
         _draw_sizes(ax, words, sizes, question)
-        if group is not None and question.name in group.identified:
-            _draw_group(ax, len(answers), sizes[-1], group, question)
+        if group is not None:
+            ax.axhline(len(answers) - 0.5, color=EQUAL, lw=0.5)  # between subjects and group
+            if question.name in group.identified:
+                draw_intervals(
+                    ax,
+                    len(answers),
+                    sizes[-1],
+                    colour=question.colour,
+                    line=2.2,
+                    marker="d",
+                    ms=8.0,
+                    mec="black",
+                    mew=0.6,
+                    fillstyle=_FILLS[mean_word(group, question.name)],
+                    markerfacecoloralt="white",
+                )
         zero_line(ax)
         start, end = _limits(sizes)
         low, _, high = sizes.T  # A row without a size has NaN, which is not beyond any limit.
         n_cut = int(np.sum((low < start) | (high > end)))
         if n_cut:
             write_note(ax, f"{plural(n_cut, 'interval')} beyond the panel")
-        if group is not None:
-            ax.axhline(len(answers) - 0.5, color=EQUAL, lw=0.5)  # between subjects and group
 
         title = question.title
         if is_crowded:
@@ -221,19 +233,6 @@ def _draw_sizes(
             draw_intervals(
                 ax, rows, sizes[rows].T, colour=colour, line=width, fillstyle=fill, **style
             )
-
-
-def _draw_group(
-    ax: Axes, y: float, size: FloatArray, group: PopulationResult, question: QuestionStyle
-) -> None:
-    """Draw the mean of the group at the height y, with a marker filled by its word.
-
-    `size` has the median between the ends of the 95 % interval.
-    """
-    fill = _FILLS[mean_word(group, question.name)]
-    marker: Style = {"marker": "d", "ms": 8.0, "mec": "black", "mew": 0.6, "fillstyle": fill}
-    marker["markerfacecoloralt"] = "white"
-    draw_intervals(ax, y, size, colour=question.colour, line=2.2, **marker)
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:

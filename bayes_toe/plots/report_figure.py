@@ -29,11 +29,6 @@ from bayes_toe.plots.style import (
 
 #: Largest number of subjects whose responses are shown.
 MAX_SUBJECTS = 6
-#: Colours of a printed figure, and the colours of a page that take their place.
-_PAGE_COLOURS = {
-    "#000000": "var(--ink)",
-    "#ffffff": "var(--page)",
-}
 
 
 def responses_figure(analysis: Analysis, height: float) -> Figure:
@@ -106,8 +101,8 @@ def inline_svg(figure: Figure, label: str) -> str:
     text = text[text.index("<svg") :]  # without the head of a file
     # Names of subjects may hold characters that a browser would obey.
     text = "\n".join(map(visible, text.split("\n")))
-    for printed, variable in _PAGE_COLOURS.items():
-        text = text.replace(printed, variable)
+    # The colours of the page take the place of black and white.
+    text = text.replace("#000000", "var(--ink)").replace("#ffffff", "var(--page)")
     # Letters without a colour of their own would be black.
     text = text.replace("<svg ", f'<svg role="img" aria-label="{label}" fill="currentColor" ', 1)
     # Figures of a page have the same names of groups, as in '<g id="axes_1"'.
