@@ -146,8 +146,6 @@ class StudyDesign:
             raise InputError(
                 f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair"
             )
-        if trials == self.total:  # rounding of the shares might move a trial
-            return self
         return replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
 
     def select(self, index: IndexArray, n_trials: IntArray) -> StudyDesign:

@@ -267,7 +267,7 @@ class Entry:
         subject = self.target.subject
         low = float(subject.stimuli.min())
         high = float(subject.stimuli.max())
-        pad = _PLANE_MARGIN * (high - low) or 0.5  # 0.5 if there is only one stimulus
+        pad = _PLANE_MARGIN * (high - low)
         ends = [low - pad, high + pad]
         # Only a scale in per cent of the mean needs the mean. The page has natural logs in place of
         # such a scale.
@@ -478,9 +478,8 @@ def pack_slice(fitted: Predictor, stimulus: float, *, has_title: bool) -> Record
 
         order = presentation_order(subject)[is_member]
         orders = [sign for sign in (-1, 1) if sign in order]
-        # The other curves, if there are any, begin at a single pair of equal stimuli, which needs
-        # no curve of its own then.
-        if (order == 0).sum() > 1 or not orders:
+        # The other curves begin at a single pair of equal stimuli, which needs no curve of its own.
+        if (order == 0).sum() > 1:
             orders.append(0)
         all_pairs = pairs_with_stronger(stimulus, x)
         pairs_by_order = {sign: all_pairs[sign] for sign in orders}
@@ -534,14 +533,14 @@ def slice_and_position(subject: Subject) -> ArrayPair:
 def _selected_slices(subject: Subject) -> tuple[list[float], int]:
     """The stimuli of the slices with the most trials, ascending; the number of all slices.
 
-    A slice without trials of different stimuli does not count, unless there are only such slices.
+    A slice without trials of different stimuli does not count.
     """
     stimulus_of_pair, _ = slice_and_position(subject)
     # `slice_of_pair` has the number of the slice of each pair, (pairs,).
     stimuli, slice_of_pair = np.unique(stimulus_of_pair, return_inverse=True)
     n_different = subject.n_trials * (subject.s1 != subject.s2)
     n_trials = np.bincount(slice_of_pair, weights=n_different)  # (slices,)
-    n_slices = max(1, int(np.count_nonzero(n_trials)))
+    n_slices = int(np.count_nonzero(n_trials))
     most_trials_first = np.argsort(-n_trials, kind="stable")
     selected_stimuli = stimuli[most_trials_first][: min(MOST_SLICES, n_slices)]
     return np.sort(selected_stimuli).tolist(), n_slices

@@ -184,8 +184,7 @@ def weaker_stimulus_panel(ax: Axes, subject: Subject, curve: Curve, weaker: floa
     stronger = np.maximum(subject.s1, subject.s2)  # (pairs,), the horizontal axis
     is_in_panel = pairs_with_weaker(subject, weaker)
     low = float(stronger[is_in_panel].min(initial=weaker))
-    high = float(stronger[is_in_panel].max(initial=weaker))
-    high = max(high, weaker + 1e-9)  # a curve needs two ends
+    high = float(stronger[is_in_panel].max())
     # The curves of different stimuli start at `weaker`. Equal stimuli may be below it.
     pairs_by_order = pairs_with_stronger(weaker, np.linspace(weaker, high, POINTS))
     equal_stimuli = np.linspace(low, high, POINTS)
@@ -295,7 +294,7 @@ def correct_panel(ax: Axes, subject: Subject, curve: Curve) -> None:
     neighbours = np.array_split(middles, MOST_PANELS)
     groups = np.array([np.isin(middle, group) for group in neighbours])  # (groups, pairs)
     sizes = np.abs(subject.steps[order != 0])
-    is_joined = not sizes.size or sizes.max() < 1.2 * sizes.min()
+    is_joined = sizes.max() < 1.2 * sizes.min()
     for sign in (-1, 1):
         shift = sign * _SHIFT * np.ptp(middle)
         weights = (groups & (order == sign)) * subject.n_trials
@@ -347,13 +346,8 @@ def _weaker_stimuli(subject: Subject) -> FloatArray:
 
 
 def main_weaker(subject: Subject) -> float:
-    """The weaker stimulus that most pairs of different stimuli share.
-
-    It is the reference r of the paper's design. Without different stimuli, it is the stimulus of
-    most pairs.
-    """
-    weaker = _weaker_stimuli(subject)
-    return float(mode(weaker if weaker.size else subject.s1).mode)
+    """The weaker stimulus that most pairs share: the reference r of the paper's design."""
+    return float(mode(_weaker_stimuli(subject)).mode)
 
 
 def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
@@ -364,8 +358,7 @@ def pairs_with_weaker(subject: Subject, weaker: float) -> BoolArray:
     """
     has_weaker = np.minimum(subject.s1, subject.s2) == weaker
     is_equal = subject.s1 == subject.s2
-    # Without pairs of different stimuli, the only panel is that of the weakest stimulus.
-    if weaker <= _weaker_stimuli(subject).min(initial=np.inf):
+    if weaker == _weaker_stimuli(subject).min():
         return has_weaker | is_equal
     return has_weaker | (is_equal & (subject.s1 >= weaker))
 

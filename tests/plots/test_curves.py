@@ -98,8 +98,6 @@ def test_a_curve_joins_pairs_with_the_same_difference():
 def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
     # Rows of s1, s2, 'equal' and trials: 0 is the weaker stimulus of two of three pairs.
     assert main_weaker(made_subject("0 0.1 1 2, 0 0.3 1 2, 0.1 0.3 1 2")) == 0.0
-    # If all pairs have equal stimuli, the lowest stimulus is taken.
-    assert main_weaker(made_subject("0 0 1 2, 0.1 0.1 1 2")) == 0.0
 
 
 # --- 'Which was stronger' -------------------------------------------------------------------------
