@@ -160,8 +160,8 @@ def _stimulus_meant(text: str, options: ReadOptions) -> str:
     if options.comparison_code is not None:
         return "comparison" if text == options.comparison_code else "standard"
     for stimulus in options.stimuli:
-        # 'B' names the column 'B_ms', and 'test' is a word for the comparison.
-        is_column = options.name(stimulus).split("_")[0] == text
+        # 'B' names the columns 'B_ms' and 'B.ms', and 'test' is a word for the comparison.
+        is_column = re.split("[_.]", options.name(stimulus))[0] == text
         if is_column or named_places(text) == named_places(stimulus):
             return stimulus
     return ""
@@ -173,9 +173,9 @@ def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable,
     The options stay as they are if they say the order, if there is no standard and no comparison,
     or if columns contradict each other.
     """
+    table = _with_onsets(table)
     if not unordered_stimuli(table.names, options):
         return table, options
-    table = _with_onsets(table)
     names_in_use = set(map(options.name, COLUMNS))  # such as that of the responses
     name_by_order = {}  # by what a column says of all rows; equal columns are one
     for name, column in table.columns.items():
@@ -198,15 +198,17 @@ def with_known_order(table: TextTable, options: ReadOptions) -> tuple[TextTable,
 def _with_onsets(table: TextTable) -> TextTable:
     """The table with a column of order, if two columns have the onsets of standard and comparison.
 
-    Columns of onsets have names such as tone_std.started and tone_cmp.started. The table stays as
-    it is if one stimulus always began first, since the times may then count from two moments.
+    Columns of onsets have names such as tone_std.started and tone_cmp.started, or tone1.onset and
+    tone2.onset. The table stays as it is if one stimulus always began first, since the times may
+    then count from two moments.
     """
     onset_names = {"standard": list[str](), "comparison": list[str]()}
     for name in table.columns:
         stimuli, places, other_words = named_places(name)
         is_onset = other_words.intersection(VOCABULARY["words"]["of_onset"])
-        if is_onset and len(stimuli) == 1 and not places:
-            onset_names[stimuli[0]].append(name)
+        if is_onset and len(stimuli + places) == 1:
+            is_comparison = stimuli + places in (["comparison"], ["second"])
+            onset_names["comparison" if is_comparison else "standard"].append(name)
     if list(map(len, onset_names.values())) != [1, 1]:  # one column for each stimulus
         return table
     pair = onset_names["standard"] + onset_names["comparison"]
@@ -533,8 +535,8 @@ def _are_intensities(name: str, stimuli: FloatArray, reason: str) -> bool:
     high = stimuli.max()
     if not has_word(name, "of_quantities"):
         # No sound has a level of 140 dB. Pitches in cents are large numbers in a narrow range.
-        is_pitch = has_word(name, "of_pitch")
-        return bool(reason and low > 140.0 and high > 1.3 * low and not is_pitch)
+        is_scale = has_word(name, "of_scales")
+        return bool(reason and low > 140.0 and high > 1.3 * low and not is_scale)
     if reason:
         return bool(low > 1.0)  # whole numbers from 1 may number levels
     # Logarithms of such quantities in their usual units are larger, or below 0.

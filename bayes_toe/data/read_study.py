@@ -48,6 +48,7 @@ from bayes_toe.data.responses import (
     follows_stimuli,
     missed_codes_found,
     notes_without_effect,
+    repeats_stimuli,
     require_direction,
     require_task,
     responses,
@@ -229,8 +230,8 @@ def _read_evident(
     Raises
     ------
     InputError
-        If names and cells leave a question open, or if the study has doubts or does not follow the
-        stimuli. The error asks all questions.
+        If names and cells leave a question open, or if the study has doubts, does not follow the
+        stimuli or does not repeat them. The error asks all questions.
     """
     error, study = with_next_questions(first_error, options, read)
     if study is None:
@@ -240,8 +241,9 @@ def _read_evident(
     is_evident = all(answer.is_evident for answer in answers)
     # Names that are not ours do not say that numbers are natural logs.
     are_logs = "s1" in reading.read and "s1" in option_values(answers).get("columns", {})
-    has_doubts = reading.doubts or reading.pooled or not follows_stimuli(study)
-    if has_doubts or are_logs or not is_evident:
+    has_doubts = reading.doubts or reading.pooled
+    is_study = follows_stimuli(study) and repeats_stimuli(study)
+    if has_doubts or are_logs or not is_evident or not is_study:
         raise error from None
 
     reading = replace(reading, evident=tuple(answers))

@@ -366,7 +366,7 @@ def _read_json(source: str, data: bytes, encoding: str | None) -> TextTable:
     """
     text, label = decoded(source, data, encoding)
     content = _with_shared_fields(_parse_json(source, text))
-    records = _json_records(source, content, shared={})
+    records = map(_with_dotted_names, _json_records(source, content, shared={}))
     return _table_of_fields(source, f"JSON, {label}", "keys", records)
 
 
@@ -452,6 +452,23 @@ def _json_records(
             yield {**fields, **dict(zip(lists, cells, strict=True))}
     else:  # a trial
         yield fields
+
+
+def _with_dotted_names(fields: Record) -> Record:
+    """A trial with the fields of its records.
+
+    Examples
+    --------
+    >>> _with_dotted_names({"id": 7, "interval1": {"ms": 500, "onset": 0}})
+    {'id': 7, 'interval1.ms': 500, 'interval1.onset': 0}
+    """
+    record: Record = {}
+    for key, value in fields.items():
+        if isinstance(value, dict):
+            record |= {f"{key}.{name}": cell for name, cell in value.items()}
+        else:
+            record[key] = value
+    return record
 
 
 def _has_records(value: object) -> bool:

@@ -1008,6 +1008,18 @@ def follows_stimuli(study: Study) -> bool:
     return _shared_direction(trends, least_z=3.0) > 0
 
 
+def repeats_stimuli(study: Study) -> bool:
+    """Whether some subject has no more different stimuli than trials, as in a design.
+
+    Measured quantities, such as forces or durations of fixations, differ in nearly every row.
+    """
+    for subject in study:
+        n_stimuli = len(np.unique([subject.s1, subject.s2]))
+        if n_stimuli <= subject.n_trials.sum():
+            return True
+    return False
+
+
 def _shared_direction(trends: Sequence[tuple[float, float]], least_z: float) -> int:
     """The sign that the trends of all subjects share; 0 without a clear one.
 

@@ -355,6 +355,10 @@ READ = {
     ),
     "matrix.mat --columns s1=1,s2=2,response=3 --second-code 2": matlab_bytes(MATRIX),
     "nested.json": NESTED,
+    "parts.json --columns s1=a.ms,s2=b.ms --unit ln": [
+        {**record, "a": {"ms": record["s1"], "x": 0}, "b": {"ms": record["s2"], "x": 1}}
+        for record in RECORDS
+    ],
     "vectors_73.mat": matlab_73(LISTS),
     "struct_array_73.mat": matlab_73(LISTS, home="data"),
     "counts.csv": COUNTS,
@@ -1044,9 +1048,14 @@ OPEN = {
     ),
     "codes of sessions or of subjects": labelled(IN_LOGS, subject="code"),
     "pitches": labelled(IN_GRAMS, w1="pitch1", w2="pitch2"),
+    "grey levels": labelled(IN_GRAMS, w1="grey1", w2="grey2"),
+    "forces that were measured": IN_GRAMS.assign(w1=IN_GRAMS.w1 + TRIALS.index / 1000.0),
     "scattered rows": labelled(IN_LOGS[::2], subject="id").sample(frac=1.0, random_state=1),
     "a wrong score": SCORED_KEYS.assign(correct=TRIALS.correct ^ IS_FIRST_UNEQUAL),
     "responses that do not follow": IN_GRAMS.assign(response=["first", "second"] * 40),
+    "stimuli that begin in both orders": IN_GRAMS.assign(
+        **{"w1.started": [0, 1] * 40, "w2.started": [1, 0] * 40}
+    ),
     "two kinds of trials": IN_GRAMS.assign(modality=["a", "a", "b", "b"] * 20),
     "rows that do not count": IN_GRAMS.assign(exclude=[1, 0, 0, 0] * 20),
 }
