@@ -298,7 +298,7 @@ def unit_in(name: str) -> str:
     >>> unit_in("lum1_cd_m2"), unit_in("luminance (cd/m\u00b2)")
     ('cd/m2', 'cd/m2')
     """
-    plain = _folded(name).replace("cd_m2", "cd/m2")
+    plain = re.sub("cd_?m2", "cd/m2", _folded(name))
     words = re.findall(r"cd/m2|log10|log2|[^\W\d_]+", plain)  # other units have no digits
 
     for unit, unit_words in VOCABULARY["units"]["logarithms"].items():
@@ -460,10 +460,10 @@ def _may_be_stimulus(name: str) -> bool:
 
     Examples
     --------
-    >>> _may_be_stimulus("interval_1"), _may_be_stimulus("dots_interval_1")
-    (False, True)
+    >>> [_may_be_stimulus(name) for name in ("interval_1", "dots_interval_1", "interval_1_ms")]
+    [False, True, True]
     """
-    if has_word(name, "of_quantities"):  # its interval is a place
+    if has_word(name, "of_quantities") or unit_in(name):  # its interval is a place or a duration
         words = VOCABULARY["words"]["of_interval"]
         name = " ".join(named_places(name).other_words.difference(words))
     return not has_word(name, "about")
@@ -869,22 +869,26 @@ def _are_labels(pair: Texts, order: str, columns: Iterable[Column]) -> bool:
     """Whether 1 and 2 are labels of the stimuli, and a column of order says which came first.
 
     A column of order has both codes for a pair of the same two stimuli, and changes from trial to
-    trial. Any other column follows from the stimuli, or distinguishes subjects or blocks.
+    trial, or has cells such as SC and CS. Any other column follows from the stimuli, or
+    distinguishes subjects or blocks.
     """
     # 'first_tone' says its place, and a column of order such as 'interval' may have pauses.
     if "first" in pair[0].lower() or looks_like(order, "isi"):
         return False
-    codes = {column.name: column.codes for column in columns}
-    if not codes.keys() >= set(pair):  # a stimulus is missing, or has too many texts
+    column_by_name = {column.name: column for column in columns}
+    if not column_by_name.keys() >= set(pair):  # a stimulus is missing, or has too many texts
         return False
-    first, second, order_codes = map(codes.__getitem__, (*pair, order))
+    order_column = column_by_name[order]
+    order_codes = order_column.codes
+    first, second = (column_by_name[name].codes for name in pair)
     n_pairs = len(combination_counts(first, second))
     n_ordered_pairs = len(combination_counts(first, second, order_codes))
     # If the order follows from the stimuli, only equal stimuli have both codes, and are fewer than
     # half of the pairs.
     is_independent = n_ordered_pairs > 1.5 * n_pairs
     # Codes of subjects or blocks have long runs of rows, five or more on average.
-    return is_independent and len(run_starts(order_codes)) > 0.2 * len(order_codes)
+    changes = len(run_starts(order_codes)) > 0.2 * len(order_codes)
+    return is_independent and (changes or _has_both_orders(order_column))
 
 
 def _interval_names(columns: Iterable[Column]) -> list[str]:
@@ -1338,12 +1342,22 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
     if role != "subject" or not likely_names:
         likely_names += _names_by_cells(columns, role)
     column_by_name = {column.name: column for column in columns}
+    likely_names = list(dict.fromkeys(likely_names))
     likely_names.sort(key=lambda name: _is_unlikely(column_by_name[name], role))
+    names_with_words = [name for name in likely_names if _has_answers(column_by_name[name])]
+    if role == "response" and len(names_with_words) == 1:
+        return names_with_words
     # Columns that are alike may each have another subject, so that no single one is proposed.
     for column, other_column in combinations(columns, 2):
         if likely_names[:1] == [column.name] and are_alike(column, other_column):
             return ["NAME"]
-    return list(dict.fromkeys(likely_names))[:3] or ["NAME"]
+    return likely_names[:3] or ["NAME"]
+
+
+def _has_answers(column: Column) -> bool:
+    """Whether the cells of a column are two or three words such as 'first' and 'second'."""
+    texts = filled_texts(column)
+    return len(texts) > 1 and all(plain_name(text) in _ANSWERS for text in texts)
 
 
 def _is_unlikely(column: Column, role: str) -> bool:

@@ -583,7 +583,7 @@ def _code_by_name(column: Column, texts: Texts) -> tuple[str, str]:
 
     Examples
     --------
-    >>> columns = {"louder": "1221", "SecondBigger": "0110", "different": "ynyn", "key": "fjfj"}
+    >>> columns = {"louder": "1221", "tone2.louder": "0110", "different": "ynyn", "key": "fjfj"}
     >>> for name, cells in columns.items():
     ...     print(_code_by_name(Column.from_texts(name, cells), sorted(set(cells))))
     ('second_code', '2')
@@ -602,11 +602,16 @@ def _code_by_name(column: Column, texts: Texts) -> tuple[str, str]:
     true_texts = [text for text in texts if text.lower() in TRUE_WORDS]
     false_texts = [text for text in texts if text.lower() in FALSE_WORDS]
     if len(true_texts) == len(false_texts) == 1:
+        name = column.name
+        stimuli, places, _ = named_places(name)
+        if has_word(name, "of_strength") and len(stimuli + places) == 1:
+            (answer,) = stimuli + places
+            name = f"n_{answer}"  # a yes in 'tone2.louder' is 'second'
         for role, other_role in OTHER_COUNTS.items():
             option = role.replace("n_", "") + "_code"
-            if looks_like(column.name, role):
+            if looks_like(name, role):
                 return option, true_texts[0]
-            if looks_like(column.name, other_role):
+            if looks_like(name, other_role):
                 return option, false_texts[0]
     return "", ""
 

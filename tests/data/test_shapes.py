@@ -1027,8 +1027,11 @@ EVIDENT = {
     "--columns s1=w1,s2=w2,response=pressed --unit a.u.": labelled(
         IN_GRAMS, response="pressed"
     ).assign(CRESP=CORRECT_ANSWERS),
-    "--columns response=second_was_heavier --second-code 1": labelled(
-        with_responses(IN_LOGS, 0, 1), response="second_was_heavier"
+    "--columns response=weight2.heavier --second-code 1": labelled(
+        with_responses(IN_LOGS, 0, 1), response="weight2.heavier"
+    ),
+    "--columns response=heavier_one": labelled(IN_LOGS, response="heavier_one").assign(
+        key_pressed=IN_LOGS.response.map({"first": "f", "second": "j"})
     ),
     "--columns response=heavier --second-code 2": labelled(
         with_responses(IN_LOGS, 1, 2), response="heavier"
@@ -1056,6 +1059,7 @@ OPEN = {
     "stimuli that begin in both orders": IN_GRAMS.assign(
         **{"w1.started": [0, 1] * 40, "w2.started": [1, 0] * 40}
     ),
+    "orders of groups": IN_GRAMS.assign(order=["SC"] * 40 + ["CS"] * 40),
     "two kinds of trials": IN_GRAMS.assign(modality=["a", "a", "b", "b"] * 20),
     "rows that do not count": IN_GRAMS.assign(exclude=[1, 0, 0, 0] * 20),
 }
