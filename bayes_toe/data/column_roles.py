@@ -136,7 +136,9 @@ def named_places(text: str) -> NamedPlaces:
     plain = without_accents(re.sub("(?<=[a-z])(?=[A-Z])", " ", text)).lower()  # 'testInterval'
     words: list[str] = []
     # 'test', '1st' or '-1.0', but not the 'st' of 'stim1.started'
-    for word in re.findall(r"[^\W\d_]+|-?[.,]?[0-9][0-9.,]*(?:(?:st|nd)(?![a-z]))?", plain):
+    for word in re.findall(
+        r"[^\W\d_]+|-?[.,]?[0-9][0-9.,]*(?:(?:st|nd|e|er|re|ere|eme)(?![a-z0-9]))?", plain
+    ):
         word = re.sub("[.,]0*$", "", word)  # '1.0' is '1'
         parts = _KNOWN_WORDS.findall(word)
         # A word such as 'testinterval' is several words if they are all of it.
@@ -906,15 +908,19 @@ def _interval_names(columns: Iterable[Column]) -> list[str]:
 
 
 def _has_both_orders(column: Column) -> bool:
-    """Whether the cells of a column name a standard and a comparison in both orders.
+    """Whether the cells of a column name two stimuli in both orders.
 
     Examples
     --------
     >>> _has_both_orders(Column.from_texts("condition", ["<sc>", "<cs>", "<cs>"]))
     True
+    >>> _has_both_orders(Column.from_texts("played", ["tone1,tone2", "tone2,tone1"]))
+    True
     """
-    orders = {tuple(named_places(text).stimuli) for text in filled_texts(column)}
-    return orders == {("standard", "comparison"), ("comparison", "standard")}
+    words = map(named_places, filled_texts(column))
+    orders = {(*stimuli, *places) for stimuli, places, _ in words}
+    first_order = max(orders, default=())
+    return len(first_order) == 2 and orders == {first_order, first_order[::-1]}
 
 
 def says_interval(column: Column) -> bool:
@@ -1039,6 +1045,8 @@ def _stimulus_pair(names: Texts, signs: Mapping[str, str]) -> Texts:
     --------
     >>> _stimulus_pair(["rt", "stim1_dB", "stim2_dB"], _NUMBERS)
     ('stim1_dB', 'stim2_dB')
+    >>> _stimulus_pair(["1er son (s)", "2e son (s)"], _NUMBERS)
+    ('1er son (s)', '2e son (s)')
     >>> _stimulus_pair(["toneA", "toneB"], _LETTERS), _stimulus_pair(["DATA", "DATB"], _LETTERS)
     (('toneA', 'toneB'), ())
     >>> _stimulus_pair(["amp[0]", "amp[1]"], _LETTERS), _stimulus_pair(["q10", "q11"], _LETTERS)
@@ -1355,9 +1363,13 @@ def _likely_names(columns: Collection[Column], role: str) -> list[str]:
 
 
 def _has_answers(column: Column) -> bool:
-    """Whether the cells of a column are two or three words such as 'first' and 'second'."""
+    """Whether the cells of a column are words such as 'first', 'second interval' and 'equal'."""
     texts = filled_texts(column)
-    return len(texts) > 1 and all(plain_name(text) in _ANSWERS for text in texts)
+    for text in texts:
+        is_answer = plain_name(text) in _ANSWERS or len(named_places(text).places) == 1
+        if not is_answer or re.search("[0-9]", text):  # 'list1' and 'list2' are no answers
+            return False
+    return len(texts) > 1
 
 
 def _is_unlikely(column: Column, role: str) -> bool:
@@ -1426,6 +1438,8 @@ def role_by_cells(column: Column) -> str:
     # The name says so, or each text stands in one block, of more than two rows on average.
     is_named = has_word(column.name, "of_subjects") and not has_word(column.name, "of_answers")
     is_subject = is_named or n_texts == n_runs < 0.5 * n_rows
+    if has_word(column.name, "of_responses"):  # 'chosen_interval' is a response
+        words = words.difference(VOCABULARY["words"]["of_interval"])
     # Three codes and an empty cell are four texts. A code stands in less than five rows on average
     # before another code follows.
     is_response = n_texts < 5 and n_runs > 0.2 * n_rows

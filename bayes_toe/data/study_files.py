@@ -23,6 +23,7 @@ from scipy.special import binom
 
 from bayes_toe.arrays import Record, StrPath
 from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.data.column_roles import looks_like
 from bayes_toe.data.messages import (
     MAX_LINES,
     TWICE,
@@ -249,7 +250,23 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
             meaning = f"if the subjects are {join_names(dict.fromkeys(subjects), max_items=3)}"
             # Of patterns with the same subjects, the first is proposed.
             remedy_by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
-    return list(remedy_by_subjects.values()) or [remedy]
+    remedies = list(remedy_by_subjects.values()) or [remedy]
+    if _number_subjects(names):
+        remedies[0] = remedies[0]._replace(is_evident=True)
+    return remedies
+
+
+def _number_subjects(names: Iterable[str]) -> bool:
+    """Whether the names of all files begin with one word for a subject and a number.
+
+    Examples
+    --------
+    >>> _number_subjects(["sub-01_beh.tsv", "sub-02_beh.tsv"]), _number_subjects(["a1", "b2"])
+    (True, False)
+    """
+    first_label, *other_labels = {re.sub(r"(?s)\d.*", "", name) for name in names}
+    names_subject = looks_like(first_label, "subject") or looks_like(first_label, "id")
+    return names_subject and not other_labels
 
 
 def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:
