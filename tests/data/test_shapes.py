@@ -1564,7 +1564,6 @@ SUBJECTS_BY_NAME = """
     | toe_A_1.csv toe_A_2.csv toe_B_1.csv | --subject-from 'toe_{}_*' if the subjects are A, B | A B
     | s.10.A.data.csv s.10.B.data.csv | --subject-from 's.10.{}.*' if the subjects are A, B | A B
     | A_03-01.csv A_03-02.csv B_03-01.csv | --subject-from '{}_*' if the subjects are A, B | A B
-    | sub-1_a.csv sub-2_a.csv | cells suggest: --subject-from 'sub-{}_*' | 1 2
     | A.lvm B.lvm | --subject-from '{}.*' if the subjects are A, B | A B
     | a.json sub-1/1_beh.tsv sub-2/1_beh.tsv | --subject-from '{}/*' if the subjects | sub-1 sub-2
     subject | A.csv B.csv | of one subject, 1. If they are of several, --subject-from '{}.*' | A B
@@ -1584,6 +1583,12 @@ def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjec
     pattern = re.search(r"--subject-from \S+", part)[0]
     study = bt.read_study(tmp_path / "data", typed_options(pattern))
     assert " ".join(study.names) == subjects
+
+
+def test_files_that_number_subjects_need_no_option(tmp_path):
+    for number, (_, rows) in enumerate(IN_LOGS.groupby("subject"), start=1):
+        write_file(tmp_path / f"sub-{number}_beh.csv", rows.drop(columns="subject"))
+    assert bt.read_study(tmp_path).names == ("1", "2")
 
 
 #: Files of a folder, and the problem with which the folder is refused.
