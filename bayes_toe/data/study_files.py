@@ -251,22 +251,22 @@ def _subject_remedies(paths: Sequence[Any], remedy: Remedy) -> list[Remedy]:
             # Of patterns with the same subjects, the first is proposed.
             remedy_by_subjects.setdefault(subjects, remedy._replace(value=pattern, meaning=meaning))
     remedies = list(remedy_by_subjects.values()) or [remedy]
-    if _number_subjects(names):
+    if _begin_with_subject(names):
         remedies[0] = remedies[0]._replace(is_evident=True)
     return remedies
 
 
-def _number_subjects(names: Iterable[str]) -> bool:
-    """Whether the names of all files begin with one word for a subject and a number.
+def _begin_with_subject(names: Iterable[str]) -> bool:
+    """Whether the names of all files begin with one word for a subject, such as 'sub'.
 
     Examples
     --------
-    >>> _number_subjects(["sub-01_beh.tsv", "sub-02_beh.tsv"]), _number_subjects(["a1", "b2"])
+    >>> _begin_with_subject(["sub-01_beh.tsv", "sub-02_beh.tsv"]), _begin_with_subject(["a1", "b2"])
     (True, False)
     """
-    first_label, *other_labels = {re.sub(r"(?s)\d.*", "", name) for name in names}
-    names_subject = looks_like(first_label, "subject") or looks_like(first_label, "id")
-    return names_subject and not other_labels
+    first_word, *other_words = {re.sub(r"(?s)[\W\d_].*", "", name) for name in names}
+    names_subject = looks_like(first_word, "subject") or looks_like(first_word, "id")
+    return names_subject and not other_words
 
 
 def _distinguishing_folder(path: Any, paths: Sequence[Path]) -> str:

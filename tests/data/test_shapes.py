@@ -1051,7 +1051,6 @@ OPEN = {
     ),
     "codes of sessions or of subjects": labelled(IN_LOGS, subject="code"),
     "pitches": labelled(IN_GRAMS, w1="pitch1", w2="pitch2"),
-    "grey levels": labelled(IN_GRAMS, w1="grey1", w2="grey2"),
     "forces that were measured": IN_GRAMS.assign(w1=IN_GRAMS.w1 + TRIALS.index / 1000.0),
     "scattered rows": labelled(IN_LOGS[::2], subject="id").sample(frac=1.0, random_state=1),
     "a wrong score": SCORED_KEYS.assign(correct=TRIALS.correct ^ IS_FIRST_UNEQUAL),
@@ -1585,10 +1584,10 @@ def test_subjects_have_the_names_of_files_or_folders(column, files, part, subjec
     assert " ".join(study.names) == subjects
 
 
-def test_files_that_number_subjects_need_no_option(tmp_path):
-    for number, (_, rows) in enumerate(IN_LOGS.groupby("subject"), start=1):
-        write_file(tmp_path / f"sub-{number}_beh.csv", rows.drop(columns="subject"))
-    assert bt.read_study(tmp_path).names == ("1", "2")
+def test_files_that_begin_with_subjects_need_no_option(tmp_path):
+    for name, rows in IN_LOGS.groupby("subject"):
+        write_file(tmp_path / f"sub-{name}_beh.csv", rows.drop(columns="subject"))
+    assert bt.read_study(tmp_path).names == ("P03", "P12")
 
 
 #: Files of a folder, and the problem with which the folder is refused.
